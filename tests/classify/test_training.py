@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from doppelgait.classify import training
-from doppelgait.classify.learned import Constant, Part
+from doppelgait.classify.learned import Constant, Network, Part, features_in, join_inputs, levels_in
+from doppelgait.classify.model import Facts, Model, calibrate
+from doppelgait.classify.model_file import load_model, save_model
+from doppelgait.classify.network import CHANNELS
+from doppelgait.classify.patches import Patch
 from doppelgait.classify.training import (
     BASELINES,
     BUILT_IN,
     CLASSIFIERS,
+    fit,
+    join,
     kind_of,
     train_boosting,
     train_logistic,
@@ -19,7 +25,7 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.testing import check_classifier
 
 
-@pytest.mark.parametrize("name", [*BUILT_IN[:-1], *BASELINES])
+@pytest.mark.parametrize("name", [*(name for name in BUILT_IN if name != "signature-network"), *BASELINES])
 def test_built_in_classifiers_keep_the_contract(name):
     check_classifier(name)
 
@@ -149,3 +155,88 @@ def test_support_vector_machine_uses_a_random_choice_of_too_many_rows(monkeypatc
     assert not np.array_equal(one.support, other.support)
     known = {tuple(row) for row in (one.support * one.scale + one.mean).round(9)}
     assert known <= {tuple(row) for row in train.values[few].round(9)}
+
+
+def random_network(seed):
+    """A network of random weights, in the form that training gives."""
+    rng = np.random.default_rng(seed)
+    sizes = zip((1, *CHANNELS), CHANNELS, strict=False)
+    kernels = tuple(rng.normal(0, 0.3, (n_out, n_in, 3, 3)).astype(np.float32) for n_in, n_out in sizes)
+    scales, biases = (tuple(np.full(n, value, np.float32) for n in CHANNELS) for value in (1.0, 0.1))
+    weight = rng.normal(size=(2, CHANNELS[-1])).astype(np.float32)
+    return Network(kernels, scales, biases, weight, np.zeros(2, np.float32), Patch())
+
+
+def two_views(count, seed):
+    """Rows of two features and levels, none of which tells the classes on its own."""
+    rng = np.random.default_rng(seed)
+    labels = np.arange(count) % 2
+    features = rng.normal(size=(count, 2)) + 0.8 * labels[:, None]
+    pictures = np.empty(count, dtype=object)
+    for number, label in enumerate(labels):
+        pictures[number] = (rng.random((64, 64)) * (0.3 + 0.4 * label)).astype(np.float32)
+    return Part(join_inputs(features, pictures), labels)
+
+
+def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members():
+    train, held, asked = two_views(200, 0), two_views(60, 1), two_views(30, 2)
+    features = [Part(features_in(part.values), part.labels) for part in (train, held)]
+    members = [
+        fit(kind_of(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
+    ]
+    network = random_network(seed=0)
+    found = join([*members, network], held, n_classes=2)
+    views = [features_in, features_in, levels_in]
+    odds = []
+    for member, view in zip([*members, network], views, strict=True):
+        calibration = calibrate(member.log_probability(view(held.values)), held.labels)
+        p = calibration(member.log_probability(view(asked.values)))
+        odds.append(np.log(p[:, 1] / p[:, 0]))
+    p = np.exp(found.log_probability(asked.values))
+    assert np.log(p[:, 1] / p[:, 0]) == pytest.approx(np.mean(odds, axis=0))
+    assert p.sum(axis=1) == pytest.approx(1.0)
+
+
+def test_an_ensemble_without_pictures_has_members_without_them():
+    train, held = (Part(features_in(part.values), part.labels) for part in (two_views(200, 0), two_views(60, 1)))
+    found = fit(kind_of("ensemble"), train, held, n_classes=2, seed=0)
+    assert [type(member).__name__ for member in found.members] == ["Linear", "Trees"]
+    assert (found.log_probability(held.values).argmax(axis=1) == held.labels).mean() > 0.7
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda arrays: arrays.update(slopes=np.array([1.0, -1.0, 1.0])), "slopes holds numbers that are not above 0"),
+        (lambda arrays: arrays.update(shifts=np.zeros((3, 3))), "shifts has the shape"),
+        (lambda arrays: arrays.update({"member.0.bias": np.zeros(5)}), "bias has the shape"),
+        (lambda arrays: arrays.update({"member.2.kernel.0": np.zeros((4, 2, 3, 3))}), r"kernel.0 has the shape"),
+        (lambda arrays: arrays.pop("member.1.root"), "root"),
+    ],
+)
+def test_an_ensemble_is_kept_as_one_file_and_a_tampered_one_is_refused(tmp_path, change, says):
+    train, held = two_views(200, 0), two_views(60, 1)
+    features = [Part(features_in(part.values), part.labels) for part in (train, held)]
+    members = [
+        fit(kind_of(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
+    ]
+    names = ("step_length_m", "torso_speed_mps")
+    facts = Facts(
+        name="ensemble", features="extended+signature", names=names, classes=("human", "dog"), dataset_id="x",
+        dataset_name="x", version="0", n_train=200, n_held=60, seed=0, analysis={}, conditions={},
+    )  # fmt: skip
+    learned = join([*members, random_network(seed=0)], held, n_classes=2)
+    calibration = calibrate(learned.log_probability(held.values), held.labels)
+    model = Model(facts, learned, calibration, np.full(2, -9.0), np.full(2, 9.0), np.zeros(2))
+    path = save_model(model, tmp_path / "e.npz")
+    again = load_model(path)
+    assert np.array_equal(again.probability(held.values), model.probability(held.values))
+    assert not again.beyond(held.values).any()
+    first = path.read_bytes()
+    assert save_model(again, path).read_bytes() == first
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    change(arrays)
+    np.savez(path, **arrays)
+    with pytest.raises(DatasetError, match=says):
+        load_model(path)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, join_inputs
 from doppelgait.classify.patches import Levels, Patch, levels
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
@@ -130,7 +130,7 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
     Parameters
     ----------
     rows : Rows
-    features : {"six", "extended", "speed", "nuisance", "nothing", "signature"}
+    features : {"six", "extended", "speed", "nuisance", "nothing", "signature", "extended+signature"}
         ``nuisance``: the parameters of the leakage test of ``dataset verify``, which must not predict the class.
     patch : Patch, optional
         Of ``signature``.
@@ -150,6 +150,9 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
         for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
             pictures[number] = levels_of(signature_of(rows.datasets[origin], place), patch or Patch())
         return Table(pictures, ())
+    if features == "extended+signature":
+        both = [table_of(rows, part, patch=patch) for part in features.split("+")]
+        return Table(join_inputs(both[0].values, both[1].values), both[0].names)
     if features == "nothing":
         return Table(np.zeros((len(rows), 0)), ())
     if features == "nuisance":

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.classify.data import feature_values, levels_of
-from doppelgait.classify.learned import Network
+from doppelgait.classify.learned import Ensemble, Inputs, Network, join_inputs
 from doppelgait.classify.model import (
     BLOCKING,
     Model,
@@ -155,10 +155,14 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         If an input of the model is missing.
     """
     outside: list[str] = []
-    if isinstance(model.learned, Network):
-        values = np.empty(1, dtype=object)
-        values[0] = levels_of(seen.signature, model.learned.patch)
-    else:
+    network = model.learned
+    if isinstance(network, Ensemble):
+        network = next((member for member in network.members if isinstance(member, Network)), network)
+    pictures = np.empty(1, dtype=object)
+    if isinstance(network, Network):
+        pictures[0] = levels_of(seen.signature, network.patch)
+    values: Inputs = pictures
+    if model.facts.names:
         import pandas as pd
 
         columns = {**feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
@@ -173,6 +177,8 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         features = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
         values = np.array([[features[name][0] for name in model.facts.names]])
         outside = model.outside(values[0])
+        if isinstance(network, Network):
+            values = join_inputs(values, pictures)
     probability = model.probability(values)[0]
     best = int(probability.argmax())
     elsewhere = outside_conditions(seen.conditions, model.facts.conditions)

@@ -12,7 +12,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.classify.data import Rows, Table, rows_of, table_of
-from doppelgait.classify.learned import Part
+from doppelgait.classify.learned import Learned, Part, features_in, join_inputs
 from doppelgait.classify.model import (
     BLOCKING,
     LEAST_ROWS,
@@ -42,7 +42,7 @@ from doppelgait.classify.scores import (
     curve,
     scorecard,
 )
-from doppelgait.classify.training import BASELINES, fit, kind_of, model_names
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, fit, join, kind_of
 from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -199,8 +199,9 @@ def evaluate(
     other : Dataset, optional
         Test data instead: all rows but those of targets in the training data.
     models : sequence of str, optional
-        Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default all that the dataset has the inputs for. Chance,
-        nuisance parameters and speed alone are always evaluated, too.
+        Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default :data:`doppelgait.classify.training.DEFAULT`, as
+        far as the dataset has the inputs. The members of an ensemble are evaluated with it, and chance, nuisance
+        parameters and speed alone always.
     n_folds : int, optional
         Number of folds of a cross-validation over all rows; the rows of a target are never separated.
     left_out : str, optional
@@ -250,9 +251,10 @@ def evaluate(
             if on_progress is not None:
                 on_progress(before + done, len(tables) * len(whole))
 
-        runs[name] = _run_model(rows, table, name, whole, seed, tick)
+        members = [runs[each].models for each in MEMBERS if each in runs] if name == "ensemble" else []
+        runs[name] = _run_model(rows, table, name, whole, seed, tick, members)
     trained = [name for name in runs if name not in BASELINES]
-    best: str | None = min(trained, key=lambda name: runs[name].held_loss)
+    best: str | None = "ensemble" if "ensemble" in runs else min(trained, key=lambda name: runs[name].held_loss)
     if best is not None and len(trained) > 1 and not np.isfinite(runs[best].held_loss):
         best = None
     answers = {name: run.answers for name, run in runs.items()}
@@ -312,12 +314,24 @@ def _load_tables(
     from doppelgait.classify.network import NO_TORCH, torch_is_there
 
     made: dict[str, Table] = {}
-    tables, skipped = {}, []
-    for name in [*BASELINES, *(model_names() if models is None else dict.fromkeys(models))]:
+    tables: dict[str, Table] = {}
+    skipped = []
+    wanted = list(dict.fromkeys(models or DEFAULT))
+    if "ensemble" in wanted:  # after its members
+        wanted = [*(name for name in dict.fromkeys([*wanted, *MEMBERS]) if name != "ensemble"), "ensemble"]
+    for name in [*BASELINES, *wanted]:
         kind = kind_of(name)
         try:
             if kind.learner == "network" and not torch_is_there():
                 raise DatasetError(NO_TORCH)
+            if name == "ensemble":
+                members = [tables[each] for each in MEMBERS if each in tables]
+                if len(members) < 2:
+                    raise DatasetError(f"{rows.datasets[0].directory}: fewer than two of {', '.join(MEMBERS)}")
+                pictures = [table.values for table in members if not table.names]
+                values = join_inputs(members[0].values, pictures[0]) if pictures else members[0].values
+                tables[name] = Table(values, members[0].names)
+                continue
             if kind.features not in made:
                 made[kind.features] = table_of(rows, kind.features, motion_folder=motion_folder)
         except DatasetError as error:
@@ -330,12 +344,16 @@ def _load_tables(
 
 
 def _run_model(
-    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None]
-) -> _Run:
-    """Train on every fold and predict its test rows."""
+    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None],
+    members: Sequence[Sequence[Model]] = (),
+) -> _Run:  # fmt: skip
+    """Train on every fold and predict its test rows.
+
+    An ensemble is joined of its ``members``, trained on the same folds.
+    """
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
-        model = learn(rows, table, name, fold, seed=seed)
+        model = learn(rows, table, name, fold, seed=seed, members=[each[number] for each in members])
         models.append(model)
         if fold.test.size:
             values, index = table.values[fold.test], rows.index.iloc[fold.test]
@@ -351,7 +369,8 @@ def _run_model(
                 index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
                 np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
             ))  # fmt: skip
-            importance.append(_importance(rows, table, model, fold, seed) if name not in BASELINES else {})
+            shuffled = name not in BASELINES and not members  # those of an ensemble are shown
+            importance.append(_importance(rows, table, model, fold, seed) if shuffled else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
         losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
         tick(number + 1)
@@ -364,7 +383,7 @@ def _run_model(
     return _Run(answers, models, float(np.mean(losses)), mean)
 
 
-def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Model:
+def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Model] = ()) -> Model:
     """Train a model on a fold and calibrate it.
 
     The held-out rows give the calibration and the threshold of the alarm.
@@ -379,10 +398,15 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
     fold : Fold
         Its test rows are not used.
     seed : int
+    members : sequence of Model
+        Of an ensemble: trained already.
     """
     kind, n_classes = kind_of(name), len(rows.classes)
     train, held = (Part(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
-    learned = fit(kind, train, held, n_classes=n_classes, seed=seed)
+    if members:
+        learned: Learned = join([member.learned for member in members], held, n_classes=n_classes)
+    else:
+        learned = fit(kind, train, held, n_classes=n_classes, seed=seed)
     calibration = Calibration(1.0, np.zeros(n_classes), 0)
     if kind.learner != "majority" and held.labels.size:
         calibration = calibrate(learned.log_probability(held.values), held.labels)
@@ -396,15 +420,16 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
     # Span of every feature, NaN where it is never known, and the share of rows in which it is unknown.
     lowest, highest, unknown = np.full(len(table.names), np.nan), np.full(len(table.names), np.nan), np.zeros(0)
     if table.names:
-        unknown = np.isnan(train.values).mean(axis=0)
+        values = features_in(train.values)
+        unknown = np.isnan(values).mean(axis=0)
         known = unknown < 1
-        lowest[known] = np.nanmin(train.values[:, known], axis=0)
-        highest[known] = np.nanmax(train.values[:, known], axis=0)
+        lowest[known] = np.nanmin(values[:, known], axis=0)
+        highest[known] = np.nanmax(values[:, known], axis=0)
     first = rows.datasets[0].description
     config = first.get("config") or {}
     facts = Facts(
         name=name,
-        features=kind.features,
+        features=f"{kind.features}+signature" if members and table.values.dtype == object else kind.features,
         names=table.names,
         classes=rows.classes,
         dataset_id=str(first["id"]),

@@ -249,4 +249,51 @@ class Network:
         return np.concatenate(parts)
 
 
-Learned = Constant | Linear | Kernel | Trees | Network
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Mean of the calibrated log-odds of models that see different things.
+
+    Models that err for different reasons outvote each other's errors.
+
+    Parameters
+    ----------
+    members : tuple of Learned
+    slopes : ndarray, shape (m,)
+    shifts : ndarray, shape (m, n_classes)
+        Calibration of every member.
+    """
+
+    members: tuple[Learned, ...]
+    slopes: FloatArray
+    shifts: FloatArray
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Return log-probabilities, shape (n, n_classes).
+
+        Of features (n, d), or, where a network is among the members, of features and levels (n, d + 1).
+        """
+        parts = []
+        for member, slope, shift in zip(self.members, self.slopes, self.shifts, strict=True):
+            seen = levels_in(values) if isinstance(member, Network) else features_in(values)
+            parts.append(log_softmax(slope * member.log_probability(seen) + shift))
+        return log_softmax(np.mean(parts, axis=0))
+
+
+def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
+    """Join features (n, d) and levels (n,) to rows of both (n, d + 1)."""
+    values = np.empty((len(features), features.shape[1] + 1), dtype=object)
+    values[:, :-1], values[:, -1] = features, pictures
+    return values
+
+
+def features_in(values: Inputs) -> Inputs:
+    """Return the features of rows that may end with levels."""
+    return values[:, :-1].astype(np.float64) if values.dtype == object and values.ndim == 2 else values
+
+
+def levels_in(values: Inputs) -> Inputs:
+    """Return the levels at the end of rows."""
+    return values[:, -1]
+
+
+Learned = Constant | Linear | Kernel | Trees | Network | Ensemble

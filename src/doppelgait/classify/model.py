@@ -15,7 +15,7 @@ import xarray as xr
 from pydantic import Field
 
 from doppelgait.classify.data import Rows, wavelengths_m
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, log_softmax
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, features_in, log_softmax
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 
@@ -236,7 +236,7 @@ class Facts(FrozenModel):
     name : str
         ``six-logistic`` and so on.
     features : str
-        Its inputs: ``six``, ``extended``, ``speed`` or ``signature``.
+        Its inputs: ``six``, ``extended``, ``speed``, ``signature`` or ``extended+signature``.
     names : tuple of str
         Features in their order; none for signatures.
     classes : tuple of str
@@ -307,8 +307,8 @@ class Model:
 
         Parameters
         ----------
-        values : ndarray, shape (n, d) or (n,)
-            Features in the order of ``facts.names``, NaN for unknown; or levels of signatures, None for none.
+        values : ndarray, shape (n, d), (n,) or (n, d + 1)
+            Features in the order of ``facts.names``, NaN for unknown; or levels of signatures, None for none; or both.
 
         Returns
         -------
@@ -328,14 +328,15 @@ class Model:
         """
         if not self.facts.names:
             return np.zeros((len(values), 0), dtype=bool)
+        values = features_in(values)
         spare = OUTSIDE * (self.highest - self.lowest)
         far = (values < self.lowest - spare) | (values > self.highest + spare)
         return np.asarray(far | (np.isnan(values) & (self.unknown < RARELY)))
 
-    def outside(self, values: FloatArray) -> list[str]:
-        """Describe features of one row (d,) outside the training range."""
-        found = []
-        for n in np.flatnonzero(self.beyond(values[None])[0]):
+    def outside(self, row: Inputs) -> list[str]:
+        """Describe features of one row outside the training range."""
+        found, values = [], features_in(row[None])[0]
+        for n in np.flatnonzero(self.beyond(row[None])[0]):
             name = self.facts.names[n]
             learnt = f"{self.lowest[n]:.3g} to {self.highest[n]:.3g}"
             if np.isnan(values[n]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, SPEED, VELOCITY, WIDTH
-from doppelgait.classify.learned import Constant, Kernel, Learned, Linear, Network, Trees
+from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
@@ -23,11 +23,12 @@ from doppelgait.core.files import atomic_path
 from doppelgait.features import FEATURE_UNITS
 
 FORMAT = "doppelgait-model"
-FORMAT_VERSION = 2
-"""2: a linear model has floors of logarithms, and there are support vector machines; version 1 has neither."""
+FORMAT_VERSION = 3
+"""2: a linear model has floors of logarithms, and there are support vector machines. 3: ensembles."""
 SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
 """Limit of all arrays together; models of doppelgait are far smaller."""
+MOST_MEMBERS = 64
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
 FEATURES = {SPEED, WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
@@ -62,19 +63,10 @@ def save_model(model: Model, path: str | Path) -> Path:
     if target.suffix.lower() != SUFFIX:
         raise ConfigError(f"{target}: a model's file must end in {SUFFIX}")
     learned = model.learned
-    arrays: Arrays = {}
-    if isinstance(learned, Network):
-        kind = "network"
-        for name, layers in (("kernel", learned.kernels), ("scale", learned.scales), ("bias", learned.biases)):
-            arrays |= {f"{name}.{n}": layer for n, layer in enumerate(layers)}
-        arrays |= {"weight": learned.weight, "bias": learned.bias}
-    else:
-        kind = next(name for name, known in KINDS.items() if isinstance(learned, known))
-        arrays |= vars(learned)
+    form, arrays = _pack(learned)
     facts = {
-        "format": FORMAT, "format_version": FORMAT_VERSION, "learned": kind,
+        "format": FORMAT, "format_version": FORMAT_VERSION, **form,
         "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows,
-        "patch": model.learned.patch.model_dump(mode="json") if isinstance(model.learned, Network) else None,
     }  # fmt: skip
     arrays |= {
         "calibration.slope": np.array([model.calibration.slope]), "calibration.shift": model.calibration.shift,
@@ -86,6 +78,50 @@ def save_model(model: Model, path: str | Path) -> Path:
     with atomic_path(target) as partial:
         partial.write_bytes(buffer.getvalue())
     return target
+
+
+def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
+    """Return the form of a trained model and its arrays."""
+    if isinstance(learned, Ensemble):
+        arrays: Arrays = {"slopes": learned.slopes, "shifts": learned.shifts}
+        forms = []
+        for number, member in enumerate(learned.members):
+            form, own = _pack(member)
+            forms.append(form)
+            arrays |= {f"member.{number}.{name}": values for name, values in own.items()}
+        return {"learned": "ensemble", "patch": None, "members": forms}, arrays
+    if isinstance(learned, Network):
+        layers = (("kernel", learned.kernels), ("scale", learned.scales), ("bias", learned.biases))
+        arrays = {f"{name}.{n}": layer for name, part in layers for n, layer in enumerate(part)}
+        arrays |= {"weight": learned.weight, "bias": learned.bias}
+        return {"learned": "network", "patch": learned.patch.model_dump(mode="json")}, arrays
+    kind = next(name for name, known in KINDS.items() if isinstance(learned, known))
+    return {"learned": kind, "patch": None}, dict(vars(learned))
+
+
+def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
+    """Return a trained model of its form and arrays."""
+    if form["learned"] == "ensemble":
+        members = []
+        for number, own in enumerate(form["members"][:MOST_MEMBERS]):
+            start = f"member.{number}."
+            part = {name.removeprefix(start): values for name, values in arrays.items() if name.startswith(start)}
+            if own["learned"] == "ensemble":
+                raise ValueError("its members are ensembles")
+            members.append(_unpack(own, part))
+        return Ensemble(tuple(members), arrays["slopes"], arrays["shifts"])
+    if form["learned"] == "network":
+        count = sum(name.startswith("kernel.") for name in arrays)
+        kernels, scales, biases = (
+            tuple(arrays[f"{name}.{n}"] for n in range(count)) for name in ("kernel", "scale", "bias")
+        )
+        spec = validate(Patch, form["patch"], where="patch")
+        return Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
+    kind = KINDS[form["learned"]]
+    if kind is Linear:
+        arrays.setdefault("floor", np.zeros(0))
+    learned: Learned = kind(**{part.name: arrays[part.name] for part in fields(kind)})
+    return learned
 
 
 def load_model(path: str | Path) -> Model:
@@ -104,18 +140,7 @@ def load_model(path: str | Path) -> Model:
         if document["format_version"] > FORMAT_VERSION:
             raise DatasetError(f"{path}: is a model of a newer doppelgait; install that one")
         facts = validate(Facts, document["facts"], where=str(path))
-        if document["learned"] == "network":
-            count = sum(name.startswith("kernel.") for name in arrays)
-            kernels, scales, biases = (
-                tuple(arrays[f"{name}.{n}"] for n in range(count)) for name in ("kernel", "scale", "bias")
-            )
-            spec = validate(Patch, document["patch"], where="patch")
-            learned: Learned = Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
-        else:
-            kind = KINDS[document["learned"]]
-            if kind is Linear:
-                arrays.setdefault("floor", np.zeros(0))
-            learned = kind(**{part.name: arrays[part.name] for part in fields(kind)})
+        learned = _unpack(document, arrays)
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
         model = Model(facts, learned, calibration, arrays["lowest"], arrays["highest"], arrays["unknown"])
@@ -144,7 +169,7 @@ def _read_arrays(path: Path) -> tuple[str, Arrays]:
     for name, values in arrays.items():
         if values.dtype.kind not in "fiu":
             raise ValueError(f"{name} holds {values.dtype}, not numbers")
-        arrays[name] = values.astype(np.int64) if name in INTEGERS else values
+        arrays[name] = values.astype(np.int64) if name.split(".")[-1] in INTEGERS else values
     if f'"{FORMAT}"' not in text:
         raise ValueError("its text does not say so")
     return text, arrays
@@ -173,7 +198,12 @@ def _check_model(model: Model) -> None:
             f"looks at the feature {wrong[0]!r}, which no analysis gives; it gives the six features, gait_frequency_hz "
             "and the registered extended features"
         )
-    for name, values in vars(model.learned).items():
+    _check_learned(model.learned, n_classes, n_features)
+
+
+def _check_learned(learned: Any, n_classes: int, n_features: int) -> None:
+    """Check the numbers of a trained model and their shapes."""
+    for name, values in vars(learned).items():
         for array in values if isinstance(values, tuple) else (values,):
             if isinstance(array, np.ndarray):
                 # a threshold of a tree may be infinite
@@ -182,9 +212,21 @@ def _check_model(model: Model) -> None:
                     raise ValueError(f"{name} holds NaN or infinity")
     checks: dict[type, Callable[..., None]] = {
         Constant: _check_constant, Linear: _check_linear, Kernel: _check_kernel, Trees: _check_trees,
-        Network: _check_network,
+        Network: _check_network, Ensemble: _check_ensemble,
     }  # fmt: skip
-    checks[type(model.learned)](model.learned, n_classes, n_features)
+    checks[type(learned)](learned, n_classes, n_features)
+
+
+def _check_ensemble(learned: Any, n_classes: int, n_features: int) -> None:
+    count = len(learned.members)
+    if not 0 < count <= MOST_MEMBERS:
+        raise ValueError(f"has {count} members, allowed are 1 to {MOST_MEMBERS}")
+    _check_shape(learned.slopes.shape, (count,), "slopes")
+    _check_shape(learned.shifts.shape, (count, n_classes), "shifts")
+    if not (learned.slopes > 0).all():
+        raise ValueError("slopes holds numbers that are not above 0")
+    for member in learned.members:
+        _check_learned(member, n_classes, n_features)
 
 
 def _check_shape(found: tuple[int, ...], expected: tuple[int, ...], name: str) -> None:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from doppelgait.classify.learned import (
     Constant,
+    Ensemble,
     FloatArray,
     Inputs,
     IntArray,
     Kernel,
     Learned,
     Linear,
+    Network,
     Part,
     Trees,
+    features_in,
+    levels_in,
     log_from,
 )
-from doppelgait.classify.model import class_weights
+from doppelgait.classify.model import calibrate, class_weights
 from doppelgait.core.errors import ConfigError, DatasetError, warn_caller
 from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import one_blas_thread
@@ -42,8 +47,12 @@ CLASSIFIERS: Group[Trainer] = Group(
 
 BUILT_IN = (
     "six-logistic", "six-boosting", "six-svm", "extended-logistic", "extended-boosting", "extended-svm",
-    "signature-network",
+    "signature-network", "ensemble",
 )  # fmt: skip
+MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
+"""Models whose mean is the ensemble: straight boundaries, boxes, and pictures."""
+DEFAULT = ("six-logistic", *MEMBERS, "ensemble")
+"""Models that are trained where none is named."""
 BASELINES = ("chance", "nuisance", "speed")
 """Reported with every score: the most frequent class, the nuisance parameters alone, and the speed alone."""
 
@@ -116,6 +125,31 @@ def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Le
     """
     trainers = {item.facts.get("learner", item.name): item.run for item in CLASSIFIERS.values()}
     return trainers[kind.learner](train, held, n_classes=n_classes, seed=seed)
+
+
+@plugin("classifier", "ensemble", features="extended")
+def train_ensemble(train: Part, held: Part, *, n_classes: int, seed: int) -> Ensemble:
+    """Train the members and join them.
+
+    The network is one of them where rows have levels (:func:`doppelgait.classify.learned.join_inputs`).
+    """
+    names = [name for name in MEMBERS if name != "signature-network" or train.values.dtype == object]
+    learned = []
+    for name in names:
+        view = levels_in if name == "signature-network" else features_in
+        parts = (Part(view(part.values), part.labels) for part in (train, held))
+        learned.append(fit(kind_of(name), *parts, n_classes=n_classes, seed=seed))
+    return join(learned, held, n_classes=n_classes)
+
+
+def join(members: Sequence[Learned], held: Part, *, n_classes: int) -> Ensemble:
+    """Join trained models to an ensemble, each calibrated on the held rows."""
+    plain = Ensemble(tuple(members), np.ones(len(members)), np.zeros((len(members), n_classes)))
+    if not held.labels.size:
+        return plain
+    views = [levels_in(held.values) if isinstance(m, Network) else features_in(held.values) for m in members]
+    found = [calibrate(m.log_probability(view), held.labels) for m, view in zip(members, views, strict=True)]
+    return Ensemble(tuple(members), np.array([c.slope for c in found]), np.array([c.shift for c in found]))
 
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)

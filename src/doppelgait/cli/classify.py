@@ -100,8 +100,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--models",
-            help="six-logistic, six-boosting, six-svm, extended-logistic, extended-boosting, extended-svm or "
-            "signature-network (needs torch); repeatable; all by default.",
+            help="ensemble, six-logistic, six-boosting, six-svm, extended-logistic, extended-boosting, extended-svm or "
+            "signature-network (needs torch); repeatable; by default the ensemble, its members and six-logistic.",
         ),
     ] = None,
     cv: Annotated[int | None, typer.Option("--cv", help="Cross-validate over all rows in so many folds.")] = None,
@@ -111,7 +111,7 @@ def evaluate(
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", help="Save the model that is best on the validation set, .npz."),
+        typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
     ] = None,
     motion_folder: Annotated[
         Path | None, typer.Option("--motion-folder", help="Where the motion files of the plan are.")

@@ -22,6 +22,7 @@ from doppelgait.motion.follow import follow
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import place as place_motion
 from doppelgait.motion.retime import scale_to_height, travel_speed_mps
+from doppelgait.motion.vary import vary
 from doppelgait.scene.scene import Scene, Target
 
 BACKGROUND = -1
@@ -199,17 +200,30 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
         rng = models
         if streams is not None and table["kind"] == "file":  # a loop shifts no model
             rng = streams.generator("motion", f"targets.{number}")
+        variation = scene.targets[number].vary
         try:
-            return build_motion(table, duration_s=seconds, folder=folder, rng=rng)
+            lasts_s = seconds if variation is None else variation.needed_s(seconds)
+            return build_motion(table, duration_s=lasts_s, folder=folder, rng=rng)
         except ConfigError as error:
             raise ConfigError(f"targets.{number}.motion: {error}") from None
+
+    def varied(number: int, motion: Motion) -> Motion:
+        variation = scene.targets[number].vary
+        if variation is None:
+            return motion
+        if streams is None:
+            raise ConfigError(f"targets.{number}.vary draws random numbers: pass rng=doppelgait.rng(SEED)")
+        try:
+            return vary(motion, variation, streams.generator("motion", f"targets.{number}.vary"))
+        except MotionError as error:
+            raise MotionError(f"targets.{number}: {error}") from None
 
     made: dict[int, Motion] = {}
     for number, target in enumerate(scene.targets):
         if isinstance(target.motion, Motion):
-            made[number] = target.motion
+            made[number] = varied(number, target.motion)
         elif target.motion["kind"] == "file":
-            made[number] = make(number, target.motion, DEFAULT_DURATION_S)
+            made[number] = varied(number, make(number, target.motion, DEFAULT_DURATION_S))
     if scene.duration_s is None:
         seconds = min((motion.duration_s for motion in made.values()), default=DEFAULT_DURATION_S)
     else:
@@ -219,7 +233,7 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
         seconds = scene.duration_s * froude * (1.7 if any(t.path is not None for t in scene.targets) else 1.0)
     for number, target in enumerate(scene.targets):
         if number not in made:
-            made[number] = make(number, target.motion, seconds)
+            made[number] = varied(number, make(number, target.motion, seconds))
     return [made[number] for number in range(len(scene.targets))]
 
 

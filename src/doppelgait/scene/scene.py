@@ -14,6 +14,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode
+from doppelgait.motion.vary import Variation
 from doppelgait.scene.rcs import RCS, RcsSpec
 
 
@@ -89,6 +90,8 @@ class Target(FrozenModel):
     path : Path or table, optional
         Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
         which it needs; straight on by default.
+    vary : Variation or table, optional
+        How the body moves otherwise than its model or recording (:mod:`doppelgait.motion.vary`).
     background : bool
         A body that scatters but is no target: a fan, a curtain. It has no truth and no result, and its scatterers
         have target number -1.
@@ -120,6 +123,7 @@ class Target(FrozenModel):
     start_position_m: tuple[float, float] | None = None
     heading_deg: float | None = Field(default=None, ge=-360, le=360)
     path: SerializeAsAny[Path] | None = None
+    vary: Variation | None = None
     background: bool = False
 
     if TYPE_CHECKING:

@@ -123,7 +123,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
     >>> import doppelgait as dg
     >>> dg.testing.check_classifier("six-logistic")
     """
-    from doppelgait.classify.learned import Constant, Kernel, Linear, Network, Part, Trees
+    from doppelgait.classify.learned import Constant, Ensemble, Kernel, Linear, Network, Part, Trees
     from doppelgait.classify.training import CLASSIFIERS
 
     label = f"classifier {name!r}"
@@ -137,7 +137,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
         rows, held = (_classifier_rows(str(features), n_classes, number, seed) for number in (48, 24))
         before: list[Any] = [None if row is None else np.array(row, copy=True) for row in rows.values]
         learned = train(rows, held, n_classes=n_classes, seed=1)
-        forms = Constant | Linear | Kernel | Trees | Network
+        forms = Constant | Linear | Kernel | Trees | Network | Ensemble
         require(isinstance(learned, forms), f"{label}: gives {type(learned).__name__}, not one of {forms}")
         same = [
             (one is None and other is None) or np.array_equal(one, other, equal_nan=True)

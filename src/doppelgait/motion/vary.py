@@ -1,0 +1,182 @@
+"""Motions unlike their model, by one law for people and animals.
+
+A model's bodies resemble each other more than recorded ones do. Here a motion is taken apart into its way, the ripple
+of its trunk and the swing of every point about the trunk. Each part is changed by some amount, and they are put
+together again. A plan draws the amounts for all classes alike, so that none of them tells the class.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import MotionError
+from doppelgait.core.labels import MOTION, SPACE, make_array
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.retime import body_centre_m, resample
+from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+
+ARM_PARTS = ("_upper_arm", "_forearm", "_hand")
+FORE_PARTS = ("_fore_upper", "_fore_lower", "_fore_paw")
+TURN_MARGIN = 0.35
+"""Share of a stride by which clocks may run ahead of an even one, at most: timing and three deviations of the noise."""
+
+SLOWEST_STRIDE_S = 2.5
+
+
+class Variation(FrozenModel):
+    """How a body moves otherwise than its model or recording.
+
+    Parameters
+    ----------
+    limb_swing : float
+        Factor of the swing of legs about the trunk, of an animal those in front too; 1 as it is.
+    arm_swing : float
+        Factor of the swing of a person's arms.
+    trunk_ripple : float
+        Factor of what the trunk does beyond its even way.
+    ripple_once_m, ripple_twice_m : float
+        Amplitudes of movements that are added to the whole body at once and at twice the stride frequency, m; in
+        random directions and phases.
+    pitch_deg, yaw_deg : float
+        Amplitudes of rotations of trunk, head and arms about the body's centre, at twice and at once the stride
+        frequency.
+    pace : float
+        Factor of the stride frequency at equal speed. The swing of legs along the way becomes so much shorter.
+    swing_timing : float
+        Share of a stride by which the swing of all limbs runs ahead and behind in every stride: time of stance.
+    fore_timing : float
+        Share of a stride by which the limbs in front (a person's arms) come later.
+    phase_noise : float
+        Standard deviation of the stride clock from stride to stride, in strides.
+    """
+
+    limb_swing: float = Field(default=1.0, ge=0.3, le=2.0)
+    arm_swing: float = Field(default=1.0, ge=0.0, le=2.5)
+    trunk_ripple: float = Field(default=1.0, ge=0.0, le=3.0)
+    ripple_once_m: float = Field(default=0.0, ge=0.0, le=0.05)
+    ripple_twice_m: float = Field(default=0.0, ge=0.0, le=0.05)
+    pitch_deg: float = Field(default=0.0, ge=0.0, le=15.0)
+    yaw_deg: float = Field(default=0.0, ge=0.0, le=15.0)
+    pace: float = Field(default=1.0, ge=0.6, le=1.6)
+    swing_timing: float = Field(default=0.0, ge=-0.12, le=0.12)
+    fore_timing: float = Field(default=0.0, ge=-0.12, le=0.12)
+    phase_noise: float = Field(default=0.0, ge=0.0, le=0.05)
+
+    def needed_s(self, duration_s: float) -> float:
+        """Return how long a motion must be to make one of ``duration_s``."""
+        return duration_s * self.pace + 2.0 * TURN_MARGIN * SLOWEST_STRIDE_S
+
+
+def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Motion:
+    """Return a motion that is varied.
+
+    Parameters
+    ----------
+    motion : Motion
+        Straight on, with known stride frequency, body parts and no gaps.
+    variation : Variation
+    rng : numpy.random.Generator
+        Of phases, directions and the noise of the clock.
+
+    Returns
+    -------
+    Motion
+        As much shorter as the clocks run ahead (:meth:`Variation.needed_s`). Mean speed and way are kept; stride, step
+        and gait frequency and touchdowns are those of the new clock. Feet may slide where the swing of legs is not
+        that of the way.
+
+    Raises
+    ------
+    MotionError
+        If the stride frequency is unknown, or the motion is too short.
+    """
+    stride_hz = motion.facts.stride_frequency_hz
+    if not stride_hz > 0:
+        raise MotionError(f"{motion.label}: cannot be varied, its stride frequency is unknown; leave out target.vary")
+    margin_s = TURN_MARGIN / stride_hz
+    lasts_s = (motion.duration_s - 2.0 * margin_s) / variation.pace
+    if lasts_s * motion.rate_hz < 4:
+        raise MotionError(
+            f"{motion.label}: {motion.duration_s:.2f} s are too short to be varied; clocks that run ahead need "
+            f"{2.0 * margin_s:.2f} s more than the scene"
+        )
+    times_s = np.arange(math.floor(lasts_s * motion.rate_hz + 1e-6) + 1) / motion.rate_hz
+    new_hz = stride_hz * variation.pace
+    turns = 2.0 * np.pi * rng.random(6)
+    limb_s = _clock(times_s, new_hz, variation, turns[0], rng) / stride_hz + margin_s
+    trunk_s = limb_s - variation.swing_timing * np.sin(2 * np.pi * new_hz * times_s + turns[0]) / stride_hz
+    # the way: even, from the first to the last place of the centre
+    centre_m, old_s = body_centre_m(motion), motion.time_s - motion.time_s[0]
+    slope = np.polynomial.polynomial.polyfit(old_s, centre_m, 1)
+
+    def about_way(at_s: FloatArray) -> FloatArray:
+        even_m: FloatArray = slope[0] + slope[1] * at_s[:, None]
+        return np.asarray(resample(motion, at_s)[0] - even_m[:, None])
+
+    parts = motion.parts
+    fore = np.array([part.endswith(FORE_PARTS + ARM_PARTS) for part in parts])
+    arms = np.array([part.endswith(ARM_PARTS) for part in parts])
+    central = np.array([part in (*BODY_CENTRE_PARTS, "head", "neck", "tail") for part in parts])
+    found = about_way(limb_s)
+    found[:, fore] = about_way(limb_s + variation.fore_timing / stride_hz)[:, fore]
+    still = about_way(trunk_s)
+    found[:, central] = still[:, central]
+    trunk = [n for n, part in enumerate(parts) if part in BODY_CENTRE_PARTS] or list(range(len(parts)))
+    ripple_m = still[:, trunk].mean(axis=1)
+    rest_m = found - ripple_m[:, None]
+    place_m = rest_m.mean(axis=0)
+    swing_m = rest_m - place_m
+    factor = np.where(arms, variation.arm_swing, np.where(central, 1.0, variation.limb_swing))
+    along = slope[1] / max(float(np.linalg.norm(slope[1])), 1e-9)
+    legs = ~arms & ~central
+    shorter = np.where(legs, 1.0 / variation.pace - 1.0, 0.0)
+    swing_m += shorter[None, :, None] * (swing_m @ along)[..., None] * along
+    body_m = place_m + factor[None, :, None] * swing_m
+    upper = arms | central
+    for degrees, times, turn, pivot in (
+        (variation.pitch_deg, 2, turns[3], np.array([-along[1], along[0], 0.0])),
+        (variation.yaw_deg, 1, turns[4], np.array([0.0, 0.0, 1.0])),
+    ):
+        angle_rad = math.radians(degrees) * np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
+        body_m[:, upper] = _rotated(body_m[:, upper], pivot, angle_rad[:, None, None])
+    mean_m = ripple_m.mean(axis=0)
+    ripple_m = mean_m + variation.trunk_ripple * (ripple_m - mean_m)
+    for times, size_m, turn in ((1, variation.ripple_once_m, turns[1]), (2, variation.ripple_twice_m, turns[2])):
+        way = rng.normal(size=3)
+        wave = np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
+        ripple_m = ripple_m + size_m * wave[:, None] * way / np.linalg.norm(way)
+    position_m = slope[0] + slope[1] * (times_s[:, None] + margin_s) + ripple_m
+    coords = {"time": times_s, "marker": motion.markers, "space": list(SPACE), "part": ("marker", parts)}
+    positions = make_array(MOTION, position_m[:, None] + body_m, coords, {"rate_hz": motion.rate_hz})
+    footfalls = {
+        foot: np.interp(np.asarray(falls), limb_s, times_s, left=np.nan, right=np.nan)
+        for foot, falls in motion.facts.footfalls.items()
+    }
+    facts = motion.facts.with_frequencies(lambda hz: hz * variation.pace)
+    kept = {foot: falls[np.isfinite(falls)].tolist() for foot, falls in footfalls.items()}
+    return replace(motion, positions=positions, facts=replace(facts, footfalls=kept))
+
+
+def _clock(
+    times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return strides gone by: even, with the timing in a stride and the noise from stride to stride."""
+    strides = stride_hz * times_s
+    deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)
+    noise = np.interp(strides, np.arange(deviations.size), deviations)
+    return np.asarray(strides + variation.swing_timing * np.sin(2.0 * np.pi * strides + turn) + noise)
+
+
+def _rotated(points_m: FloatArray, pivot: FloatArray, angle_rad: FloatArray) -> FloatArray:
+    """Rotate points (T, P, 3) about an axis through the origin (Rodrigues)."""
+    across = np.cross(np.broadcast_to(pivot, points_m.shape), points_m)
+    along = (points_m @ pivot)[..., None] * pivot
+    return np.asarray(points_m * np.cos(angle_rad) + across * np.sin(angle_rad) + along * (1.0 - np.cos(angle_rad)))
