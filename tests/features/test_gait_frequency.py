@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doppelgait.core.kernels.periodicity import add_between
+from doppelgait.core.kernels.periodicity import add_harmonics
 from doppelgait.core.labels import NORMALISED_SIGNATURE, make_array
 from doppelgait.features.gait_frequency import (
     GRID_HZ,
@@ -238,9 +238,9 @@ def test_groups_are_sums_and_drop_the_rest():
 
 def test_a_parabola_is_met_between_its_samples():
     x = np.arange(30.0)
-    place, found = np.array([3.25, 8.5, 20.9, 11.0]), np.ones(4)
-    add_between(3.0 - 0.1 * (x - 7.3) ** 2, place, 0.5, found)
-    np.testing.assert_allclose(found, 1.0 + 0.5 * (3.0 - 0.1 * (place - 7.3) ** 2))
+    place, found = np.array([3.25, 4.5, 6.9, 8.0]), np.ones(4)
+    add_harmonics(3.0 - 0.1 * (x - 7.3) ** 2, place, 3, found)
+    np.testing.assert_allclose(found, 1.0 + sum(3.0 - 0.1 * (h * place - 7.3) ** 2 for h in (1, 2, 3)))
 
 
 def squares(values, frequency_hz, rate_hz, n_harmonics):

@@ -29,6 +29,7 @@ FloatArray = npt.NDArray[np.float64]
 GRID_HZ: FloatArray = 0.5 * 2.0 ** (np.arange(193) / 48.0)
 """0.5 to 8 Hz in steps of 1.45 %."""
 LOG_GRID: FloatArray = np.log(GRID_HZ)
+SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
 NEAR_STEPS = 3
 """Frequencies this many steps either side are the same one: 4.4 %."""
 LEAST_PERIODS = 1.1
@@ -261,19 +262,22 @@ def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArr
     for rhythm, out in zip(rhythms, evidence, strict=True):
         rhythm_evidence(rhythm.likeness, rhythm.rate_hz, rhythm.share, rhythm.step_hz, GRID_HZ, out)
     seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
-    tone, step = LOG_GRID, math.log(max(abs(velocity_mps), SLOWEST_MPS)) - LOG_GRID
-    lacking = np.maximum(0.0, np.log(3.0 / (GRID_HZ * seconds)))
-    return evidence, np.stack([tone, tone**2, step, step**2, lacking])
+    step, prior = math.log(max(abs(velocity_mps), SLOWEST_MPS)) - LOG_GRID, np.empty((5, GRID_HZ.size))
+    prior[0], prior[1], prior[2] = LOG_GRID, SQUARE_LOG_GRID, step
+    np.multiply(step, step, out=prior[3])
+    np.maximum(0.0, math.log(3.0 / seconds) - LOG_GRID, out=prior[4])
+    return evidence, prior
 
 
 def posterior_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
     """Compute the posterior on the grid; shape (frequency,), sum 1."""
+    from doppelgait.core.kernels.periodicity import posterior
+
     evidence, prior = terms_of(rhythms, velocity_mps)
-    log_odds = WEIGHTS.ravel() @ evidence.reshape(WEIGHTS.size, -1) + PRIOR_WEIGHTS @ prior
-    seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
-    log_odds[GRID_HZ * seconds < LEAST_PERIODS] = -np.inf
-    odds = np.exp(log_odds - log_odds.max())
-    return np.asarray(odds / odds.sum())
+    seconds, found = rhythms[0].likeness.size / rhythms[0].rate_hz, np.empty(GRID_HZ.size)
+    first = int(np.searchsorted(GRID_HZ, LEAST_PERIODS / seconds))
+    posterior(evidence.reshape(WEIGHTS.size, -1), WEIGHTS.ravel(), prior, PRIOR_WEIGHTS, first, found)
+    return found
 
 
 def _probability(near: FloatArray, frequency_hz: float) -> float:
@@ -291,13 +295,12 @@ def _likeness_near(rhythm: Rhythm, frequency_hz: float) -> float:
 
 
 def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
-    cadence_hz = np.arange(rhythm.share.size) * rhythm.step_hz
-    counted = (cadence_hz >= LOWEST_HZ) & (cadence_hz <= SALIENT_HZ)
-    near = np.zeros_like(counted)
-    for harmonic in range(1, 5):
-        near |= np.abs(cadence_hz - harmonic * frequency_hz) <= 1.2 / seconds
-    total = float(rhythm.share[counted].sum())
-    return float(rhythm.share[counted & near].sum()) / total if total > 0 else 0.0
+    from doppelgait.core.kernels.periodicity import share_near_harmonics
+
+    found: float = share_near_harmonics(
+        rhythm.share, rhythm.step_hz, LOWEST_HZ, SALIENT_HZ, frequency_hz, 1.2 / seconds
+    )
+    return found
 
 
 @lru_cache(maxsize=16)
@@ -329,14 +332,13 @@ def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[flo
         Frequency in Hz, from a parabola through the top, and the distance in Hz at which that parabola has fallen by
         2 %; NaN where the sum has no top within 6 %.
     """
-    from doppelgait.core.kernels.periodicity import add_between
+    from doppelgait.core.kernels.periodicity import add_harmonics
 
     trial_hz = frequency_hz * FINE
     total = np.zeros(FINE_STEPS)
     for rhythm in rhythms:
         highest = min(HIGHEST_HARMONIC_HZ, (rhythm.share.size - 1) * rhythm.step_hz / (1.0 + SEARCH))
-        for harmonic in range(1, min(N_HARMONICS, int(highest / frequency_hz)) + 1):
-            add_between(rhythm.share, harmonic * trial_hz / rhythm.step_hz, 1.0, total)
+        add_harmonics(rhythm.share, trial_hz / rhythm.step_hz, min(N_HARMONICS, int(highest / frequency_hz)), total)
     best = int(total.argmax())
     if not 0 < best < FINE_STEPS - 1 or not total.any():
         return frequency_hz, math.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, axis, check_signal
-from doppelgait.features.measures import local_maxima, quantile, refine
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,17 +45,10 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
 
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
     """Compute :func:`harmonic_ratio` of a spectrum without checking its schema."""
-    expected = harmonic * frequency_hz
-    first, last = np.searchsorted(cadence_hz, [expected * (1 - SEARCH), expected * (1 + SEARCH)])
-    peaks = local_maxima(values, first=int(first), last=int(last) - 1)
-    if not peaks.size:
-        return None
-    best = int(peaks[np.argmax(values[peaks])])
-    low, high = np.searchsorted(cadence_hz, [expected - frequency_hz, expected + frequency_hz])
-    around = values[low:high][np.abs(cadence_hz[low:high] - expected) <= frequency_hz / 2.0]
-    if values[best] < MIN_SNR * quantile(around, 0.5):
-        return None
-    return refine(values, best)[0] * float(cadence_hz[1] - cadence_hz[0]) / frequency_hz
+    from doppelgait.core.kernels.robust import harmonic_peak
+
+    found: float = harmonic_peak(cadence_hz, values, float(frequency_hz), harmonic, SEARCH, MIN_SNR)
+    return None if math.isnan(found) else found
 
 
 @dataclass(frozen=True)
@@ -115,34 +108,9 @@ def ratio_of_rows(cadence_hz: FloatArray, values: FloatArray, base: FloatArray, 
     """
     if not base.size or base.sum() <= 0:
         return LimbTorsoRatio(None, None)
-    noise = _between_harmonics_power(values, cadence_hz, frequency_hz)
-    energy, amplitude = 0.0, 0.0
-    for harmonic in (1, 2, 3):
-        expected = harmonic * frequency_hz
-        near = np.flatnonzero(np.abs(cadence_hz - expected) <= max(NEAR_SHARE * expected, NEAR_HZ))
-        if not near.size:
-            continue
-        peak = values[near[0] : near[-1] + 1].max(axis=0)
-        energy += float(np.maximum(peak**2 - 2.0 * noise, 0.0).sum())
-        amplitude += float(2.0 * peak.sum())
-    return LimbTorsoRatio(float(np.sqrt(4.0 * energy / (base**2).sum())), amplitude / float(base.sum()))
+    from doppelgait.core.kernels.robust import oscillating_power
 
-
-def _between_harmonics_power(values: FloatArray, cadence_hz: FloatArray, frequency_hz: float) -> FloatArray:
-    """Estimate the rows' noise power between the harmonics.
-
-    The mean follows from the median there; shape (K+,).
-    """
-    phase = np.mod(cadence_hz / frequency_hz, 1.0)
-    between = (cadence_hz > frequency_hz) & (cadence_hz < 4.0 * frequency_hz) & (np.abs(phase - 0.5) <= 0.2)
-    if not between.any():
-        return np.zeros(values.shape[1])
-    # medians along the contiguous axis: partitioning one column at a time through memory takes four times as long
-    cells = np.ascontiguousarray(values[between].T)
-    np.square(cells, out=cells)
-    middle = cells.shape[1] // 2
-    cells.partition(middle, axis=1)
-    median = cells[:, middle]
-    if cells.shape[1] % 2 == 0:
-        median = 0.5 * (median + cells[:, :middle].max(axis=1))
-    return np.asarray(median / np.log(2.0))
+    found = np.empty(2)
+    oscillating_power(cadence_hz, values, float(frequency_hz), NEAR_SHARE, NEAR_HZ, found)
+    energy, amplitude = found.tolist()
+    return LimbTorsoRatio(math.sqrt(4.0 * energy / float(base @ base)), amplitude / float(base.sum()))

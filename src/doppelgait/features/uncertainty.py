@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -163,6 +164,18 @@ class Periods:
     centre_s: FloatArray
     frequency_hz: float
 
+    @cached_property
+    def phase_parts(self) -> tuple[FloatArray, FloatArray]:
+        """Harmonics of each period relative to their mean.
+
+        Imaginary part of every harmonic against its mean over the periods, and the real part's mean; (B, 3), (3,).
+        """
+        from doppelgait.core.kernels.periodicity import against_mean
+
+        imaginary, real = np.empty(self.harmonics.shape[:2]), np.empty(self.harmonics.shape[1])
+        against_mean(self.harmonics, imaginary, real)
+        return imaginary, real
+
 
 def _measure_periods(observed: Observed) -> Periods | None:
     from doppelgait.core.kernels.periodicity import period_harmonics
@@ -179,16 +192,6 @@ def _measure_periods(observed: Observed) -> Periods | None:
     return Periods(real + 1j * imaginary, means, (starts + length / 2.0) / rate_hz, frequency_hz)
 
 
-def _phase_parts(periods: Periods) -> tuple[FloatArray, FloatArray]:
-    """Compute harmonics of each period relative to their mean.
-
-    Imaginary part of every harmonic against its mean over the periods, and the real part's mean; (B, 3), (3,).
-    """
-    mean = periods.harmonics.mean(axis=0)
-    against = np.einsum("bhk,hk->bh", periods.harmonics, mean.conj())
-    return against.imag, against.real.mean(axis=0)
-
-
 def frequency_sd_hz(periods: Periods) -> float:
     """Estimate the standard deviation of f_mu from period to period.
 
@@ -198,7 +201,7 @@ def frequency_sd_hz(periods: Periods) -> float:
     The increments of that phase from period to period, independent of each other, add up to the error of a frequency
     that counts periods from the first to the last: ``0.55 f rms(increment) / (2 pi sqrt(B - 1))``; and 0.15 % is added.
     """
-    imaginary, real = _phase_parts(periods)
+    imaginary, real = periods.phase_parts
     phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
     step_rad = math.sqrt(float(np.mean(np.diff(phase_rad) ** 2)))
     share = FREQUENCY_FACTOR * step_rad / (2.0 * math.pi * math.sqrt(phase_rad.size - 1))
@@ -223,7 +226,7 @@ def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
 
     It follows from how well the phases of a harmonic and of f_mu lie on straight lines.
     """
-    imaginary, real = _phase_parts(periods)
+    imaginary, real = periods.phase_parts
     time_s = periods.centre_s - periods.centre_s.mean()
     spread = 0.0
     for h in (1, harmonic):

@@ -29,8 +29,6 @@ FloatArray = npt.NDArray[np.float64]
 WIDTH = 18
 """Length of the interpolation kernel in grid steps; with the rates below it leaves an error of 1e-13."""
 LOWEST_OVERSAMPLING = 2.0
-BLOCK = 16
-"""Outputs of a kernel that one small matrix product forms."""
 GROUP = 64
 """Rows that are worked on together, so that all buffers stay in the second-level cache."""
 
@@ -136,41 +134,20 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
 
     A transform of ``length``, and ``between`` lines for each of its own.
     """
-    from doppelgait.core.kernels.cadence import magnitudes_of_parts
+    from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular
 
     n_columns, n_rows = rows.shape
-    centre, half = n_columns // 2, WIDTH // 2 - 1
-    band, shape_factor = _line_band(between, length / n_columns)
+    taps, shape_factor = _line_taps(between, length / n_columns)
     # the kernel needs time 0 in the middle of the record; magnitudes do not care
-    sharper = weights / _kernel_transform(n_columns, centre, length, shape_factor)
-    n_blocks = -(-n_kept // (between * BLOCK))
-    found = np.empty((n_kept, n_rows))
-    n_grid = n_blocks * BLOCK + WIDTH
+    sharper = weights / _kernel_transform(n_columns, n_columns // 2, length, shape_factor)
+    rows, found = np.ascontiguousarray(rows), np.empty((n_kept, n_rows))
     for first in range(0, n_rows, GROUP):
-        few = slice(first, min(first + GROUP, n_rows))
-        size = few.stop - first
-        # (2): rows side by side, time 0 in their middle; their transforms take half the time
+        size = min(GROUP, n_rows - first)
         circular = _buffer("circular", (size, length))
-        np.multiply(rows[centre:, few].T, sharper[centre:], out=circular[:, : n_columns - centre])
-        circular[:, n_columns - centre : length - centre] = 0.0
-        np.multiply(rows[:centre, few].T, sharper[:centre], out=circular[:, length - centre :])
+        lay_circular(rows, sharper, first, circular)  # (2): their transforms take half the time side by side
         lines = _buffer("lines", (size, length // 2 + 1), np.complex128)
         np.fft.rfft(circular, axis=1, out=lines)
-        # from line -(W / 2 - 1) on, zero beyond the end; real parts, then imaginary parts: the kernel is real
-        kept = lines[:, : n_grid - half].T
-        grid = _buffer("grid", (n_grid, 2 * size))
-        grid[half : half + kept.shape[0], :size] = kept.real
-        grid[half : half + kept.shape[0], size:] = kept.imag
-        grid[half + kept.shape[0] :] = 0.0
-        np.copyto(grid[:half, :size], kept.real[half:0:-1])
-        np.negative(kept.imag[half:0:-1], out=grid[:half, size:])
-        # (3): the lines between
-        overlapping = np.lib.stride_tricks.as_strided(
-            grid, (n_blocks, BLOCK + WIDTH, grid.shape[1]), (BLOCK * grid.strides[0], *grid.strides), writeable=False
-        )
-        fine = _buffer("fine", (n_blocks, between * BLOCK, grid.shape[1]))
-        np.matmul(band, overlapping, out=fine)
-        magnitudes_of_parts(fine.reshape(-1, grid.shape[1]), found[:, few])
+        fine_magnitudes(lines, taps, first, found)  # (3): the lines between
     return found
 
 
@@ -200,15 +177,14 @@ def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
 
 
 @lru_cache(maxsize=16)
-def _line_band(between: int, oversampling: float) -> tuple[FloatArray, float]:
+def _line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel of fine lines over coarse ones.
 
-    ``between`` BLOCK fine lines, shape (between BLOCK, BLOCK + WIDTH); also returns its shape factor.
+    For ``between`` fine lines in a coarse step, shape (between, WIDTH); also returns its shape factor.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
-    fine = np.arange(between * BLOCK) / between
-    coarse = np.arange(BLOCK + WIDTH) - (WIDTH // 2 - 1)
-    return _kernel(fine[:, None] - coarse[None, :], shape_factor), shape_factor
+    coarse = np.arange(WIDTH) - (WIDTH // 2 - 1)
+    return _kernel(np.arange(between)[:, None] / between - coarse, shape_factor), shape_factor
 
 
 def _kernel(distance: FloatArray, shape_factor: float) -> FloatArray:

@@ -74,16 +74,18 @@ def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
         :func:`noise_floor_v2`.
     """
     from doppelgait.core.kernels.columns import row_means
+    from doppelgait.core.kernels.robust import variance_of_rows
 
     values, stated = np.ascontiguousarray(signature.values), max(1.0, float(signature.attrs["n_gate_bins"]))
     row_power = np.empty(values.shape[1])
     row_means(values, row_power)
     highest_v2 = floor_v2 * (1.0 + 3.0 / np.sqrt(stated * independent_columns(signature)))
-    quiet = np.flatnonzero((row_power > 0) & (row_power < highest_v2))
-    if quiet.size < LEAST_QUIET_ROWS:
+    quiet = (row_power > 0) & (row_power < highest_v2)
+    n_quiet = np.count_nonzero(quiet)
+    if n_quiet < LEAST_QUIET_ROWS:
         return stated
-    cells = values[::COUNTED_EVERY].take(quiet, axis=1).astype(np.float64)
-    return max(1.0, float(row_power[quiet].mean() ** 2 / cells.var()))
+    mean_v2 = float(row_power @ quiet) / n_quiet
+    return max(1.0, mean_v2**2 / float(variance_of_rows(values, quiet.astype(np.int32), COUNTED_EVERY)))
 
 
 def median(cells: npt.NDArray[np.floating[Any]]) -> float:

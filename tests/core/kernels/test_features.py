@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from doppelgait.core.kernels.cadence import magnitudes_of_parts, project, smear
+from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular, project, smear
 from doppelgait.core.kernels.columns import (
     column_peaks,
     count_above,
@@ -19,6 +19,7 @@ from doppelgait.core.kernels.columns import (
 from doppelgait.core.kernels.features import limb_amplitudes, positive_sums, power_quantiles, sum_groups
 from doppelgait.core.kernels.lines import powers_about_line, refined_ridge, smooth, torso_line, torso_swing
 from doppelgait.core.kernels.periodicity import (
+    against_mean,
     highest_between,
     lag_products,
     likeness_of_products,
@@ -26,6 +27,7 @@ from doppelgait.core.kernels.periodicity import (
     powers_of_pairs,
     remove_trend,
     rhythm_evidence,
+    share_near_harmonics,
     shares_of_lines,
     square_difference,
     weigh_rows,
@@ -33,12 +35,14 @@ from doppelgait.core.kernels.periodicity import (
 from doppelgait.core.kernels.robust import (
     edge_statistics,
     median_in_place,
+    oscillating_power,
     quantile_in_place,
     robust_fit,
     scatter_of_blocks,
     speeds_across,
     straight_motion,
     swing_parts,
+    variance_of_rows,
 )
 
 
@@ -411,10 +415,66 @@ def test_counts_above_a_level_and_the_run_about_the_largest_e35():
     assert run_above(share, 0.31) == -1.0
 
 
-def test_magnitudes_of_real_parts_left_and_imaginary_parts_right():
-    parts, found = random(9, 14), np.empty((8, 7))
-    magnitudes_of_parts(parts, found)
-    np.testing.assert_allclose(found, np.abs(parts[:8, :7] + 1j * parts[:8, 7:]), rtol=1e-14)
+@pytest.mark.parametrize(("n_columns", "first"), [(9, 0), (12, 2)])
+def test_rows_lie_on_circles_and_fine_lines_are_sums_of_taps_e30(n_columns, first):
+    rows, weights, circle = random(n_columns, 7), random(n_columns, seed=1), np.full((4, 30), np.nan)
+    lay_circular(rows, weights, first, circle)
+    centre = n_columns // 2
+    wanted = np.zeros((4, 30))
+    for row in range(4):
+        for j in range(n_columns):
+            wanted[row, (j - centre) % 30] = weights[j] * rows[j, first + row]
+    np.testing.assert_allclose(circle, wanted, rtol=1e-15)
+    lines, taps, found = np.fft.rfft(circle), random(3, 6, seed=2), np.zeros((50, 7))
+    fine_magnitudes(lines, taps, first, found)
+    for q in range(50):
+        numbers = q // 3 + np.arange(6) - 2
+        near = [np.where(n < 0, lines[:, abs(n)].conj(), lines[:, n]) if n < 16 else np.zeros(4) for n in numbers]
+        np.testing.assert_allclose(found[q, first : first + 4], np.abs(taps[q % 3] @ near), rtol=1e-11, atol=1e-13)
+    assert not np.delete(found, range(first, first + 4), axis=1).any()
+
+
+def test_variance_of_rows_is_that_of_their_cells():
+    values, chosen = random(33, 9).astype(np.float32) + 3.0, np.array([1, 0, 0, 1, 1, 0, 1, 1, 1], np.int32)
+    wanted = values[::4, chosen == 1].astype(float).var()
+    assert variance_of_rows(values.astype(np.float32), chosen, 4) == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize("frequency_hz", [0.8, 1.9, 30.0])
+def test_oscillating_power_is_that_of_peaks_less_the_noise_between_e38(frequency_hz):
+    cadence_hz, values, found = np.arange(0.0, 8.0, 0.05), np.abs(random(160, 6)), np.empty(2)
+    values[38] += 4.0
+    oscillating_power(cadence_hz, values, frequency_hz, 0.06, 0.25, found)
+    turns = cadence_hz / frequency_hz
+    between = (turns > 1.0) & (turns < 4.0) & (np.abs(turns % 1.0 - 0.5) <= 0.2)
+    noise = np.median(values[between] ** 2, axis=0) / np.log(2.0) if between.any() else np.zeros(6)
+    energy = amplitude = 0.0
+    for h in (1, 2, 3):
+        near = np.abs(cadence_hz - h * frequency_hz) <= max(0.06 * h * frequency_hz, 0.25)
+        if near.any():
+            peak = values[near].max(axis=0)
+            energy += np.maximum(peak**2 - 2.0 * noise, 0.0).sum()
+            amplitude += 2.0 * peak.sum()
+    np.testing.assert_allclose(found, [energy, amplitude], rtol=1e-12)
+
+
+def test_harmonics_of_periods_are_projected_on_their_mean():
+    harmonics = random(8, 3, 11) + 1j * random(8, 3, 11, seed=1)
+    imaginary, real = np.empty((8, 3)), np.empty(3)
+    against_mean(harmonics, imaginary, real)
+    wanted = (harmonics * harmonics.mean(axis=0).conj()).sum(axis=2)
+    np.testing.assert_allclose(imaginary, wanted.imag, atol=1e-13)
+    np.testing.assert_allclose(real, wanted.real.mean(axis=0), atol=1e-13)
+
+
+def test_share_of_the_power_near_four_harmonics():
+    share = random(200) ** 2
+    cadence_hz = 0.1 * np.arange(200)
+    near = np.min([np.abs(cadence_hz - h * 2.3) for h in (1, 2, 3, 4)], axis=0) <= 0.4
+    band = (cadence_hz >= 0.5) & (cadence_hz <= 15.0)
+    wanted = share[band & near].sum() / share[band].sum()
+    assert share_near_harmonics(share, 0.1, 0.5, 15.0, 2.3, 0.4) == pytest.approx(wanted, rel=1e-12)
+    assert share_near_harmonics(np.zeros(50), 0.1, 0.5, 15.0, 2.3, 0.4) == 0.0
 
 
 @pytest.mark.parametrize("size", [60, 300])

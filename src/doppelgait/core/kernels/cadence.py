@@ -7,25 +7,80 @@ import numpy.typing as npt
 
 from doppelgait.core.kernels.compiled import kernel
 
+GROUP = 64
+"""Rows that are worked on together."""
 
-@kernel()
-def magnitudes_of_parts(parts: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
-    """Compute magnitudes of rows of real, then imaginary parts.
+
+@kernel(fastmath=("contract", "nsz"), apart=True)
+def lay_circular(
+    rows: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], first: int, out: npt.NDArray[np.float64]
+) -> None:
+    """Lay weighted rows on circles that begin in their middle.
 
     Parameters
     ----------
-    parts : ndarray, shape (Q or more, 2 K), C-contiguous
-    out : ndarray, shape (Q, K)
-        Overwritten.
+    rows : ndarray, shape (J, K)
+    weights : ndarray, shape (J,)
+    first : int
+        Row that becomes the first of ``out``.
+    out : ndarray, shape (some rows, L)
+        Overwritten; zeros between the end of the record and its beginning.
     """
-    n_rows = out.shape[1]
+    n_columns, length = rows.shape[0], out.shape[1]
+    centre = n_columns // 2
+    for row in range(out.shape[0]):
+        circle, k = out[row], first + row
+        for j in range(centre, n_columns):
+            circle[j - centre] = weights[j] * rows[j, k]
+        circle[n_columns - centre : length - centre] = 0.0
+        for j in range(centre):
+            circle[length - centre + j] = weights[j] * rows[j, k]
+
+
+@kernel(fastmath=("contract", "nsz"), apart=True)
+def fine_magnitudes(
+    lines: npt.NDArray[np.complex128], taps: npt.NDArray[np.float64], first: int, out: npt.NDArray[np.float64]
+) -> None:
+    r"""Interpolate lines of real rows by a kernel and take magnitudes (E-30).
+
+    .. math:: o_{q,k} = \left| \sum_{t=0}^{W-1} h_{q \bmod d,\,t}\, X_{k,\,\lfloor q / d \rfloor + t - W/2 + 1} \right|
+
+    with :math:`X_{-n} = X_n^*`, and 0 beyond the end.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (some rows, N)
+    taps : ndarray, shape (d, W)
+    first : int
+        Row of ``out`` that the first of ``lines`` is for.
+    out : ndarray, shape (Q, K)
+        Overwritten for these rows.
+    """
+    n_rows, n_lines = lines.shape
+    between, width = taps.shape
+    half, n_grid = width // 2 - 1, (out.shape[0] - 1) // between + width
+    grid, total = np.zeros((n_grid, 2 * n_rows)), np.empty(2 * n_rows)
+    for row in range(n_rows):
+        for g in range(n_grid):
+            n = g - half
+            if n < 0:
+                grid[g, row], grid[g, n_rows + row] = lines[row, -n].real, -lines[row, -n].imag
+            elif n < n_lines:
+                grid[g, row], grid[g, n_rows + row] = lines[row, n].real, lines[row, n].imag
     for q in range(out.shape[0]):
-        real, imaginary, row = parts[q, :n_rows], parts[q, n_rows:], out[q]
+        tap, start = taps[q % between], q // between
+        total[:] = 0.0
+        for t in range(0, width, 3):
+            a, b, c = grid[start + t], grid[start + t + 1], grid[start + t + 2]
+            for k in range(2 * n_rows):
+                total[k] += tap[t] * a[k] + tap[t + 1] * b[k] + tap[t + 2] * c[k]
+        magnitude = out[q]
         for k in range(n_rows):
-            row[k] = np.sqrt(real[k] * real[k] + imaginary[k] * imaginary[k])
+            real, imaginary = total[k], total[n_rows + k]
+            magnitude[first + k] = np.sqrt(real * real + imaginary * imaginary)
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def smear(
     rows: npt.NDArray[np.float64],
     weights: npt.NDArray[np.float64],
@@ -52,26 +107,29 @@ def smear(
         Overwritten.
     """
     n_columns, n_rows = rows.shape
-    for c in range(out.shape[0]):
-        total, begin = out[c], step * c - taps.size
-        total[:] = 0.0
-        j, last = max(begin, 0), min(step * c, n_columns)
-        while j + 4 <= last:  # four at a time, so that the sum is loaded and stored once for them
-            i = j - begin
-            p, q = taps[i] * weights[j], taps[i + 1] * weights[j + 1]
-            r, s = taps[i + 2] * weights[j + 2], taps[i + 3] * weights[j + 3]
-            a, b, d, e = rows[j], rows[j + 1], rows[j + 2], rows[j + 3]
-            for k in range(n_rows):
-                total[k] += (p * a[k] + q * b[k]) + (r * d[k] + s * e[k])
-            j += 4
-        while j < last:
-            p, a = taps[j - begin] * weights[j], rows[j]
-            for k in range(n_rows):
-                total[k] += p * a[k]
-            j += 1
+    for k0 in range(0, n_rows, GROUP):  # what is used again and again stays in the fastest cache
+        few = slice(k0, min(k0 + GROUP, n_rows))
+        for c in range(out.shape[0]):
+            total, begin = out[c, few], step * c - taps.size
+            total[:] = 0.0
+            j, last = max(begin, 0), min(step * c, n_columns)
+            while j + 6 <= last:  # six at a time, so that the sum is loaded and stored once for them
+                i = j - begin
+                p, q, r = taps[i] * weights[j], taps[i + 1] * weights[j + 1], taps[i + 2] * weights[j + 2]
+                s, t, u = taps[i + 3] * weights[j + 3], taps[i + 4] * weights[j + 4], taps[i + 5] * weights[j + 5]
+                x, y, z = rows[j, few], rows[j + 1, few], rows[j + 2, few]
+                a, b, d = rows[j + 3, few], rows[j + 4, few], rows[j + 5, few]
+                for k in range(total.size):
+                    total[k] += (p * x[k] + q * y[k] + r * z[k]) + (s * a[k] + t * b[k] + u * d[k])
+                j += 6
+            while j < last:
+                p, x = taps[j - begin] * weights[j], rows[j, few]
+                for k in range(total.size):
+                    total[k] += p * x[k]
+                j += 1
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def project(rows: npt.NDArray[np.float64], basis: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
     """Sum products of every row with functions of time.
 

@@ -16,7 +16,7 @@ LANES = 16
 """Cells that are worked on together."""
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def sum_excess(values: AnyFloatArray, floor: float, sums: FloatArray, highest: FloatArray) -> None:
     """Find sum and maximum above the floor in every column (E-28).
 
@@ -47,7 +47,7 @@ def sum_excess(values: AnyFloatArray, floor: float, sums: FloatArray, highest: F
             highest[j] = max(highest[j], top[i])
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def scale_excess(values: AnyFloatArray, floor: float, factor: FloatArray, out: FloatArray) -> None:
     """Subtract the floor, clip at 0 and multiply every column (E-28).
 
@@ -65,7 +65,7 @@ def scale_excess(values: AnyFloatArray, floor: float, factor: FloatArray, out: F
             scaled[k] = max(np.float64(column[k]) - floor, 0.0) * by
 
 
-@kernel()
+@kernel(apart=True)
 def column_peaks(values: AnyFloatArray, strongest: AnyFloatArray, place: FloatArray) -> None:
     """Find every column's strongest cell, refined by a parabola in the logarithm.
 
@@ -130,7 +130,7 @@ def strongest_about(
         strongest[j] = most
 
 
-@kernel()
+@kernel(apart=True)
 def row_means(values: AnyFloatArray, out: FloatArray) -> None:
     """Average every Doppler row over time.
 
@@ -143,7 +143,7 @@ def row_means(values: AnyFloatArray, out: FloatArray) -> None:
     out /= values.shape[0]
 
 
-@kernel()
+@kernel(apart=True)
 def count_above(values: AnyFloatArray, level: AnyFloatArray, edges: npt.NDArray[np.int64], counts: FloatArray) -> None:
     """Count cells of blocks at or above their column's level.
 

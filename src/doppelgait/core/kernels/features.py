@@ -9,8 +9,11 @@ import numpy.typing as npt
 
 from doppelgait.core.kernels.compiled import kernel
 
+BLOCK = 16
+"""Cells whose power is summed before it is looked into."""
 
-@kernel()
+
+@kernel(apart=True)
 def shift_columns(
     values: npt.NDArray[np.floating[Any]],
     whole: npt.NDArray[np.int64],
@@ -77,21 +80,41 @@ def power_quantiles(
         Overwritten; NaN where no cell exceeds the threshold.
     """
     n_columns, n_bins = values.shape
+    n_blocks = (n_bins + BLOCK - 1) // BLOCK
+    part = np.empty(n_blocks)
     for j in range(n_columns):
         column, total = values[j], 0.0
-        for k in range(n_bins):
-            total += _above(column[k], threshold, floor)
+        for b in range(n_blocks):
+            even = odd = 0.0
+            first, last = b * BLOCK, min(b * BLOCK + BLOCK, n_bins)
+            for k in range(first, last - 1, 2):
+                even += _above(column[k], threshold, floor)
+                odd += _above(column[k + 1], threshold, floor)
+            if (last - first) % 2:
+                even += _above(column[last - 1], threshold, floor)
+            part[b] = even + odd
+            total += part[b]
         if total <= 0.0:
             low[j] = high[j] = np.nan
             continue
-        k, before, here = 0, 0.0, _above(column[0], threshold, floor)
+        b, before = 0, 0.0
+        while b < n_blocks - 1 and before + part[b] < low_share * total:
+            before += part[b]
+            b += 1
+        k = b * BLOCK
+        here = _above(column[k], threshold, floor)
         while before + here < low_share * total and k < n_bins - 1:
             before += here
             k += 1
             here = _above(column[k], threshold, floor)
         low[j] = k + (low_share * total - before) / here - 0.5
-        k, beyond, here = n_bins - 1, 0.0, _above(column[n_bins - 1], threshold, floor)
-        while beyond + here <= (1.0 - high_share) * total and k > 0:  # from the other end: most power is between
+        b, beyond = n_blocks - 1, 0.0
+        while b > 0 and beyond + part[b] <= (1.0 - high_share) * total:  # from the other end: most power is between
+            beyond += part[b]
+            b -= 1
+        k = min(b * BLOCK + BLOCK, n_bins) - 1
+        here = _above(column[k], threshold, floor)
+        while beyond + here <= (1.0 - high_share) * total and k > 0:
             beyond += here
             k -= 1
             here = _above(column[k], threshold, floor)
@@ -104,7 +127,7 @@ def _above(value, threshold, floor):  # type: ignore[no-untyped-def]
     return np.float64(value) - floor if value > threshold else 0.0
 
 
-@kernel()
+@kernel(apart=True)
 def limb_amplitudes(
     moved: npt.NDArray[np.float64],
     noise: npt.NDArray[np.float64],
@@ -144,7 +167,7 @@ def limb_amplitudes(
             out[j, g] = np.sqrt(total)
 
 
-@kernel()
+@kernel(apart=True)
 def sum_groups(values: npt.NDArray[np.float64], n_columns: int, n_rows: int, out: npt.NDArray[np.float64]) -> None:
     """Sum groups of neighbouring columns and rows.
 
@@ -154,24 +177,29 @@ def sum_groups(values: npt.NDArray[np.float64], n_columns: int, n_rows: int, out
         total = out[j]
         total[:] = 0.0
         for i in range(n_columns * j, n_columns * (j + 1)):
-            if n_rows == 1:
+            column = values[i]
+            for m in range(n_rows):
                 for k in range(total.size):
-                    total[k] += values[i, k]
-            else:
-                for k in range(total.size):
-                    for m in range(n_rows * k, n_rows * (k + 1)):
-                        total[k] += values[i, m]
+                    total[k] += column[n_rows * k + m]
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def positive_sums(values: npt.NDArray[np.floating[Any]], n_columns: int, out: npt.NDArray[np.float64]) -> None:
     """Sum what is positive in groups of columns.
 
     ``values`` has shape (J, K), ``out`` (J // n_columns,).
     """
+    n_bins = values.shape[1]
+    part, whole = np.empty(BLOCK), n_bins // BLOCK * BLOCK
     for j in range(out.size):
-        total = 0.0
+        part[:] = 0.0
         for i in range(n_columns * j, n_columns * (j + 1)):
-            for k in range(values.shape[1]):
-                total += max(np.float64(values[i, k]), 0.0)
-        out[j] = total
+            column = values[i]
+            for first in range(0, whole, BLOCK):  # sums that do not wait for each other
+                for k in range(BLOCK):
+                    part[k] += max(np.float64(column[first + k]), 0.0)
+            for k in range(whole, n_bins):
+                part[0] += max(np.float64(column[k]), 0.0)
+        out[j] = 0.0
+        for k in range(BLOCK):
+            out[j] += part[k]

@@ -79,7 +79,7 @@ def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
         out[i] = 2.0 * out[i] / total if total > 0.0 else 0.0
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def period_harmonics(
     rows: FloatArray,
     starts: npt.NDArray[np.int64],
@@ -129,7 +129,7 @@ def period_harmonics(
                 wave *= turn
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def remove_trend(values: FloatArray, basis: FloatArray, part: FloatArray) -> None:
     r"""Subtract the projection of every row on orthonormal functions of time.
 
@@ -146,7 +146,15 @@ def remove_trend(values: FloatArray, basis: FloatArray, part: FloatArray) -> Non
     """
     n_terms, n_rows = part.shape
     part[:] = 0.0
-    for j in range(values.shape[0]):
+    n_columns = values.shape[0]
+    whole = n_columns // 4 * 4
+    for j in range(0, whole, 4):  # four at a time, so that a sum is loaded and stored once for them
+        a, b, c, d = values[j], values[j + 1], values[j + 2], values[j + 3]
+        for p in range(n_terms):
+            of_term, w, x, y, z = part[p], basis[j, p], basis[j + 1, p], basis[j + 2, p], basis[j + 3, p]
+            for k in range(n_rows):
+                of_term[k] += (w * a[k] + x * b[k]) + (y * c[k] + z * d[k])
+    for j in range(whole, n_columns):
         column = values[j]
         for p in range(n_terms):
             weight, of_term = basis[j, p], part[p]
@@ -160,7 +168,7 @@ def remove_trend(values: FloatArray, basis: FloatArray, part: FloatArray) -> Non
                 column[k] -= weight * of_term[k]
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def weigh_rows(
     values: FloatArray,
     stops: npt.NDArray[np.int64],
@@ -210,17 +218,26 @@ def weigh_rows(
     for j in range(n_columns):
         column, first = values[j], 0
         for s in range(stops.size):
-            plain = equal = 0.0
-            for k in range(first, stops[s]):
+            plain = equal = other = others = 0.0
+            for k in range(first, stops[s] - 1, 2):  # two sums each, which do not wait for each other
+                white, grey = column[k] - whitening * before[k], column[k + 1] - whitening * before[k + 1]
+                plain += column[k] * column[k]
+                equal += white * white * weight[k]
+                other += column[k + 1] * column[k + 1]
+                others += grey * grey * weight[k + 1]
+                before[k], before[k + 1] = column[k], column[k + 1]
+            if (stops[s] - first) % 2:
+                k = stops[s] - 1
                 white = column[k] - whitening * before[k]
                 plain += column[k] * column[k]
                 equal += white * white * weight[k]
                 before[k] = column[k]
+            plain, equal = plain + other, equal + others
             until[2 * s, j + 1], until[2 * s + 1, j + 1] = until[2 * s, j] + plain, until[2 * s + 1, j] + equal
             first = stops[s]
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def powers_of_pairs(
     lines: FloatArray,
     stops: npt.NDArray[np.int64],
@@ -314,26 +331,107 @@ def shares_of_lines(
                 share[n, q] /= total * scale
 
 
+@kernel(fastmath=("contract", "nsz"))
+def against_mean(harmonics: npt.NDArray[np.complex128], imaginary: FloatArray, real: FloatArray) -> None:
+    """Project the harmonics of every period on their mean over the periods.
+
+    Parameters
+    ----------
+    harmonics : ndarray, shape (B, H, K)
+    imaginary : ndarray, shape (B, H)
+        Overwritten with the imaginary parts of the products with the mean's conjugate, summed over rows.
+    real : ndarray, shape (H,)
+        Overwritten with the mean of the real parts.
+    """
+    n_periods, n_harmonics, n_rows = harmonics.shape
+    mean = np.empty(n_rows, np.complex128)
+    for h in range(n_harmonics):
+        mean[:] = 0.0
+        for b in range(n_periods):
+            for k in range(n_rows):
+                mean[k] += harmonics[b, h, k] / n_periods
+        real[h] = 0.0
+        for b in range(n_periods):
+            total = complex(0.0, 0.0)
+            for k in range(n_rows):
+                total += harmonics[b, h, k] * mean[k].conjugate()
+            imaginary[b, h] = total.imag
+            real[h] += total.real / n_periods
+
+
 @kernel()
-def add_between(values: FloatArray, place: FloatArray, weight: float, out: FloatArray) -> None:
-    """Add weighted values between samples, by the Catmull-Rom cubic.
+def add_harmonics(values: FloatArray, place: FloatArray, count: int, out: FloatArray) -> None:
+    """Add values at multiples of places between samples, by the Catmull-Rom cubic.
 
     Parameters
     ----------
     values : ndarray, shape (Q,), Q at least 4
     place : ndarray, shape (N,)
         In samples.
-    weight : float
+    count : int
+        Multiples, from 1.
     out : ndarray, shape (N,)
         Added to.
     """
-    for n in range(place.size):
-        whole = min(max(int(place[n]), 1), values.size - 3)
-        x = place[n] - whole
-        before, left, right, after = values[whole - 1], values[whole], values[whole + 1], values[whole + 2]
-        bend = 2.0 * before - 5.0 * left + 4.0 * right - after
-        twist = 3.0 * (left - right) + after - before
-        out[n] += weight * (left + 0.5 * x * (right - before + x * (bend + x * twist)))
+    for harmonic in range(1, count + 1):
+        for n in range(place.size):
+            at = harmonic * place[n]
+            whole = min(max(int(at), 1), values.size - 3)
+            x = at - whole
+            before, left, right, after = values[whole - 1], values[whole], values[whole + 1], values[whole + 2]
+            bend = 2.0 * before - 5.0 * left + 4.0 * right - after
+            twist = 3.0 * (left - right) + after - before
+            out[n] += left + 0.5 * x * (right - before + x * (bend + x * twist))
+
+
+@kernel()
+def share_near_harmonics(
+    share: FloatArray, step_hz: float, low_hz: float, high_hz: float, frequency_hz: float, reach_hz: float
+) -> float:
+    """Compute the share of a band's power near four harmonics."""
+    total = near = 0.0
+    for q in range(share.size):
+        cadence_hz = q * step_hz
+        if low_hz <= cadence_hz <= high_hz:
+            total += share[q]
+            for harmonic in range(1, 5):
+                if abs(cadence_hz - harmonic * frequency_hz) <= reach_hz:
+                    near += share[q]
+                    break
+    return near / total if total > 0.0 else 0.0
+
+
+@kernel()
+def posterior(
+    evidence: FloatArray, weights: FloatArray, prior: FloatArray, prior_weights: FloatArray, first: int, out: FloatArray
+) -> None:
+    """Normalise the exponential of a weighted sum of terms.
+
+    Parameters
+    ----------
+    evidence, prior : ndarray, shape (N, F) and (P, F)
+    weights, prior_weights : ndarray, shape (N,) and (P,)
+    first : int
+        Before it the result is 0.
+    out : ndarray, shape (F,)
+        Overwritten; its sum is 1.
+    """
+    out[:] = 0.0
+    for n in range(weights.size):
+        if weights[n] != 0.0:
+            for f in range(out.size):
+                out[f] += weights[n] * evidence[n, f]
+    for n in range(prior_weights.size):
+        for f in range(out.size):
+            out[f] += prior_weights[n] * prior[n, f]
+    most, total = -np.inf, 0.0
+    for f in range(first, out.size):
+        most = max(most, out[f])
+    for f in range(out.size):
+        out[f] = np.exp(out[f] - most) if f >= first else 0.0
+        total += out[f]
+    for f in range(out.size):
+        out[f] /= total
 
 
 @kernel()

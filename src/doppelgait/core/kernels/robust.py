@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
+AnyFloatArray = npt.NDArray[np.floating[Any]]
 
 
 @kernel()
@@ -68,6 +71,32 @@ def median_in_place(values: FloatArray) -> float:
     for n in range(1, middle):
         below = max(below, values[n])
     return float(0.5 * (below + found))
+
+
+@kernel()
+def variance_of_rows(values: AnyFloatArray, chosen: npt.NDArray[np.int32], every: int) -> float:
+    """Compute the variance of chosen rows in every n-th column.
+
+    ``values`` has shape (J, K), ``chosen`` (K,): 1 for the rows that count, else 0.
+    """
+    n_columns, n_bins = values.shape
+    sums, squares, n = np.zeros(n_bins), np.zeros(n_bins), 0
+    for j in range(0, n_columns, every):
+        for k in range(n_bins):
+            sums[k] += values[j, k]
+        n += 1
+    total = n_rows = 0.0
+    for k in range(n_bins):
+        total += sums[k] * chosen[k]
+        n_rows += chosen[k]
+    mean = total / (n * n_rows)
+    for j in range(0, n_columns, every):
+        for k in range(n_bins):
+            squares[k] += (values[j, k] - mean) ** 2
+    total = 0.0
+    for k in range(n_bins):
+        total += squares[k] * chosen[k]
+    return float(total / (n * n_rows))
 
 
 @kernel()
@@ -342,6 +371,100 @@ def edge_statistics(
 
 
 @kernel()
+def oscillating_power(
+    cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, near_share: float, near_hz: float,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    r"""Sum peaks of three harmonics over rows of a cadence map (E-38).
+
+    Parameters
+    ----------
+    cadence_hz : ndarray, shape (Q,)
+        Rising.
+    values : ndarray, shape (Q, K)
+        Magnitudes.
+    frequency_hz : float
+        Of the first harmonic.
+    near_share, near_hz : float
+        A harmonic is sought within this share of its frequency, at least so many hertz.
+    out : ndarray, shape (2,)
+        Overwritten with the sums of the squared peaks less twice the noise, none below 0, and of twice the peaks. The
+        noise of a row is the median of its squares between the harmonics over ln 2.
+    """
+    n_lines, n_rows = values.shape
+    between, n_between = np.empty(n_lines, np.int64), 0
+    for q in range(n_lines):
+        turns = cadence_hz[q] / frequency_hz
+        if 1.0 < turns < 4.0 and abs(turns - np.floor(turns) - 0.5) <= 0.2:
+            between[n_between] = q
+            n_between += 1
+    work, noise = np.empty(n_between), np.zeros(n_rows)
+    if n_between:
+        for k in range(n_rows):
+            for n in range(n_between):
+                work[n] = values[between[n], k] ** 2
+            noise[k] = median_in_place(work) / np.log(2.0)
+    out[0] = out[1] = 0.0
+    peak = np.empty(n_rows)
+    for harmonic in range(1, 4):
+        expected, found = harmonic * frequency_hz, 0
+        reach = max(near_share * expected, near_hz)
+        peak[:] = 0.0
+        for q in range(n_lines):
+            if abs(cadence_hz[q] - expected) <= reach:
+                found = 1
+                for k in range(n_rows):
+                    peak[k] = max(peak[k], values[q, k])
+        if found:
+            for k in range(n_rows):
+                out[0] += max(peak[k] * peak[k] - 2.0 * noise[k], 0.0)
+                out[1] += 2.0 * peak[k]
+
+
+@kernel()
+def harmonic_peak(
+    cadence_hz: FloatArray, power: FloatArray, frequency_hz: float, harmonic: int, search: float, least_snr: float
+) -> float:
+    """Find a harmonic's frequency over that of the first (E-37).
+
+    Parameters
+    ----------
+    cadence_hz, power : ndarray, shape (Q,)
+        Rising in even steps, and the spectrum.
+    frequency_hz : float
+        Of the first harmonic.
+    harmonic : int
+    search : float
+        The highest local maximum is sought within this share of the harmonic's frequency.
+    least_snr : float
+        It must stand so many times above the median within half a harmonic of it.
+
+    Returns
+    -------
+    float
+        NaN where there is none.
+    """
+    n, expected, best = power.size, harmonic * frequency_hz, -1
+    for q in range(1, n - 1):
+        inside = cadence_hz[q] >= expected * (1.0 - search) and cadence_hz[q] < expected * (1.0 + search)
+        if inside and power[q] > power[q - 1] and power[q] >= power[q + 1]:
+            best = q if best < 0 or power[q] > power[best] else best
+    if best < 0:
+        return np.nan
+    work, count = np.empty(n), 0
+    for q in range(n):
+        if abs(cadence_hz[q] - expected) <= frequency_hz / 2.0:
+            work[count] = power[q]
+            count += 1
+    if power[best] < least_snr * quantile_in_place(work, count, 0.5):
+        return np.nan
+    left, centre, right = power[best - 1], power[best], power[best + 1]
+    bend = left - 2.0 * centre + right
+    offset = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return float((best + offset) * (cadence_hz[1] - cadence_hz[0]) / frequency_hz)
+
+
+@kernel()
 def scatter_of_blocks(
     residual: FloatArray, least_scale: float, tuning: float, starts: npt.NDArray[np.int64]
 ) -> float:  # fmt: skip
@@ -396,6 +519,7 @@ def swing_parts(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int6
     turn_rad : float
         Phase of order 1 from one value to the next.
     orders : ndarray, shape (N,)
+        Rising.
     amplitude : ndarray, shape (2 N,)
         Overwritten: cosines of all orders, then sines.
     """
@@ -403,8 +527,11 @@ def swing_parts(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int6
     normal, wave = np.zeros((2 * n_orders, 2 * n_orders)), np.empty(2 * n_orders)
     amplitude[:] = 0.0
     for j in range(values.size):
-        for n in range(n_orders):
-            wave[n], wave[n_orders + n] = np.cos(turn_rad * orders[n] * j), np.sin(turn_rad * orders[n] * j)
+        turn, power, order = complex(np.cos(turn_rad * j), np.sin(turn_rad * j)), complex(1.0, 0.0), 0
+        for n in range(n_orders):  # rising
+            while order < orders[n]:
+                power, order = power * turn, order + 1
+            wave[n], wave[n_orders + n] = power.real, power.imag
         for p in range(2 * n_orders):
             for q in range(p + 1):
                 normal[p, q] += wave[p] * wave[q]
