@@ -12,7 +12,7 @@ from numba.core.errors import NumbaError
 
 import doppelgait.core.kernels as package
 from doppelgait.core.kernels import compiled
-from doppelgait.core.kernels.cadence import magnitudes_of_parts
+from doppelgait.core.kernels.cadence import project
 from doppelgait.core.kernels.columns import row_means
 
 FOLDER = Path(package.__file__).parent
@@ -53,7 +53,7 @@ def test_arrays_of_any_type_and_order_are_taken_as_they_are(parts, dtype, view):
 @pytest.mark.parametrize("wrong", [[[1.0, 2.0]], None, "text", 1.0, np.ones(3), np.ones((2, 3, 4))])
 def test_what_is_no_array_of_the_kind_is_refused_and_does_not_end_the_process(wrong):
     with pytest.raises(NumbaError):
-        magnitudes_of_parts(wrong, np.empty((2, 2)))
+        project(wrong, np.empty((2, 2)), np.empty((2, 2)))
 
 
 def test_arrays_that_may_not_be_written_are_not_written(parts):
