@@ -185,7 +185,7 @@ def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members():
         fit(kind_of(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
     network = random_network(seed=0)
-    found = join([*members, network], held, n_classes=2)
+    found = join([[member] for member in (*members, network)], held, n_classes=2)
     views = [features_in, features_in, levels_in]
     odds = []
     for member, view in zip([*members, network], views, strict=True):
@@ -195,6 +195,15 @@ def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members():
     p = np.exp(found.log_probability(asked.values))
     assert np.log(p[:, 1] / p[:, 0]) == pytest.approx(np.mean(odds, axis=0))
     assert p.sum(axis=1) == pytest.approx(1.0)
+
+
+def test_seeds_of_a_kind_share_its_weight_and_what_answers_the_same_counts_once():
+    train, held = two_views(200, 0), two_views(60, 1)
+    linear = fit(kind_of("extended-logistic"), Part(features_in(train.values), train.labels), held, n_classes=2, seed=0)
+    networks = [random_network(seed=seed) for seed in range(3)]
+    found = join([[linear, linear, linear], networks], held, n_classes=2)
+    assert found.members == (linear, *networks)
+    assert found.weights == pytest.approx([1 / 2, 1 / 6, 1 / 6, 1 / 6])
 
 
 def test_an_ensemble_without_pictures_has_members_without_them():
@@ -225,7 +234,7 @@ def test_an_ensemble_is_kept_as_one_file_and_a_tampered_one_is_refused(tmp_path,
         name="ensemble", features="extended+signature", names=names, classes=("human", "dog"), dataset_id="x",
         dataset_name="x", version="0", n_train=200, n_held=60, seed=0, analysis={}, conditions={},
     )  # fmt: skip
-    learned = join([*members, random_network(seed=0)], held, n_classes=2)
+    learned = join([[member] for member in (*members, random_network(seed=0))], held, n_classes=2)
     calibration = calibrate(learned.log_probability(held.values), held.labels)
     model = Model(facts, learned, calibration, np.full(2, -9.0), np.full(2, 9.0), np.zeros(2))
     path = save_model(model, tmp_path / "e.npz")

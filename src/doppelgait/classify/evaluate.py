@@ -36,6 +36,7 @@ from doppelgait.classify.scores import (
     DETECTED_SHARE,
     MOST_VALUES,
     Answers,
+    balanced_accuracy,
     bin_edges,
     breakdown,
     condition_values,
@@ -160,7 +161,8 @@ class Evaluation:
     answers : DataFrame
         One line per tested row: id, label, and of every model the probabilities, the class and whether it is decided.
     best : str or None
-        The model with the lowest log loss on the held-out rows, or the only one; None where no rows are held out.
+        The ensemble if there is one, else the model with the lowest log loss on the held-out rows, a mean over seeds,
+        or the only one; None where no rows are held out to choose by.
     models : dict
         Trained models by name, as scored; after a cross-validation trained on all rows, and only with ``keep``.
     """
@@ -187,8 +189,8 @@ class _Run:
 
 def evaluate(
     dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
-    left_out: str | None = None, motion_folder: Path | None = None, seed: int = 0, keep: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    left_out: str | None = None, motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1,
+    keep: bool = False, on_progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Train and score models.
 
@@ -210,6 +212,9 @@ def evaluate(
         Folder of the motion files of the plan, from which the nuisance parameters are sampled.
     seed : int
         Seed of folds, training and bootstrap.
+    n_seeds : int
+        Train with so many seeds, from ``seed`` on. The ensemble joins the members of all seeds; every other model is
+        that of the first seed, and its scores of all seeds stand beside it.
     keep : bool
         After a cross-validation train each model once more, on all rows.
     on_progress : callable, optional
@@ -239,23 +244,30 @@ def evaluate(
     if keep:
         # Refuse to keep the best of several models where there is nothing to choose by.
         names = [name for name in tables if name not in BASELINES]
-        if len(names) > 1 and not all(fold.held.size for fold in whole):
+        if len(names) > 1 and "ensemble" not in names and not all(fold.held.size for fold in whole):
             raise ConfigError(
                 f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few targets; "
                 "name the one model to keep (--models), or give more data"
             )
-    runs: dict[str, _Run] = {}
-    for number, (name, table) in enumerate(tables.items()):
+    # all models of one seed after the other, the baselines once
+    jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
+    by_seed: dict[str, list[_Run]] = {name: [] for name in tables}
+    for number, (name, own_seed) in enumerate(jobs):
 
         def tick(done: int, before: int = number * len(whole)) -> None:
             if on_progress is not None:
-                on_progress(before + done, len(tables) * len(whole))
+                on_progress(before + done, len(jobs) * len(whole))
 
-        members = [runs[each].models for each in MEMBERS if each in runs] if name == "ensemble" else []
-        runs[name] = _run_model(rows, table, name, whole, seed, tick, members)
+        members = [[by_seed[each][-1].models] for each in MEMBERS if by_seed.get(each)] if name == "ensemble" else []
+        by_seed[name].append(_run_model(rows, tables[name], name, whole, own_seed, tick, members))
+    runs = {name: found[0] for name, found in by_seed.items()}
+    if "ensemble" in runs and n_seeds > 1:
+        members = [[run.models for run in by_seed[each]] for each in MEMBERS if each in by_seed]
+        runs["ensemble"] = _run_model(rows, tables["ensemble"], "ensemble", whole, seed, lambda done: None, members)
     trained = [name for name in runs if name not in BASELINES]
-    best: str | None = "ensemble" if "ensemble" in runs else min(trained, key=lambda name: runs[name].held_loss)
-    if best is not None and len(trained) > 1 and not np.isfinite(runs[best].held_loss):
+    losses = {name: float(np.mean([run.held_loss for run in by_seed[name]])) for name in trained}
+    best: str | None = "ensemble" if "ensemble" in runs else min(losses, key=lambda name: losses[name])
+    if best != "ensemble" and len(trained) > 1 and not np.isfinite(losses[best or ""]):
         best = None
     answers = {name: run.answers for name, run in runs.items()}
     outside = _find_outside(rows, folds)
@@ -273,9 +285,17 @@ def evaluate(
         document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
         document["models"][name]["calibrated"] = run.calibrated
         document["models"][name]["importance"] = run.importance
-    document |= {"best_on_held_rows": best, "outside_conditions": outside}
+        if n_seeds > 1 and name not in BASELINES:
+            document["models"][name]["seeds"] = [_score_of_seed(each.answers) for each in by_seed[name]]
+    document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     return Evaluation(document, answers_table(rows, answers), best, kept)
+
+
+def _score_of_seed(answers: Answers) -> float | None:
+    """Return the balanced accuracy of one seed; None where a class is not tested."""
+    value = balanced_accuracy(answers.labels, answers.right, len(answers.classes))
+    return value if np.isfinite(value) else None
 
 
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
@@ -345,15 +365,15 @@ def _load_tables(
 
 def _run_model(
     rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None],
-    members: Sequence[Sequence[Model]] = (),
+    members: Sequence[Sequence[Sequence[Model]]] = (),
 ) -> _Run:  # fmt: skip
     """Train on every fold and predict its test rows.
 
-    An ensemble is joined of its ``members``, trained on the same folds.
+    An ensemble is joined of its ``members``, trained on the same folds: by kind, seed and fold.
     """
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
-        model = learn(rows, table, name, fold, seed=seed, members=[each[number] for each in members])
+        model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
         models.append(model)
         if fold.test.size:
             values, index = table.values[fold.test], rows.index.iloc[fold.test]
@@ -383,7 +403,9 @@ def _run_model(
     return _Run(answers, models, float(np.mean(losses)), mean)
 
 
-def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Model] = ()) -> Model:
+def learn(
+    rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
+) -> Model:
     """Train a model on a fold and calibrate it.
 
     The held-out rows give the calibration and the threshold of the alarm.
@@ -398,13 +420,13 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members
     fold : Fold
         Its test rows are not used.
     seed : int
-    members : sequence of Model
-        Of an ensemble: trained already.
+    members : sequence of sequences of Model
+        Of an ensemble: trained already, by kind and seed.
     """
     kind, n_classes = kind_of(name), len(rows.classes)
     train, held = (Part(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     if members:
-        learned: Learned = join([member.learned for member in members], held, n_classes=n_classes)
+        learned: Learned = join([[each.learned for each in kind] for kind in members], held, n_classes=n_classes)
     else:
         learned = fit(kind, train, held, n_classes=n_classes, seed=seed)
     calibration = Calibration(1.0, np.zeros(n_classes), 0)

@@ -251,19 +251,22 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Mean of the calibrated log-odds of models that see different things.
+    """Weighted mean of the calibrated log-odds of models that see different things.
 
     Models that err for different reasons outvote each other's errors.
 
     Parameters
     ----------
     members : tuple of Learned
+    weights : ndarray, shape (m,)
+        Above 0, of sum 1.
     slopes : ndarray, shape (m,)
     shifts : ndarray, shape (m, n_classes)
         Calibration of every member.
     """
 
     members: tuple[Learned, ...]
+    weights: FloatArray
     slopes: FloatArray
     shifts: FloatArray
 
@@ -272,11 +275,11 @@ class Ensemble:
 
         Of features (n, d), or, where a network is among the members, of features and levels (n, d + 1).
         """
-        parts = []
-        for member, slope, shift in zip(self.members, self.slopes, self.shifts, strict=True):
+        total = np.zeros((len(values), self.shifts.shape[1]))
+        for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
             seen = levels_in(values) if isinstance(member, Network) else features_in(values)
-            parts.append(log_softmax(slope * member.log_probability(seen) + shift))
-        return log_softmax(np.mean(parts, axis=0))
+            total += weight * log_softmax(slope * member.log_probability(seen) + shift)
+        return log_softmax(total)
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:

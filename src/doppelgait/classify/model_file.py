@@ -83,7 +83,7 @@ def save_model(model: Model, path: str | Path) -> Path:
 def _pack(learned: Learned) -> tuple[dict[str, Any], Arrays]:
     """Return the form of a trained model and its arrays."""
     if isinstance(learned, Ensemble):
-        arrays: Arrays = {"slopes": learned.slopes, "shifts": learned.shifts}
+        arrays: Arrays = {"weights": learned.weights, "slopes": learned.slopes, "shifts": learned.shifts}
         forms = []
         for number, member in enumerate(learned.members):
             form, own = _pack(member)
@@ -109,7 +109,7 @@ def _unpack(form: Mapping[str, Any], arrays: Arrays) -> Learned:
             if own["learned"] == "ensemble":
                 raise ValueError("its members are ensembles")
             members.append(_unpack(own, part))
-        return Ensemble(tuple(members), arrays["slopes"], arrays["shifts"])
+        return Ensemble(tuple(members), arrays["weights"], arrays["slopes"], arrays["shifts"])
     if form["learned"] == "network":
         count = sum(name.startswith("kernel.") for name in arrays)
         kernels, scales, biases = (
@@ -221,10 +221,12 @@ def _check_ensemble(learned: Any, n_classes: int, n_features: int) -> None:
     count = len(learned.members)
     if not 0 < count <= MOST_MEMBERS:
         raise ValueError(f"has {count} members, allowed are 1 to {MOST_MEMBERS}")
-    _check_shape(learned.slopes.shape, (count,), "slopes")
     _check_shape(learned.shifts.shape, (count, n_classes), "shifts")
-    if not (learned.slopes > 0).all():
-        raise ValueError("slopes holds numbers that are not above 0")
+    for name in ("weights", "slopes"):
+        values = getattr(learned, name)
+        _check_shape(values.shape, (count,), name)
+        if not (values > 0).all():
+            raise ValueError(f"{name} holds numbers that are not above 0")
     for member in learned.members:
         _check_learned(member, n_classes, n_features)
 

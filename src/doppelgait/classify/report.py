@@ -293,7 +293,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
                 plans[-1] += f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
     # The model that details are shown of: the best, or the first trained where none can be called so.
     trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
-    best, details = str(document["best_on_held_rows"] or trained[0]), []
+    best, details = str(document["kept"] or trained[0]), []
     for column, models in document["breakdowns"].items():
         shares = [
             {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
@@ -358,6 +358,7 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
         rows.append({
             "model": name,
             "balanced accuracy": with_interval(found),
+            **({"over seeds": _over_seeds(model.get("seeds"))} if document.get("n_seeds", 1) > 1 else {}),
             **{f"recall {label}": number(share["value"]) for label, share in model["recall"].items()},
             "AUC": number(sum(curves) / len(curves) if curves else None),
             "Brier": number(model["brier"]),
@@ -365,6 +366,12 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
             "decided": f"{number(decided['share'], 2)}: {number(decided['balanced_accuracy']['value'])}",
         })  # fmt: skip
     return rows
+
+
+def _over_seeds(values: Sequence[float | None] | None) -> str:
+    """Format mean and range of a score over seeds."""
+    known = [value for value in values or () if value is not None]
+    return f"{np.mean(known):.3f} ({min(known):.3f} to {max(known):.3f})" if known else "-"
 
 
 def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:

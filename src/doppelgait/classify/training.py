@@ -139,17 +139,33 @@ def train_ensemble(train: Part, held: Part, *, n_classes: int, seed: int) -> Ens
         view = levels_in if name == "signature-network" else features_in
         parts = (Part(view(part.values), part.labels) for part in (train, held))
         learned.append(fit(kind_of(name), *parts, n_classes=n_classes, seed=seed))
-    return join(learned, held, n_classes=n_classes)
+    return join([[member] for member in learned], held, n_classes=n_classes)
 
 
-def join(members: Sequence[Learned], held: Part, *, n_classes: int) -> Ensemble:
-    """Join trained models to an ensemble, each calibrated on the held rows."""
-    plain = Ensemble(tuple(members), np.ones(len(members)), np.zeros((len(members), n_classes)))
-    if not held.labels.size:
-        return plain
-    views = [levels_in(held.values) if isinstance(m, Network) else features_in(held.values) for m in members]
-    found = [calibrate(m.log_probability(view), held.labels) for m, view in zip(members, views, strict=True)]
-    return Ensemble(tuple(members), np.array([c.slope for c in found]), np.array([c.shift for c in found]))
+def join(members: Sequence[Sequence[Learned]], held: Part, *, n_classes: int) -> Ensemble:
+    """Join trained models to an ensemble, each calibrated on the held rows.
+
+    Parameters
+    ----------
+    members : sequence of sequences of Learned
+        For every kind of model those of several seeds. All kinds count alike, and so do all seeds of a kind; models
+        that answer the held rows alike count once.
+    held : Part
+    n_classes : int
+    """
+    joined, weights, calibrations = [], [], []
+    for kind in members:
+        found: dict[bytes, tuple[Learned, FloatArray]] = {}
+        for number, member in enumerate(kind):
+            view = levels_in if isinstance(member, Network) else features_in
+            answers = member.log_probability(view(held.values)) if held.labels.size else np.zeros((0, n_classes))
+            found.setdefault(answers.tobytes() or bytes([number]), (member, answers))
+        for member, answers in found.values():
+            joined.append(member)
+            weights.append(1.0 / (len(members) * len(found)))
+            calibrations.append(calibrate(answers, held.labels))
+    shifts = np.array([found.shift for found in calibrations])
+    return Ensemble(tuple(joined), np.array(weights), np.array([found.slope for found in calibrations]), shifts)
 
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)

@@ -117,6 +117,9 @@ def evaluate(
         Path | None, typer.Option("--motion-folder", help="Where the motion files of the plan are.")
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of folds, training and intervals.")] = 0,
+    n_seeds: Annotated[
+        int, typer.Option("--seeds", min=1, max=20, help="Train with so many seeds; the ensemble joins them.")
+    ] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Train classifiers on a dataset's own splits and write a report.
@@ -137,7 +140,8 @@ def evaluate(
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
-            left_out=left_out, motion_folder=motion_folder, seed=seed, keep=save is not None, on_progress=on_progress,
+            left_out=left_out, motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
+            on_progress=on_progress,
         )  # fmt: skip
     page = write_report(found, output)[-1]
     if save is not None and found.best is not None:
@@ -152,7 +156,10 @@ def evaluate(
         say(f"note: {note}")
     say(f"report: {page}")
     if save is not None and found.best is not None:
-        chosen = "the best on the rows held back" if len(found.models) - len(BASELINES) > 1 else "the one trained"
+        several = len(found.models) - len(BASELINES) > 1
+        chosen = "the best on the rows held back" if several else "the one trained"
+        if found.best == "ensemble":
+            chosen = "the mean of its members"
         say(f"model: {save}: {found.best}, {chosen}")
 
 
