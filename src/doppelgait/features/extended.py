@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from doppelgait.core.plugins import plugin
-from doppelgait.features.feature_set import FEATURES, FloatArray
+from doppelgait.features.feature_set import FEATURES
 from doppelgait.features.observed import TORSO_BAND_MPS, Observed, likeness_at
 
 UNDETERMINED = "undetermined"
@@ -248,10 +248,13 @@ def stance_share(observed: Observed) -> float | None:
     if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
         return None
     share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
+    from doppelgait.core.kernels.lines import power_of_rows
+
     rows = np.flatnonzero(share)
-    inside = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
-    power = observed.power_v2[:, inside] @ share[inside] - observed.floor_v2 * share.sum()
-    return _share(float(power @ observed.range_weight), observed)
+    first, some = (int(rows[0]), share[rows[0] : rows[-1] + 1]) if rows.size else (0, share[:0])
+    values, weight = np.ascontiguousarray(observed.power_v2), observed.range_weight
+    power: float = power_of_rows(values, first, some, weight)
+    return _share(power - observed.floor_v2 * float(some.sum()) * float(weight.sum()), observed)
 
 
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
@@ -298,25 +301,14 @@ def cadence_bandwidth_hz(observed: Observed) -> float | None:
 def relative_harmonic(observed: Observed, *, harmonic: int) -> float | None:
     """Compare S at a harmonic with S at f_mu (E-37).
 
-    Each is the highest value within half a resolution cell, less the noise.
-
-    The noise is the median of S between the first four harmonics. None beyond the end of the cadence axis.
+    Each is as in :attr:`Observed.harmonic_powers`. None beyond the end of the cadence axis.
     """
-    cadence_hz, power = observed.cadence
+    cadence_hz, _ = observed.cadence
     frequency_hz = observed.frequency_hz
     if not cadence_hz.size or harmonic * frequency_hz > cadence_hz[-1]:
         return None
-    half_cell_hz = 0.5 / observed.observation_s
-    noise = observed.between_harmonics
-    first, upper = (
-        max(_highest_power(cadence_hz, power, h * frequency_hz, half_cell_hz) - noise, 0.0) for h in (1, harmonic)
-    )
+    first, upper = observed.harmonic_powers[0], observed.harmonic_powers[harmonic - 1]
     return upper / first if first > 0 else None
-
-
-def _highest_power(cadence_hz: FloatArray, power: FloatArray, centre_hz: float, reach_hz: float) -> float:
-    first, last = np.searchsorted(cadence_hz, (centre_hz - reach_hz, centre_hz + reach_hz))
-    return float(power[first : max(last, first + 1)].max()) if first < power.size else 0.0
 
 
 for _harmonic in (2, 3, 4):

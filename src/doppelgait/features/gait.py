@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -12,7 +13,7 @@ import numpy.typing as npt
 
 from doppelgait.core.labels import Plain, axis
 from doppelgait.core.plugins import plugin
-from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
+from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
     LEAST_NOISE_SIGMAS,
     bandwidth_threshold_hz,
@@ -52,7 +53,7 @@ def _snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
     peak = quantile(strongest_v2, 0.5)
     if peak <= floor_v2:
         return -np.inf
-    return float(power_to_db((peak - floor_v2) / floor_v2)) if floor_v2 > 0 else np.inf
+    return 10.0 * math.log10((peak - floor_v2) / floor_v2) if floor_v2 > 0 else np.inf
 
 
 def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, window_steepness: float) -> Extraction:

@@ -237,7 +237,7 @@ class Observed:
     @cached_property
     def mean_row(self) -> FloatArray:
         """Time mean of the aligned normalised signature, D_1; shape (K,)."""
-        return np.asarray(np.einsum("jk->k", self.aligned.values) / self.aligned.shape[0])
+        return _row_means(self.aligned.values)
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.bool_]:
@@ -246,7 +246,7 @@ class Observed:
         Their mean power is 3 standard deviations above it; shape (K,).
         """
         spread = self.floor_v2 / np.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
-        return np.asarray(self.excess.values.mean(axis=0) > OCCUPIED_SIGMAS * spread)
+        return np.asarray(_row_means(self.excess.values) > OCCUPIED_SIGMAS * spread)
 
     @cached_property
     def occupied_rows(self) -> npt.NDArray[np.int64]:
@@ -406,15 +406,31 @@ class Observed:
         return cadence_hz[first:last], self.spectrum.values[first:last]
 
     @cached_property
-    def between_harmonics(self) -> float:
-        """Median of S between the first four harmonics (E-38).
+    def harmonic_powers(self) -> list[float]:
+        """Power of the first four harmonics of f_mu, less the noise.
 
-        It is 0 where there is nothing between them.
+        Each is the highest value of S within half a resolution cell; the noise is the median of S between the harmonics
+        (E-38), 0 where there is nothing between them.
         """
         cadence_hz, power = self.cadence
-        off = np.abs(np.mod(cadence_hz / self.frequency_hz, 1.0) - 0.5) <= 0.2
-        found = power[off & (cadence_hz > self.frequency_hz) & (cadence_hz < 4.0 * self.frequency_hz)]
-        return quantile(found, 0.5) if found.size else 0.0
+        turns = cadence_hz / self.frequency_hz
+        between = power[(np.abs(turns - np.floor(turns) - 0.5) <= 0.2) & (turns > 1.0) & (turns < 4.0)]
+        noise = quantile(between, 0.5) if between.size else 0.0
+        centre_hz, half_cell_hz = self.frequency_hz * ORDERS, 0.5 / self.observation_s
+        first = np.searchsorted(cadence_hz, centre_hz - half_cell_hz).tolist()
+        last = np.searchsorted(cadence_hz, centre_hz + half_cell_hz).tolist()
+        highest = [
+            float(power[a : max(b, a + 1)].max()) if a < power.size else 0.0 for a, b in zip(first, last, strict=True)
+        ]
+        return [max(value - noise, 0.0) for value in highest]
+
+
+def _row_means(values: npt.NDArray[Any]) -> FloatArray:
+    from doppelgait.core.kernels.columns import row_means
+
+    found = np.empty(values.shape[1])
+    row_means(np.ascontiguousarray(values), found)
+    return found
 
 
 @lru_cache(maxsize=8)

@@ -203,8 +203,9 @@ def frequency_sd_hz(periods: Periods) -> float:
     """
     imaginary, real = periods.phase_parts
     phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
-    step_rad = math.sqrt(float(np.mean(np.diff(phase_rad) ** 2)))
-    share = FREQUENCY_FACTOR * step_rad / (2.0 * math.pi * math.sqrt(phase_rad.size - 1))
+    step_rad = phase_rad[1:] - phase_rad[:-1]
+    rms_rad = math.sqrt(float(step_rad @ step_rad) / step_rad.size)
+    share = FREQUENCY_FACTOR * rms_rad / (2.0 * math.pi * math.sqrt(step_rad.size))
     return periods.frequency_hz * math.hypot(share, FREQUENCY_LEAST_SHARE)
 
 
@@ -215,10 +216,13 @@ def ratio_sd(periods: Periods) -> float:
 
     What an unfinished period at the ends may change is added: 5 % of the ratio over the number of periods.
     """
-    energy = (np.abs(periods.harmonics) ** 2).sum(axis=(1, 2))
-    ratio = np.sqrt(4.0 * energy / (periods.means**2).sum(axis=1))
-    ends = RATIO_END_SHARE * float(ratio.mean()) / ratio.size
-    return math.hypot(RATIO_FACTOR * float(ratio.std(ddof=1)) / math.sqrt(ratio.size), ends)
+    parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
+    energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
+    ratio = np.sqrt(4.0 * energy / base)
+    mean = float(ratio.sum()) / ratio.size
+    ratio -= mean
+    scatter = math.sqrt(float(ratio @ ratio) / (ratio.size - 1) / ratio.size)
+    return math.hypot(RATIO_FACTOR * scatter, RATIO_END_SHARE * mean / ratio.size)
 
 
 def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
@@ -227,11 +231,11 @@ def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
     It follows from how well the phases of a harmonic and of f_mu lie on straight lines.
     """
     imaginary, real = periods.phase_parts
-    time_s = periods.centre_s - periods.centre_s.mean()
-    spread = 0.0
+    n = periods.centre_s.size
+    time_s = periods.centre_s - float(periods.centre_s.sum()) / n
+    square_s2, spread = float(time_s @ time_s), 0.0
     for h in (1, harmonic):
         phase_rad = imaginary[:, h - 1] / (h * real[h - 1])  # of the fundamental
-        slope = float(time_s @ phase_rad / (time_s @ time_s))
-        residual = phase_rad - phase_rad.mean() - slope * time_s
-        spread += float(residual @ residual) / (time_s.size - 2) / float(time_s @ time_s)
+        residual = phase_rad - float(phase_rad.sum()) / n - float(time_s @ phase_rad) / square_s2 * time_s
+        spread += float(residual @ residual) / (n - 2) / square_s2
     return HARMONIC_FACTOR * harmonic * math.sqrt(spread) / (2.0 * math.pi * periods.frequency_hz)

@@ -126,9 +126,9 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         )
         if analysis.extended:
             torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
-            over_time["torso_velocity_mps"] = np.interp(
-                axis(shown, "time"), axis(observed.signature, "time"), torso_mps
-            )
+            if thinned:
+                torso_mps = np.interp(axis(shown, "time"), axis(observed.signature, "time"), torso_mps)
+            over_time["torso_velocity_mps"] = torso_mps
             deviations = uncertainties_of(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
             extraction = replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, deviations)))

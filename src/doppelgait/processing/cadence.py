@@ -92,19 +92,22 @@ def summed_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: in
     """
     from scipy import fft
 
+    from doppelgait.core.kernels.cadence import even_powers, lay_pairs
+
     step = _coarsest_step(rows.shape[0], length, n_kept)
     if step > 1:
         coarse, response = _smear(rows, weights, length, n_kept, step)
         return np.asarray(summed_powers(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response**2)
     n_columns, n_rows = rows.shape
     padded = fft.next_fast_len(2 * n_columns, real=True)
-    pairs = np.zeros((padded, (n_rows + 1) // 2), dtype=np.complex128)
-    np.multiply(rows, weights[:, None], out=pairs.view(np.float64)[:n_columns, :n_rows])
     # two rows make one of complex numbers; of the squares of its transform the even part is that of both rows
-    lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
-    powers = np.einsum("qk,qk->q", lines, lines)
-    products = 0.5 * np.fft.irfft(powers[: padded // 2 + 1] + powers[-np.arange(padded // 2 + 1)], padded)[:n_columns]
-    return np.asarray(np.maximum(2.0 * fft.rfft(products, length)[:n_kept].real - products[0], 0.0))
+    pairs = _buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
+    lay_pairs(np.ascontiguousarray(rows), weights, pairs.view(np.float64))
+    powers = np.empty(padded // 2 + 1, np.complex128)
+    even_powers(fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64), powers)
+    products = np.fft.irfft(powers, padded)[:n_columns]
+    found = np.fft.rfft(products, length)[:n_kept].real
+    return np.asarray(np.maximum(2.0 * found - products[0], 0.0))
 
 
 def _coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
@@ -230,7 +233,7 @@ def detrend_order(seconds: float) -> int:
 
     round(1.2 T_o), 1 to 6.
     """
-    return int(np.clip(round(1.2 * seconds), 1, 6))
+    return min(max(round(1.2 * seconds), 1), 6)
 
 
 def detrend(normalised: Signal, *, order: int) -> Signal:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular, project, smear
+from doppelgait.core.kernels.cadence import even_powers, fine_magnitudes, lay_circular, lay_pairs, project, smear
 from doppelgait.core.kernels.columns import (
     column_peaks,
     count_above,
@@ -17,7 +17,14 @@ from doppelgait.core.kernels.columns import (
     sum_excess,
 )
 from doppelgait.core.kernels.features import limb_amplitudes, positive_sums, power_quantiles, sum_groups
-from doppelgait.core.kernels.lines import powers_about_line, refined_ridge, smooth, torso_line, torso_swing
+from doppelgait.core.kernels.lines import (
+    power_of_rows,
+    powers_about_line,
+    refined_ridge,
+    smooth,
+    torso_line,
+    torso_swing,
+)
 from doppelgait.core.kernels.periodicity import (
     against_mean,
     highest_between,
@@ -432,6 +439,21 @@ def test_rows_lie_on_circles_and_fine_lines_are_sums_of_taps_e30(n_columns, firs
         near = [np.where(n < 0, lines[:, abs(n)].conj(), lines[:, n]) if n < 16 else np.zeros(4) for n in numbers]
         np.testing.assert_allclose(found[q, first : first + 4], np.abs(taps[q % 3] @ near), rtol=1e-11, atol=1e-13)
     assert not np.delete(found, range(first, first + 4), axis=1).any()
+
+
+@pytest.mark.parametrize("n_rows", [7, 16, 20])
+def test_pairs_of_rows_have_the_powers_of_all_e32(n_rows):
+    rows, weights = random(11, n_rows), random(11, seed=1)
+    pairs, powers = np.full((24, (n_rows + 1) // 2), np.nan + 0j), np.empty(13, complex)
+    lay_pairs(rows, weights, pairs.view(float))
+    even_powers(np.fft.fft(pairs, axis=0).view(float), powers)
+    wanted = (np.abs(np.fft.rfft(rows * weights[:, None], 24, axis=0)) ** 2).sum(axis=1)
+    np.testing.assert_allclose(powers, wanted, rtol=1e-11)
+
+
+def test_power_of_rows_is_a_weighted_sum_of_cells():
+    values, share, weight = random(20, 9).astype(np.float32), random(4, seed=1), random(20, seed=2)
+    assert power_of_rows(values, 3, share, weight) == pytest.approx(weight @ values[:, 3:7] @ share, rel=1e-9)
 
 
 def test_variance_of_rows_is_that_of_their_cells():

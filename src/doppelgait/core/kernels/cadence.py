@@ -9,6 +9,8 @@ from doppelgait.core.kernels.compiled import kernel
 
 GROUP = 64
 """Rows that are worked on together."""
+PARTS = 8
+"""Partial sums of a row."""
 
 
 @kernel(fastmath=("contract", "nsz"), apart=True)
@@ -152,3 +154,44 @@ def project(rows: npt.NDArray[np.float64], basis: npt.NDArray[np.float64], out: 
             for k in range(n_rows):
                 total[k] += w * a[k]
         j += 1
+
+
+@kernel(apart=True)
+def lay_pairs(rows: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
+    """Weigh rows; zeros follow in both directions.
+
+    ``rows`` has shape (J, K), ``weights`` (J,), ``out`` (J or more, K or more).
+    """
+    n_columns, n_rows = rows.shape
+    for j in range(n_columns):
+        column, weighed, weight = rows[j], out[j], weights[j]
+        for k in range(n_rows):
+            weighed[k] = weight * column[k]
+        for k in range(n_rows, out.shape[1]):
+            weighed[k] = 0.0
+    out[n_columns:] = 0.0
+
+
+@kernel(fastmath=("contract", "nsz"), apart=True)
+def even_powers(lines: npt.NDArray[np.float64], out: npt.NDArray[np.complex128]) -> None:
+    r"""Sum powers over rows and take their even part.
+
+    That is :math:`(P_q + P_{-q}) / 2`. ``lines`` has shape (L, 2 K), real and imaginary parts, ``out`` (L / 2 + 1,).
+    """
+    length, width = lines.shape
+    power, part = np.empty(length), np.empty(PARTS)
+    whole = width // PARTS * PARTS
+    for q in range(length):
+        row = lines[q]
+        part[:] = 0.0
+        for first in range(0, whole, PARTS):  # sums that do not wait for each other
+            for i in range(PARTS):
+                part[i] += row[first + i] * row[first + i]
+        total = 0.0
+        for k in range(whole, width):
+            total += row[k] * row[k]
+        for i in range(PARTS):
+            total += part[i]
+        power[q] = total
+    for q in range(out.size):
+        out[q] = 0.5 * (power[q] + power[(length - q) % length])

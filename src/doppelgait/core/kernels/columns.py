@@ -41,10 +41,14 @@ def sum_excess(values: AnyFloatArray, floor: float, sums: FloatArray, highest: F
             cell = max(np.float64(column[k]) - floor, 0.0)
             part[0] += cell
             top[0] = max(top[0], cell)
-        sums[j], highest[j] = 0.0, 0.0
-        for i in range(LANES):
-            sums[j] += part[i]
-            highest[j] = max(highest[j], top[i])
+        for i in range(LANES // 2):
+            part[i] += part[i + LANES // 2]
+            top[i] = max(top[i], top[i + LANES // 2])
+        total, most = 0.0, 0.0
+        for i in range(LANES // 2):
+            total += part[i]
+            most = max(most, top[i])
+        sums[j], highest[j] = total, most
 
 
 @kernel(fastmath=("contract", "nsz"), apart=True)
@@ -86,8 +90,10 @@ def column_peaks(values: AnyFloatArray, strongest: AnyFloatArray, place: FloatAr
             for i in range(LANES):
                 cell = column[first + i]
                 top[i] = cell if cell > top[i] else top[i]
+        for i in range(LANES // 2):
+            top[i] = top[i + LANES // 2] if top[i + LANES // 2] > top[i] else top[i]
         most = top[0]
-        for i in range(LANES):
+        for i in range(LANES // 2):
             most = top[i] if top[i] > most else most
         for k in range(whole, n_bins):
             most = column[k] if column[k] > most else most

@@ -176,6 +176,21 @@ def powers_about_line(
     sums[4] = np.sqrt(sums[4] / n_columns)
 
 
+@kernel(fastmath=("contract", "nsz"))
+def power_of_rows(values: AnyFloatArray, first: int, share: FloatArray, weight: FloatArray) -> float:
+    """Sum weighted cells of rows.
+
+    ``values`` has shape (J, K); of rows ``first`` and on ``share`` is counted, of columns ``weight``, shape (J,).
+    """
+    total = 0.0
+    for j in range(weight.size):
+        column = 0.0
+        for k in range(share.size):
+            column += share[k] * values[j, first + k]
+        total += weight[j] * column
+    return float(total)
+
+
 @kernel()
 def torso_swing(
     square: FloatArray, moment: FloatArray, least_share: float, scale: float, sd: float, basis: FloatArray,
