@@ -256,7 +256,11 @@ class Observed:
     @cached_property
     def occupied_columns(self) -> FloatArray:
         """Aligned normalised signature in the rows K+; shape (J, K+)."""
-        return np.asarray(np.take(self.aligned.values, self.occupied_rows, axis=1))
+        from doppelgait.core.kernels.columns import take_rows
+
+        found = np.empty((self.aligned.shape[0], self.occupied_rows.size))
+        take_rows(np.ascontiguousarray(self.aligned.values), self.occupied_rows, found)
+        return found
 
     @cached_property
     def mps_per_hz(self) -> float:

@@ -23,6 +23,7 @@ from doppelgait.core.labels import (
     sampling_rate_hz,
     with_values,
 )
+from doppelgait.processing.normalise import taken
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -351,7 +352,7 @@ class CadenceParts:
         magnitudes : ndarray, shape (Q, R)
         """
         n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
-        found = magnitudes(self._values.take(wanted, axis=1), self._weights, self._length, n_kept)
+        found = magnitudes(taken(self._values, wanted), self._weights, self._length, n_kept)
         return self.cadence_hz[:n_kept], found / self._response[:n_kept, None]
 
 

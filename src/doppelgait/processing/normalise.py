@@ -52,10 +52,19 @@ def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
     to_mean = np.log(2.0) if n_gate == 1.0 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
     ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
     quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
-    floor = median(values.take(quiet, axis=1)) / to_mean
+    floor = median(taken(values, quiet)) / to_mean
     spread = 1.0 / np.sqrt(n_gate * independent_columns(signature))
     agreeing = open_rows[row_power[open_rows] < floor * (1.0 + 3.0 * spread)]
-    return median(values.take(agreeing, axis=1)) / to_mean if agreeing.size > quiet.size else floor
+    return median(taken(values, agreeing)) / to_mean if agreeing.size > quiet.size else floor
+
+
+def taken(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Copy Doppler rows; (time, rows)."""
+    from doppelgait.core.kernels.columns import take_rows
+
+    found = np.empty((values.shape[0], rows.size), values.dtype)
+    take_rows(np.ascontiguousarray(values), rows, found)
+    return found
 
 
 def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:

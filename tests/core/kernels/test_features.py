@@ -15,6 +15,7 @@ from doppelgait.core.kernels.columns import (
     scale_excess,
     strongest_about,
     sum_excess,
+    take_rows,
 )
 from doppelgait.core.kernels.features import limb_amplitudes, positive_sums, power_quantiles, sum_groups
 from doppelgait.core.kernels.lines import (
@@ -454,6 +455,13 @@ def test_pairs_of_rows_have_the_powers_of_all_e32(n_rows):
 def test_power_of_rows_is_a_weighted_sum_of_cells():
     values, share, weight = random(20, 9).astype(np.float32), random(4, seed=1), random(20, seed=2)
     assert power_of_rows(values, 3, share, weight) == pytest.approx(weight @ values[:, 3:7] @ share, rel=1e-9)
+
+
+def test_rows_are_copied_side_by_side():
+    values, rows = random(20, 9).astype(np.float32), np.array([1, 4, 4, 8])
+    found = np.empty((20, 4), np.float32)
+    take_rows(values, rows, found)
+    np.testing.assert_array_equal(found, values[:, rows])
 
 
 def test_variance_of_rows_is_that_of_their_cells():

@@ -184,3 +184,15 @@ def run_above(share: FloatArray, least: float) -> float:
         if 0 <= k + step < share.size:
             width += 1.0 - (least - share[k + step]) / (share[k] - share[k + step])
     return width
+
+
+@kernel(apart=True)
+def take_rows(values: AnyFloatArray, rows: npt.NDArray[np.int64], out: AnyFloatArray) -> None:
+    """Copy rows side by side.
+
+    ``values`` has shape (J, K), ``rows`` (R,), ``out`` (J, R). NumPy's take copies every number by itself.
+    """
+    for j in range(out.shape[0]):
+        column, some = values[j], out[j]
+        for r in range(some.size):
+            some[r] = column[rows[r]]

@@ -85,14 +85,17 @@ def power_quantiles(
     for j in range(n_columns):
         column, total = values[j], 0.0
         for b in range(n_blocks):
-            even = odd = 0.0
             first, last = b * BLOCK, min(b * BLOCK + BLOCK, n_bins)
-            for k in range(first, last - 1, 2):
-                even += _above(column[k], threshold, floor)
-                odd += _above(column[k + 1], threshold, floor)
-            if (last - first) % 2:
-                even += _above(column[last - 1], threshold, floor)
-            part[b] = even + odd
+            w = x = y = z = 0.0
+            whole = first + (last - first) // 4 * 4
+            for k in range(first, whole, 4):  # sums that do not wait for each other
+                w += _above(column[k], threshold, floor)
+                x += _above(column[k + 1], threshold, floor)
+                y += _above(column[k + 2], threshold, floor)
+                z += _above(column[k + 3], threshold, floor)
+            for k in range(whole, last):
+                w += _above(column[k], threshold, floor)
+            part[b] = (w + x) + (y + z)
             total += part[b]
         if total <= 0.0:
             low[j] = high[j] = np.nan

@@ -118,7 +118,7 @@ def sum_of(values, offset):  # type: ignore[no-untyped-def]
     return ((a + b) + (c + d)) + ((e + f) + (g + h))
 
 
-@kernel(fastmath=("contract", "nsz"))
+@kernel(fastmath=("contract", "nsz"), apart=True)
 def powers_about_line(
     values: AnyFloatArray, floor: float, line: FloatArray, reaches: FloatArray, range_weight: FloatArray,
     sums: FloatArray, square: FloatArray, moment: FloatArray,
@@ -150,21 +150,31 @@ def powers_about_line(
     """
     n_columns, n_bins = values.shape
     half = min(int(np.ceil(reaches[1])) + 1, (n_bins - 1) // 2)
-    near_power = np.empty(n_columns)
+    near_power, power, wide = np.empty(n_columns), np.empty(2 * half + 1), 2 * half + 1
+    inner, outer, above = np.empty(wide), np.empty(wide), np.empty(wide)
     sums[:] = 0.0
     for j in range(n_columns):
         centre = int(np.rint(line[j]))
-        torso = near = weight = turn = 0.0
-        k = (centre - half) % n_bins
-        for bin_number in range(centre - half, centre + half + 1):
-            distance = bin_number - line[j]
-            power = np.float64(values[j, k]) - floor
-            torso += power * min(max(reaches[0] - abs(distance) + 0.5, 0.0), 1.0)
-            near += power * min(max(reaches[1] - abs(distance) + 0.5, 0.0), 1.0)
-            above = max(power, 0.0) if abs(distance) <= reaches[2] else 0.0
-            weight += above * above
-            turn += above * above * distance
+        k, start = (centre - half) % n_bins, centre - half - line[j]
+        for i in range(wide):
+            power[i] = np.float64(values[j, k]) - floor
             k = k + 1 if k + 1 < n_bins else 0
+        for i in range(wide):  # parts that do not wait for each other
+            distance = start + i
+            reach = abs(distance) - 0.5
+            part, whole = reaches[0] - reach, reaches[1] - reach
+            part, whole = part if part < 1.0 else 1.0, whole if whole < 1.0 else 1.0
+            inner[i] = power[i] * (part if part > 0.0 else 0.0)
+            outer[i] = power[i] * (whole if whole > 0.0 else 0.0)
+            body = power[i] if power[i] > 0.0 else 0.0
+            body = body if abs(distance) <= reaches[2] else 0.0
+            above[i] = body * body
+        torso = near = weight = turn = 0.0
+        for i in range(wide):
+            torso += inner[i]
+            near += outer[i]
+            weight += above[i]
+            turn += above[i] * (start + i)
         square[j], moment[j] = weight, turn
         near_power[j] = near * range_weight[j]
         sums[0] += torso * range_weight[j]

@@ -44,11 +44,24 @@ def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
             out[i + 3] += of_d
             i += 4
         while i < count:
-            a, of_a = rows[j + first + i], 0.0
-            for k in range(n_rows):
-                of_a += column[k] * a[k]
-            out[i] += of_a
+            out[i] += _dot(column, rows[j + first + i])
             i += 1
+
+
+@kernel(fastmath=("contract", "nsz"), inline="llvm")
+def _dot(one: FloatArray, other: FloatArray) -> float:
+    """Sum products in four parts, which need not wait for each other."""
+    n = one.size
+    a = b = c = d = 0.0
+    whole = n // 4 * 4
+    for k in range(0, whole, 4):
+        a += one[k] * other[k]
+        b += one[k + 1] * other[k + 1]
+        c += one[k + 2] * other[k + 2]
+        d += one[k + 3] * other[k + 3]
+    for k in range(whole, n):
+        a += one[k] * other[k]
+    return (a + b) + (c + d)
 
 
 @kernel(fastmath=("contract", "nsz"))
@@ -68,10 +81,7 @@ def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
     n_columns = rows.shape[0]
     until = np.zeros(n_columns + 1)
     for j in range(n_columns):
-        column, energy = rows[j], 0.0
-        for k in range(rows.shape[1]):
-            energy += column[k] * column[k]
-        until[j + 1] = until[j] + energy
+        until[j + 1] = until[j] + _dot(rows[j], rows[j])
     lag_products(rows, first, out)
     for i in range(out.size):
         lag = first + i
@@ -440,11 +450,12 @@ def highest_between(values: FloatArray, low: float, high: float, count: int) -> 
 
     ``count`` values lie on straight lines between samples, from ``low`` to ``high``.
     """
-    last, best = values.size - 1, -np.inf
+    last, best, step = values.size - 1, -np.inf, (high - low) / (count - 1)
     for n in range(count):
-        place = min(max(low + n * (high - low) / (count - 1), 0.0), float(last))
+        place = min(low + n * step, float(last))
         left = min(int(place), max(last - 1, 0))
-        best = max(best, values[left] + (place - left) * (values[min(left + 1, last)] - values[left]))
+        value = values[left] + (place - left) * (values[min(left + 1, last)] - values[left])
+        best = value if value > best else best
     return float(best)
 
 
