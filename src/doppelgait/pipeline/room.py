@@ -133,31 +133,30 @@ def _with_images(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Compute ranges and radial velocities of scatterers and their images in mirrors."""
     from doppelgait.core.kernels.images import image_ranges
-    from doppelgait.core.kernels.spline import positions_and_velocities
 
     direct_m, direct_mps = (np.ascontiguousarray(table[name].values) for name in ("range", "radial_velocity"))
     n_own = direct_m.shape[1]
     range_m, velocity_mps = np.empty((2, times_s.size, n_rows))
     range_m[:, :n_own], velocity_mps[:, :n_own] = direct_m, direct_mps
     for mirror in mirrors:
-        normal = np.array(mirror.normal)
-        from_plane = mirror.radar_distance_m - normal @ np.asarray(placed.scene.radar_position_m)
-        height_m, height_mps = np.empty((2, times_s.size, n_own))
+        sources, (nx, ny, nz) = np.array(mirror.sources, dtype=np.int64), mirror.normal
+        place = placed.scene.radar_position_m
+        from_plane = mirror.radar_distance_m - (nx * place[0] + ny * place[1] + nz * place[2])
         column = 0
         for spline in splines:  # a distance from a plane is a spline as well
             heights, moments = (
-                np.ascontiguousarray(part.reshape(part.shape[0], -1, 3) @ normal)
-                for part in (spline.values, spline.moments)
+                nx * part[:, 0::3] + ny * part[:, 1::3] + nz * part[:, 2::3] for part in (spline.values, spline.moments)
             )
-            own_m, own_mps = np.empty((2, times_s.size, heights.shape[1]))
-            positions_and_velocities(heights, moments, spline.step_s, times_s, own_m, own_mps)
-            height_m[:, column : column + heights.shape[1]] = own_m + from_plane
-            height_mps[:, column : column + heights.shape[1]] = own_mps
+            own = np.flatnonzero((sources >= column) & (sources < column + heights.shape[1]))
+            for run in np.split(own, np.flatnonzero(np.diff(sources[own]) != 1) + 1) if own.size else ():
+                chosen = slice(sources[run[0]] - column, sources[run[-1]] - column + 1)
+                one = mirror.first + int(run[0])
+                image_ranges(
+                    heights[:, chosen] + from_plane, np.ascontiguousarray(moments[:, chosen]), spline.step_s, times_s,
+                    direct_m, direct_mps, int(sources[run[0]]), mirror.radar_distance_m, one, one + sources.size,
+                    range_m, velocity_mps,
+                )  # fmt: skip
             column += heights.shape[1]
-        image_ranges(
-            direct_m, direct_mps, height_m, height_mps, np.array(mirror.sources, dtype=np.int64),
-            mirror.radar_distance_m, mirror.first, range_m, velocity_mps,
-        )  # fmt: skip
     return range_m, velocity_mps
 
 

@@ -67,40 +67,53 @@ def fill_images(
             path_phase[i, two] += 2.0 * turn
 
 
-@kernel()
+@kernel(fastmath=("contract",), apart=True)
 def image_ranges(
-    direct_m: Float64Array, direct_mps: Float64Array, height_m: Float64Array, height_mps: Float64Array,
-    sources: npt.NDArray[np.int64], radar_m: float, first: int, range_m: Float64Array, velocity_mps: Float64Array,
+    height_m: Float64Array, moments: Float64Array, step: float, times: Float64Array, direct_m: Float64Array,
+    direct_mps: Float64Array, source: int, radar_m: float, one: int, two: int, range_m: Float64Array,
+    velocity_mps: Float64Array,
 ) -> None:  # fmt: skip
-    r"""Write ranges and approach speeds of images into a table.
+    r"""Write ranges and approach speeds of images of some scatterers into a table.
 
     .. math:: g = \sqrt{R^2 + 4 h_r \max(h, 0)}, \quad -g' = (R v - 2 h_r h') / g
 
-    Columns from ``first`` on hold the n images by one reflection, (R + g) / 2, then the n by two, g.
-
     Parameters
     ----------
-    direct_m, direct_mps, height_m, height_mps : ndarray, shape (I, L), float64
-        Ranges R and approach speeds v of scatterers, their distances h from the plane and the rates h'.
-    sources : ndarray, shape (n,)
-        Scatterers of the images.
+    height_m, moments : ndarray, shape (T, n), float64
+        Splines of the distances h of n scatterers from the plane: values and second derivatives.
+    step : float
+        Time between two values.
+    times : ndarray, shape (I,)
+        From the first value.
+    direct_m, direct_mps : ndarray, shape (I, L), float64
+        Ranges R and approach speeds v of all scatterers.
+    source : int
+        The first of the n among them.
     radar_m : float
         Distance h_r of the radar from the plane.
-    first : int
-    range_m, velocity_mps : ndarray, shape (I, at least first + 2 n), float64
+    one, two : int
+        Columns from which the n images by one reflection, (R + g) / 2, and those by two, g, are written.
+    range_m, velocity_mps : ndarray, shape (I, at least two + n), float64
         Written.
     """
-    n_images = sources.shape[0]
-    for i in range(direct_m.shape[0]):
-        for k in range(n_images):
-            n = sources[k]
-            near, speed = direct_m[i, n], direct_mps[i, n]
-            above, rate = height_m[i, n], height_mps[i, n]
-            if above < 0.0:
-                above, rate = 0.0, 0.0
-            far = math.sqrt(near * near + 4.0 * radar_m * above)
+    per_s = 1.0 / step
+    for j in range(times.shape[0]):
+        i = min(max(math.floor(times[j] / step), 0), height_m.shape[0] - 2)
+        b = times[j] / step - i
+        a = 1.0 - b
+        low, high = (a * a * a - a) * step * step / 6.0, (b * b * b - b) * step * step / 6.0
+        slope_low, slope_high = (1.0 - 3.0 * a * a) * step / 6.0, (3.0 * b * b - 1.0) * step / 6.0
+        here, there, to = np.uint64(i), np.uint64(i + 1), np.uint64(j)
+        for p in range(height_m.shape[1]):
+            k, n = np.uint64(p), np.uint64(source + p)
+            y0, y1, m0, m1 = height_m[here, k], height_m[there, k], moments[here, k], moments[there, k]
+            above = a * y0 + b * y1 + low * m0 + high * m1
+            rate = (y1 - y0) * per_s + slope_low * m0 + slope_high * m1
+            rate = rate if above > 0.0 else 0.0
+            near, speed = direct_m[to, n], direct_mps[to, n]
+            far = math.sqrt(near * near + 4.0 * radar_m * max(above, 0.0))
             approach = (near * speed - 2.0 * radar_m * rate) / max(far, 1e-12)
-            range_m[i, first + k] = 0.5 * (near + far)
-            range_m[i, first + n_images + k] = far
-            velocity_mps[i, first + k] = 0.5 * (speed + approach)
-            velocity_mps[i, first + n_images + k] = approach
+            range_m[to, np.uint64(one + p)] = 0.5 * (near + far)
+            range_m[to, np.uint64(two + p)] = far
+            velocity_mps[to, np.uint64(one + p)] = 0.5 * (speed + approach)
+            velocity_mps[to, np.uint64(two + p)] = approach
