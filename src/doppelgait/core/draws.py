@@ -13,6 +13,8 @@ from doppelgait.core.rng import Streams
 
 Drawer = Callable[[list[Any], np.random.Generator], Any]
 CYCLE = "cycle"
+_PLAIN = (str, int, float, type(None))
+"""Values without a distribution inside; most of a plan."""
 
 
 def _uniform(values: list[Any], rng: np.random.Generator) -> float:
@@ -87,23 +89,28 @@ def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None =
     ConfigError
         If a distribution's numbers are not allowed; the message names the key.
     """
+    return _sample(value, Streams(seed, example), key, example if turn is None else turn)
+
+
+def _sample(value: Any, streams: Streams, key: str, turn: int) -> Any:
+    if isinstance(value, _PLAIN):
+        return value
     if isinstance(value, Mapping):
-        if len(value) == 1 and CYCLE in value:
-            entries = value[CYCLE]
-            if not isinstance(entries, list) or not entries:
-                raise ConfigError(f"{key}: cycle = {entries}: needs at least one value")
-            entry = entries[(example if turn is None else turn) % len(entries)]
-            return resolve(entry, seed=seed, example=example, key=f"{key}.{CYCLE}", turn=turn)
-        if len(value) == 1 and next(iter(value)) in DISTRIBUTIONS:
+        if len(value) == 1:
             ((name, numbers),) = value.items()
-            try:
-                drawn = DISTRIBUTIONS[name](numbers, Streams(seed, example).generator("plan", key))
-            except ConfigError as error:
-                raise ConfigError(f"{key}: {error}") from None
-            return resolve(drawn, seed=seed, example=example, key=f"{key}.{name}", turn=turn)
-        return {k: resolve(v, seed=seed, example=example, key=f"{key}.{k}", turn=turn) for k, v in value.items()}
+            if name == CYCLE:
+                if not isinstance(numbers, list) or not numbers:
+                    raise ConfigError(f"{key}: cycle = {numbers}: needs at least one value")
+                return _sample(numbers[turn % len(numbers)], streams, f"{key}.{CYCLE}", turn)
+            if name in DISTRIBUTIONS:
+                try:
+                    drawn = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
+                except ConfigError as error:
+                    raise ConfigError(f"{key}: {error}") from None
+                return _sample(drawn, streams, f"{key}.{name}", turn)
+        return {k: _sample(v, streams, f"{key}.{k}", turn) for k, v in value.items()}
     if isinstance(value, list):
-        return [resolve(v, seed=seed, example=example, key=f"{key}.{n}", turn=turn) for n, v in enumerate(value)]
+        return [_sample(v, streams, f"{key}.{n}", turn) for n, v in enumerate(value)]
     return value
 
 

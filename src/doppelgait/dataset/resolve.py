@@ -115,19 +115,20 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     place, within = class_of(plan, number)
     section, name = plan.classes[place], example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
-    motion = _sample(plan, section.motion, number, "motion")
+    draw = _sampler(plan, number)
+    motion = draw(section.motion, "motion")
     if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
-        motion = {**motion, "speed_mps": _sample(plan, PHANTOM_SPEED_MPS, number, "motion.speed_mps")}
+        motion = {**motion, "speed_mps": draw(PHANTOM_SPEED_MPS, "motion.speed_mps")}
     check_motion(motion, folder, key=key)
     motion = dict(motion)
     alone = motion["kind"] == NOBODY  # a row of nobody must not show somebody
     targets: list[dict[str, Any]] = [{"label": section.label, "motion": motion}]
-    for count, companion in enumerate([] if alone else _sample_list(plan, "companions", number)):
+    for count, companion in enumerate([] if alone else _sample_list(plan, draw, "companions")):
         known = isinstance(companion, Mapping) and companion.get("label")
         if not known or not isinstance(companion.get("motion"), Mapping):
             raise ConfigError(f"companions.{count}: {shorten(companion)} is not allowed: needs label and motion")
         check_motion(companion["motion"], folder, key=f"companions.{count}.motion")
-        placement = _sample(plan, plan.target, number, f"companions.{count}.target")
+        placement = draw(plan.target, f"companions.{count}.target")
         targets.append({**placement, **companion})
     rows = []
     for count, target in enumerate(targets):
@@ -139,7 +140,7 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
         others = [subject_of({"kind": "file", "path": path}, row_id, plan.sources) for path in recordings[1:]]
         subject = subject_of(motion, row_id, plan.sources)
         rows.append(
-            RowSpec(
+            RowSpec.model_construct(  # as checked above
                 id=row_id,
                 label=str(target["label"]),
                 subject=subject,
@@ -152,12 +153,13 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     return tuple(rows), targets
 
 
-def _sample(plan: PlanConfig, value: Any, number: int, key: str) -> Any:
-    """Sample a value of the plan for an example.
+def _sampler(plan: PlanConfig, number: int) -> Draw:
+    """Return the function that samples values of an example.
 
     Cycles turn by the number within the class, alike in every class.
     """
-    return resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=class_of(plan, number)[1])
+    turn = class_of(plan, number)[1]
+    return lambda value, key: resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=turn)
 
 
 def resolve_example(
@@ -181,15 +183,16 @@ def resolve_example(
     ConfigError
         If a drawn value is not allowed or a motion file is missing; the message names class, example and key.
     """
-    section = plan.classes[class_of(plan, number)[0]]
-    name = example_id(section.label, class_of(plan, number)[1])
+    place, within = class_of(plan, number)
+    section = plan.classes[place]
+    name = example_id(section.label, within)
     try:
         rows, targets = rows_of(plan, number, folder)
         run = _run_spec(plan, section, number, targets, name, folder)
     except ConfigError as error:
         raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
     error_m = float(Streams(plan.dataset.seed, number).generator("gate").normal(0.0, plan.dataset.gate_error_sd_m))
-    return ExampleSpec(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
+    return ExampleSpec.model_construct(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
 
 
 def _run_spec(
@@ -199,17 +202,13 @@ def _run_spec(
 
     Everything but the motions and what ``dataset.leaks`` names is sampled by a rule that knows no class.
     """
-    seed = plan.dataset.seed
-
-    def draw(table: Any, key: str) -> Any:
-        return _sample(plan, table, number, key)
-
+    draw = _sampler(plan, number)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
         first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
     scene = draw(plan.scene, "scene")
-    background = _sample_list(plan, "background", number)
+    background = _sample_list(plan, draw, "background")
     for place, target in enumerate(background):
         if not isinstance(target, Mapping) or not isinstance(target.get("motion"), Mapping):
             raise ConfigError(f"background.{place}: {shorten(target)} is not allowed: needs motion = {{ kind = ... }}")
@@ -220,9 +219,9 @@ def _run_spec(
         "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
         "radar": draw(plan.radar, "radar"),
         "noise": draw(plan.noise, "noise"),
-        **{key: _sample_list(plan, key, number) for key in FITTED_KEYS if getattr(plan, key) is not None},
+        **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),
-        "seed": seed,
+        "seed": plan.dataset.seed,
         "example": number,  # also names the streams of a preset's own distributions
     }
     run = parse_run(table, where="", folder=folder)
@@ -234,12 +233,12 @@ def _run_spec(
     return run
 
 
-def _sample_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
+def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
     """Sample a list of the plan.
 
     Entries that were sampled as ``{}`` are left out.
     """
-    drawn = _sample(plan, getattr(plan, key), number, key)
+    drawn = draw(getattr(plan, key), key)
     if not isinstance(drawn, list):
         raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
     return [entry for entry in drawn if entry != {}]

@@ -26,7 +26,7 @@ from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.presets import changed_preset, preset_table
+from doppelgait.radar.presets import changed_preset, read_preset
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene, place
 from doppelgait.scene.environment import Environment
@@ -168,7 +168,7 @@ def parse_radar(
             source = str(preset)
             if source.endswith(".toml"):  # a file, seen from the folder of the scene file
                 source = str((folder or Path()) / source)
-            found = resolve(preset_table(source), seed=seed, example=example, key="preset")
+            found = resolve(read_preset(source), seed=seed, example=example, key="preset")
             _check_preset(found)
             values = changed_preset(source, values, sampled=found)
             lists = {key: value for key, value in found.items() if key in FITTED_KEYS}

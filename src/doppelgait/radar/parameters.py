@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
@@ -514,6 +515,7 @@ def possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
         found = found * (1.0 - 1e-4) / (1.0 - least)
 
 
+@lru_cache(maxsize=256)
 def _least_density(noise_correlation: tuple[float, ...]) -> float:
     """Return the least value of 1 + 2 sum rho_l cos(l w)."""
     angle = np.linspace(0.0, np.pi, 64 * len(noise_correlation) + 1)

@@ -37,7 +37,7 @@ def changed_preset(
     Of distributions in the file the middle counts, unless ``sampled`` is the preset's table after a draw.
     """
     try:
-        found = middle(preset_table(name)) if sampled is None else sampled
+        found = middle(read_preset(name)) if sampled is None else sampled
     except ConfigError as error:
         raise ConfigError(f"preset {name}: {error}") from None
     table = {key: value for key, value in found.items() if key not in CONDITIONS}
@@ -70,6 +70,14 @@ def preset_table(name: str | Path) -> dict[str, Any]:
     ConfigError
         If the name is unknown, or the file is missing or no TOML.
     """
+    return deepcopy(read_preset(name))
+
+
+def read_preset(name: str | Path) -> dict[str, Any]:
+    """Return the table of a preset, not to be changed.
+
+    That of a built-in one is shared.
+    """
     if str(name).lower().endswith(".toml"):
         return read_toml(name)[0]
     if str(name) not in preset_names():
@@ -77,7 +85,7 @@ def preset_table(name: str | Path) -> dict[str, Any]:
             f"unknown radar preset {str(name)!r}; known are: {', '.join(preset_names())}; or give the path of a file "
             "that ends in .toml"
         )
-    return deepcopy(_built_in(str(name)))
+    return _built_in(str(name))
 
 
 @lru_cache(maxsize=64)
