@@ -26,12 +26,14 @@ from doppelgait.motion.models.quadruped_limbs import (
     METATARSUS,
     STRAIGHT,
     TIBIA,
+    TRUNK_POINTS,
     Carriage,
     all_points,
-    crouch,
     glide,
+    on_trunk,
     paw_path,
     regular_course,
+    trunk_motion,
 )
 from doppelgait.motion.skeleton import DOG_PARTS
 
@@ -220,10 +222,13 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
     build = BUILDS[build]
     lengths = build.limbs * np.repeat([HUMERUS + FOREARM, FEMUR + TIBIA], 2)
     for froude in froudes(name, 12):
-        gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
-        lowered = crouch(gait, build, stride / hip_height_m(build, build.withers_m), duty)
-        assert 0.0 <= lowered <= DEEPEST_CROUCH
-        points, _ = closed_form(name, froude, build=build)
+        gait, *_ = settings(name, froude, build.withers_m, build)
+        points, stride = closed_form(name, froude, build=build)
+        standing, _, _ = trunk_motion(PHASE, stride * PHASE, gait, build, stride)
+        lowered = on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
+        lowered -= points["rump"]
+        np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * PHASE.size, atol=1e-12)
+        assert -1e-12 <= lowered[0, 2] <= DEEPEST_CROUCH + 1e-12
         spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
         spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
         assert (np.array(spans) / lengths).max() <= STRAIGHT[1]

@@ -121,6 +121,21 @@ def trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, fl
     return _curve(gait, name), landing - MEASURED_LANDING[gait][end == "fore"]
 
 
+TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "neck", "tail")
+
+
+def trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
+    """Join the curves of the trunk, each moved to its first phase.
+
+    They are those of :func:`trunk_curve`, in the order of :data:`TRUNK_CURVES`.
+    """
+    terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
+    for row, name in enumerate(TRUNK_CURVES):
+        curve, begins[row] = trunk_curve(gait, name, touchdown)
+        terms[row, : curve.coefficients.size] = curve.coefficients
+    return CycleCurve(terms * np.exp(-2j * np.pi * begins * np.arange(5)))
+
+
 def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArray, duty: float) -> FloatArray:
     """Return the measured elevation of a limb's segment.
 
@@ -130,7 +145,7 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
     ----------
     gait : str
     segment : str
-    cycles : ndarray, shape (n,)
+    cycles : ndarray
         Strides after the touchdown of the own foot.
     duty : float
         Duty factor of that foot, between 0 and 1.

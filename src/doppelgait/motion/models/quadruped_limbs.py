@@ -9,18 +9,16 @@ breed standards; a build scales them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.motion.models.quadruped_curves import (
-    Segment,
-    TrunkCurve,
     segment_elevation_rad,
     swing_curve,
-    trunk_curve,
+    trunk_curves,
 )
 from doppelgait.motion.models.quadruped_gaits import Build, Gait, Girdle
 from doppelgait.motion.models.strides import Curve, columns, cubic_spline
@@ -89,17 +87,21 @@ STRETCH, DEEPEST_CROUCH = 0.95, 0.16
 """The trunk is lowered until no limb is straighter than this share of its length, or by this part of h."""
 STRAIGHT, FOLDED = (0.93, 0.97), (0.40, 0.30)
 """Distance of a limb's ends over its length from which the joint at the trunk gives, and the limit."""
-LIMBS = tuple((side, end) for end in ("fore", "hind") for side in ("left", "right"))
+SIDES = ("left", "right")
+LEFT, BOTH = np.array([[1.0], [-1.0]]), np.ones((2, 1))
+"""Signs of y of the two sides, and what is alike in both."""
+_TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None]
+_WHOLE_CYCLE = np.arange(120) / 120
 
 
 def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
-    """Return the middle joint of two links, shape (n, 3).
+    """Return the middle joint of two links, shape (..., 3).
 
     They go from ``start`` to ``end``.
 
     Parameters
     ----------
-    start, end : ndarray, shape (n, 3)
+    start, end : ndarray, shape (..., 3)
         Ends of the chain, no farther apart than its length and no closer than the difference of the links.
     first, second : float
         Lengths of the links.
@@ -107,17 +109,17 @@ def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *,
         +1: the joint points forward, -1: backward, seen down the chain.
     """
     line = end - start
-    distance = np.linalg.norm(line, axis=1, keepdims=True)
-    along = (distance**2 + first**2 - second**2) / (2 * distance)
-    aside = np.sqrt(np.maximum(first**2 - along**2, 0.0))
+    x, y, z = line[..., 0], line[..., 1], line[..., 2]
+    level = x * x + z * z
+    square = level + y * y
+    along = (square + (first**2 - second**2)) / (2 * square)  # share of the line
     # The bend lies in the plane of the limb and of the direction of travel: across the chain, not sideways.
-    across = columns(-line[:, 2], 0.0, line[:, 0])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return np.asarray(start + line / distance * along + bend * across * aside)
+    across = bend * np.sqrt(np.maximum(first**2 - along * along * square, 0.0) / level)
+    return np.asarray(start + columns(x * along - z * across, y * along, z * along + x * across))
 
 
 def hanging(angle_rad: FloatArray) -> FloatArray:
-    """Return unit vectors that point down at angle 0, (n, 3).
+    """Return unit vectors that point down at angle 0, (..., 3).
 
     They swing forward with the angle.
     """
@@ -170,104 +172,116 @@ Trunk = tuple[FloatArray, FloatArray, FloatArray]
 """Path of the trunk's centre, (n, 3), and cosine and sine of its pitch, positive nose up."""
 
 
-def trunk_motion(phase: FloatArray, gait: Gait, build: Build, course: Course) -> Trunk:
+def trunk_motion(
+    phase: FloatArray, distance: FloatArray, gait: Gait, build: Build, stride: float
+) -> tuple[Trunk, FloatArray, FloatArray]:
     """Return the path of the trunk at standing height.
 
-    It surges and its girdles heave as recorded; the pitch is what the two heaves make of it.
+    It surges and its girdles heave as recorded; the pitch is what the two heaves make of it. The elevations of neck and
+    tail about their means, in degrees, are returned, too.
     """
-
-    def recorded(name: TrunkCurve) -> FloatArray:
-        curve, begins = trunk_curve(gait.curves, name, gait.touchdown)
-        return curve(phase - begins)
-
-    hind, fore = recorded("hind_heave"), recorded("fore_heave")
-    forward = course.distance(phase) + gait.ripple * course.stride * recorded("surge")
+    surge, hind, fore, neck, tail = trunk_curves(gait.curves, gait.touchdown)(phase)
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
     sine = (fore - hind) / (2 * GIRDLE_X * build.trunk)
-    return columns(forward, sway, (hind + fore) / 2), np.sqrt(1 - sine**2), sine
+    centre = columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
+    return (centre, np.sqrt(1 - sine**2), sine), neck, tail
 
 
-def on_trunk(x: float, y: float, height: float, trunk: Trunk) -> FloatArray:
-    """Return the path of a point fixed to the trunk.
+def on_trunk(
+    x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
+) -> FloatArray:  # fmt: skip
+    """Return the path of a point fixed to the trunk, (n, 3).
 
-    The point is named by its position when the dog stands with the middle of its trunk at x = 0.
+    The point is named by its position when the dog stands with the middle of its trunk at x = 0; of several, each
+    coordinate (k, 1) or a number, the paths are (k, n, 3).
     """
     z = height - TRUNK_Z
     centre, cosine, sine = trunk
     return np.asarray(centre + columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
 
 
-def foot_cycles(phase: FloatArray, gait: Gait, course: Course, foot: str) -> FloatArray:
-    """Return the strides since a touchdown, whole where the foot lands."""
-    if course.advance is None:
-        return np.asarray(phase - gait.touchdown[foot])
-    first, landings = course.landings[foot]
-    return cubic_spline(landings, first + np.arange(landings.size))(phase)
+Ride = tuple[FloatArray, Course]
+"""Phases in cycles, and the course on which the animal has them."""
 
 
-def paw(
-    phase: FloatArray, cycles: FloatArray, gait: Gait, build: Build, course: Course, foot: str, duty: float
-) -> FloatArray:
-    """Return the path of a paw over the ground, (n, 3).
+def paws(rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float) -> tuple[FloatArray, FloatArray]:
+    """Return the paths of the left and the right paw of one girdle.
 
-    In the middle of its stance the paw is below its girdle, but for the reach of the gait.
+    In the middle of its stance a paw is below its girdle, but for the reach of the gait.
+
+    Parameters
+    ----------
+    rides : sequence of (ndarray, Course)
+        One after the other, n phases in all.
+    gait : Gait
+    build : Build
+    end : {"hind", "fore"}
+    duty : float
+        Duty factor.
+
+    Returns
+    -------
+    cycles : ndarray, shape (2, n)
+        Strides since a touchdown, whole where the foot lands.
+    places : ndarray, shape (2, n, 3)
     """
-    side, end = foot.split("_")
     girdle: Girdle = getattr(gait, end)
-    first, landings = course.landings[foot]
-    prints = course.distance(landings + duty / 2)
+    parts = []
+    for phase, course in rides:
+        if course.advance is None:
+            lands = np.array([[gait.touchdown[f"{side}_{end}"]] for side in SIDES])
+            cycles = phase - lands
+            print_at = course.stride * (np.floor(cycles) + lands + duty / 2)
+            parts.append((cycles, print_at, np.full_like(cycles, course.stride)))
+            continue
+        found = np.empty((3, 2, phase.size))
+        for row, side in enumerate(SIDES):
+            first, landings = course.landings[f"{side}_{end}"]
+            found[0, row] = cubic_spline(landings, first + np.arange(landings.size))(phase)
+            place = np.floor(found[0, row]).astype(int) - first
+            prints = course.advance(landings + duty / 2)
+            found[1, row], found[2, row] = prints[place], np.diff(prints)[place]
+        parts.append((found[0], found[1], found[2]))
+    cycles, print_at, step = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
     advance, height = paw_path(cycles, girdle, duty, swing_curve(gait.curves, end, girdle.swing_peak))
-    turn = np.floor(cycles)
-    place = turn.astype(int) - first
-    x = prints[place] + (advance - turn) * (prints[place + 1] - prints[place])
+    x = print_at + (advance - np.floor(cycles)) * step
     x += girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
-    return columns(x, TRACK_Y if side == "left" else -TRACK_Y, height)
+    return cycles, columns(x, TRACK_Y * LEFT, height)
 
 
-def limb_ends(
-    phase: FloatArray, gait: Gait, build: Build, course: Course, duty: dict[str, float], trunk: Trunk
-) -> Points:
+def limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
     """Return paw, carpus or hock, and trunk joint of all limbs.
 
-    The trunk is at standing height.
+    The trunk is at standing height; each is (2, n, 3), left and right.
     """
-    result = {}
-    for side, end in LIMBS:
-        sign, foot = 1.0 if side == "left" else -1.0, f"{side}_{end}"
-        cycles = foot_cycles(phase, gait, course, foot)
-        result[f"{foot}_paw"] = lowest = paw(phase, cycles, gait, build, course, foot, duty[end])
-        segment: Segment = "manus" if end == "fore" else "metatarsus"
-        along = hanging(segment_elevation_rad(gait.curves, segment, cycles, duty[end]))
-        if end == "hind":
-            result[f"{side}_hock"] = lowest - METATARSUS * build.limbs * along
-            result[f"{side}_hip"] = on_trunk(-GIRDLE_X * build.trunk, sign * HIP_Y, HIP_Z, trunk)
-        else:
-            result[f"{side}_carpus"] = lowest - MANUS * build.limbs * along
-            top = on_trunk(GIRDLE_X * build.trunk + SCAPULA_X, sign * SCAPULA_Y, SCAPULA_Z, trunk)
-            scapula = hanging(segment_elevation_rad(gait.curves, "scapula", cycles, duty[end]))
-            result[f"{side}_shoulder"] = top + SCAPULA * build.limbs * scapula
-    return result
+    cycles, paw = paws(rides, gait, build, "hind", duty["hind"])
+    along = hanging(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
+    result = {"hind_paw": paw, "hock": paw - METATARSUS * build.limbs * along}
+    result["hip"] = on_trunk(-GIRDLE_X * build.trunk * BOTH, HIP_Y * LEFT, HIP_Z, trunk)
+    cycles, paw = paws(rides, gait, build, "fore", duty["fore"])
+    along, scapula = (
+        hanging(segment_elevation_rad(gait.curves, s, cycles, duty["fore"])) for s in ("manus", "scapula")
+    )
+    result |= {"fore_paw": paw, "carpus": paw - MANUS * build.limbs * along}
+    top = on_trunk((GIRDLE_X * build.trunk + SCAPULA_X) * BOTH, SCAPULA_Y * LEFT, SCAPULA_Z, trunk)
+    return result | {"shoulder": top + SCAPULA * build.limbs * scapula}
 
 
 CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM))
 """Two links between a joint at the trunk and the lower end, of either side."""
 
 
-def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> float:
+def crouch(ends: Points, limbs: float) -> float:
     """Return by how much the trunk is lowered for the limbs.
 
-    Every limb then reaches its paw all through equal strides. It is no more than :data:`DEEPEST_CROUCH`; what is
+    Every limb then reaches its paw at all places of ``ends``. It is no more than :data:`DEEPEST_CROUCH`; what is
     missing then, the joints at the trunk make up for.
     """
-    phase = np.arange(120) / 120
-    course = regular_course(phase, gait, stride)
-    ends = limb_ends(phase, gait, build, course, duty, trunk_motion(phase, gait, build, course))
     lower = 0.0
-    for side in ("left", "right"):
-        for top, bottom, first, second in CHAINS:
-            line = ends[f"{side}_{top}"] - ends[f"{side}_{bottom}"]
-            room = (STRETCH * build.limbs * (first + second)) ** 2 - line[:, 0] ** 2 - line[:, 1] ** 2
-            lower = max(lower, float((line[:, 2] - np.sqrt(np.maximum(room, 0.0))).max()))
+    for top, bottom, first, second in CHAINS:
+        line = ends[top] - ends[bottom]
+        room = (STRETCH * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
+        lower = max(lower, float((line[..., 2] - np.sqrt(np.maximum(room, 0.0))).max()))
     return min(lower, DEEPEST_CROUCH)
 
 
@@ -277,7 +291,7 @@ def glide(top: FloatArray, bottom: FloatArray, length: float) -> None:
     It moves where the limb is nearly straight or folded. A scapula glides over the ribs and a back bends.
     """
     line = top - bottom
-    share = np.sqrt((line * line).sum(axis=1)) / length
+    share = np.sqrt((line * line).sum(axis=-1)) / length
     far, near = share > STRAIGHT[0], share < FOLDED[0]
     for where, (free, limit) in ((far, STRAIGHT), (near, FOLDED)):
         if where.any():
@@ -308,32 +322,33 @@ def all_points(
 
     They are in units of h; the trunk is lowered until all limbs reach.
     """
-    trunk = trunk_motion(phase, gait, build, course)
-    ends = limb_ends(phase, gait, build, course, duty, trunk)
-    lowered, size = crouch(gait, build, course.stride, duty), build.limbs
-    for side in ("left", "right"):
-        for top, bottom, first, second in CHAINS:
-            joint, end = ends[f"{side}_{top}"], ends[f"{side}_{bottom}"]
-            joint[:, 2] -= lowered
-            glide(joint, end, size * (first + second))
-    trunk[0][:, 2] -= lowered
-    points = {name: on_trunk(build.trunk * x, 0.0, z, trunk) for name, (x, z) in TRUNK_POINTS.items()}
+    # frames and a whole cycle of equal strides in one go: in the latter all limbs must reach
+    count, even = phase.size, Course(course.stride, course.landings)
+    distance = np.concatenate([course.distance(phase), even.distance(_WHOLE_CYCLE)])
+    trunk, nod, lift = trunk_motion(np.concatenate([phase, _WHOLE_CYCLE]), distance, gait, build, course.stride)
+    ends = limb_ends(((phase, course), (_WHOLE_CYCLE, even)), gait, build, duty, trunk)
+    size = build.limbs
+    lowered = crouch({name: place[:, count:] for name, place in ends.items()}, size)
+    ends = {name: place[:, :count] for name, place in ends.items()}
+    for top, bottom, first, second in CHAINS:
+        ends[top][..., 2] -= lowered
+        glide(ends[top], ends[bottom], size * (first + second))
+    ends["elbow"] = two_link(ends["shoulder"], ends["carpus"], size * HUMERUS, size * FOREARM, bend=-1.0)
+    ends["knee"] = two_link(ends["hip"], ends["hock"], size * FEMUR, size * TIBIA, bend=1.0)
+    centre, cosine, sine = (part[:count] for part in trunk)
+    centre[:, 2] -= lowered
+    fixed = on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cosine, sine))
+    points: Points = dict(zip(TRUNK_POINTS, fixed, strict=True))
     neck_base, tail_base = points["neck_base"], points["tail_base"]
-    nod, begins = trunk_curve(gait.curves, "neck", gait.touchdown)
-    elevation = np.radians(carriage.neck_deg + gait.ripple * nod(phase - begins))
+    elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:count])
     along = columns(np.cos(elevation), 0.0, np.sin(elevation))
     skull = math.radians(SKULL_DEG)
     points["neck"] = neck_base + build.head * NECK / 2 * along
     points["head"] = neck_base + build.head * NECK * along
     points["nose"] = points["head"] + build.head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
-    lift, begins = trunk_curve(gait.curves, "tail", gait.touchdown)
     length, wag = TAIL * build.tail, carriage.wag_rad
-    elevation = above_floor(np.radians(carriage.tail_deg + lift(phase - begins)), tail_base[:, 2] / length)
+    elevation = above_floor(np.radians(carriage.tail_deg + lift[:count]), tail_base[:, 2] / length)
     level = np.cos(elevation)
     back = columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
     points |= {"tail_middle": tail_base + length / 2 * back, "tail_tip": tail_base + length * back}
-    for side in ("left", "right"):
-        hip, hock, shoulder, carpus = (ends[f"{side}_{p}"] for p in ("hip", "hock", "shoulder", "carpus"))
-        ends[f"{side}_elbow"] = two_link(shoulder, carpus, size * HUMERUS, size * FOREARM, bend=-1.0)
-        ends[f"{side}_knee"] = two_link(hip, hock, size * FEMUR, size * TIBIA, bend=1.0)
-    return points | ends
+    return points | {f"{side}_{name}": place[row] for name, place in ends.items() for row, side in enumerate(SIDES)}
