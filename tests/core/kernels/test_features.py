@@ -42,9 +42,9 @@ from doppelgait.core.kernels.periodicity import (
 )
 from doppelgait.core.kernels.robust import (
     edge_statistics,
-    median_in_place,
+    median,
     oscillating_power,
-    quantile_in_place,
+    quantile,
     robust_fit,
     scatter_of_blocks,
     speeds_across,
@@ -62,7 +62,14 @@ def random(*shape, seed=0):
 def test_median_is_that_of_numpy(size):
     for seed in range(20):
         values = np.round(random(size, seed=seed), 1)  # with ties
-        assert median_in_place(values.copy()) == pytest.approx(np.median(values), abs=1e-15)
+        assert median(values, size) == pytest.approx(np.median(values), abs=1e-15)
+
+
+@pytest.mark.parametrize("values", [np.zeros(50), np.repeat([1.0, 2.0], 40), np.repeat([3.0, 1e9, -5.0], [30, 1, 30])])
+def test_medians_of_many_equal_values_and_far_ones(values):
+    for size in range(1, values.size + 1):
+        assert median(values, size) == np.median(values[:size])
+        assert quantile(values, size, 0.3) == pytest.approx(np.quantile(values[:size], 0.3), rel=1e-14)
 
 
 def test_robust_fit_is_iteratively_reweighted_least_squares():
@@ -242,6 +249,10 @@ def test_groups_of_columns_and_rows_are_summed():
     positive_sums(values.astype(np.float32), 3, sums)
     wanted = np.maximum(values[:9].astype(np.float32).astype(float), 0.0).reshape(3, -1).sum(axis=1)
     np.testing.assert_allclose(sums, wanted, rtol=1e-12)
+    values, sums = random(6, 37), np.empty(2)
+    positive_sums(values, 3, sums)
+    wanted = np.maximum(values, 0.0).reshape(2, -1).sum(axis=1)
+    np.testing.assert_allclose(sums, wanted, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("size", "sd"), [(200, 2.4), (9, 4.9), (5, 0.01), (30, 1.0)])
@@ -390,7 +401,7 @@ def test_quantiles_are_those_of_numpy(size):
         values = np.concatenate([np.round(random(size, seed=seed), 1), [-9.0, 9.0]])
         for share in (0.0, 0.05, 0.5, 0.95, 1.0):
             wanted = np.quantile(values[:size], share)
-            assert quantile_in_place(values.copy(), size, share) == pytest.approx(wanted, abs=1e-14)
+            assert quantile(values, size, share) == pytest.approx(wanted, abs=1e-14)
 
 
 def test_scatter_of_blocks_is_the_sandwich_over_blocks():

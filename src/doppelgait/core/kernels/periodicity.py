@@ -354,19 +354,21 @@ def against_mean(harmonics: npt.NDArray[np.complex128], imaginary: FloatArray, r
         Overwritten with the mean of the real parts.
     """
     n_periods, n_harmonics, n_rows = harmonics.shape
-    mean = np.empty(n_rows, np.complex128)
+    mean_real, mean_imaginary = np.empty(n_rows), np.empty(n_rows)
     for h in range(n_harmonics):
-        mean[:] = 0.0
+        mean_real[:], mean_imaginary[:], real[h] = 0.0, 0.0, 0.0
         for b in range(n_periods):
             for k in range(n_rows):
-                mean[k] += harmonics[b, h, k] / n_periods
-        real[h] = 0.0
+                mean_real[k] += harmonics[b, h, k].real / n_periods
+                mean_imaginary[k] += harmonics[b, h, k].imag / n_periods
         for b in range(n_periods):
-            total = complex(0.0, 0.0)
+            along = across = 0.0
             for k in range(n_rows):
-                total += harmonics[b, h, k] * mean[k].conjugate()
-            imaginary[b, h] = total.imag
-            real[h] += total.real / n_periods
+                one = harmonics[b, h, k]
+                along += one.real * mean_real[k] + one.imag * mean_imaginary[k]
+                across += one.imag * mean_real[k] - one.real * mean_imaginary[k]
+            imaginary[b, h] = across
+            real[h] += along / n_periods
 
 
 @kernel()

@@ -10,67 +10,74 @@ import numpy.typing as npt
 from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
+
+FEW = 16
+"""Values that are sorted to find one of them."""
 AnyFloatArray = npt.NDArray[np.floating[Any]]
 
 
 @kernel()
-def select(values: FloatArray, n: int, place: int) -> float:
-    """Find the value at a place of sorted values (Hoare).
+def _neighbours(values, n, place):  # type: ignore[no-untyped-def]
+    """Find the value at a place of sorted values and the next.
 
-    The first ``n`` are reordered. None of them is NaN; those before the place are not larger, those
-    behind it not smaller.
+    Of the first ``n``. Values below a pivot are counted until few are left between two pivots: a count takes a tenth of
+    the time of any pass that moves values. The last value is followed by itself.
     """
-    low, high = 0, n - 1
-    while low < high:
-        pivot, i, j = values[(low + high) // 2], low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i, j = i + 1, j - 1
-        if place <= j:
-            high = j
-        elif place >= i:
-            low = i
-        else:
+    low, high = values[0], values[0]
+    for i in range(1, n):
+        low, high = min(low, values[i]), max(high, values[i])
+    few, count = np.empty(FEW), 0
+    low, n_low, n_high = low - (high - low), 0, n
+    while n_high - n_low > FEW:
+        middle = 0.5 * (low + high)
+        if not low < middle < high:  # nothing lies between: those above low are equal
             break
-    return float(values[place])
+        count = 0
+        for i in range(n):
+            count += 1 if values[i] <= middle else 0
+        if count > place:
+            high, n_high = middle, count
+        else:
+            low, n_low = middle, count
+    after = np.inf
+    for i in range(n):
+        after = min(after, values[i]) if values[i] > high else after
+    after = after if n_high < n else high
+    if n_high - n_low > FEW:
+        return high, high if place + 1 < n_high else after
+    count = 0
+    for i in range(n):
+        if (values[i] > low or n_low == 0) and values[i] <= high:
+            k = count
+            while k > 0 and few[k - 1] > values[i]:
+                few[k] = few[k - 1]
+                k -= 1
+            few[k] = values[i]
+            count += 1
+    k = place - n_low
+    return few[k], few[k + 1] if k + 1 < count else (after if place + 1 < n else few[k])
 
 
 @kernel()
-def quantile_in_place(values: FloatArray, n: int, share: float) -> float:
+def quantile(values: FloatArray, n: int, share: float) -> float:
     """Compute a quantile of the first ``n`` values.
 
-    One or more, without NaN; they are reordered. Between two values it lies on a straight line.
+    One or more, without NaN. Between two values it lies on a straight line.
     """
     place = share * (n - 1)
     below = int(place)
-    found = select(values, n, below)
-    if below + 1 < n:
-        after = values[below + 1]
-        for i in range(below + 2, n):
-            after = min(after, values[i])
-        found += (place - below) * (after - found)
-    return float(found)
+    found, after = _neighbours(values, n, below)
+    return float(found + (place - below) * (after - found))
 
 
 @kernel()
-def median_in_place(values: FloatArray) -> float:
-    """Compute a median by selection and reorder the values.
+def median(values: FloatArray, n: int) -> float:
+    """Compute the median of the first ``n`` values.
 
-    It needs one value or more, none of them NaN.
+    One or more, without NaN.
     """
-    middle = values.size // 2
-    found = select(values, values.size, middle)
-    if values.size % 2:
-        return float(found)
-    below = values[0]
-    for n in range(1, middle):
-        below = max(below, values[n])
-    return float(0.5 * (below + found))
+    found, after = _neighbours(values, n, (n - 1) // 2)
+    return float(found if n % 2 else 0.5 * (found + after))
 
 
 @kernel()
@@ -97,6 +104,22 @@ def variance_of_rows(values: AnyFloatArray, chosen: npt.NDArray[np.int32], every
     for k in range(n_bins):
         total += squares[k] * chosen[k]
     return float(total / (n * n_rows))
+
+
+@kernel(inline="llvm")
+def _dot(one, other):  # type: ignore[no-untyped-def]
+    """Sum products in four parts, which need not wait for each other."""
+    n = one.size
+    a = b = c = d = 0.0
+    whole = n // 4 * 4
+    for k in range(0, whole, 4):
+        a += one[k] * other[k]
+        b += one[k + 1] * other[k + 1]
+        c += one[k + 2] * other[k + 2]
+        d += one[k + 3] * other[k + 3]
+    for k in range(whole, n):
+        a += one[k] * other[k]
+    return (a + b) + (c + d)
 
 
 @kernel()
@@ -139,19 +162,15 @@ def robust_fit(
         for j in range(n_columns):
             residual[j] = (values[j] - line[j]) / divisor[j]
             work[j] = abs(residual[j])
-        scale = tuning * max(1.4826 * median_in_place(work), least_scale)
+        scale = tuning * max(1.4826 * median(work, work.size), least_scale)
         for j in range(n_columns):
             weight[j] = prior[j] / (1.0 + (residual[j] / scale) ** 2)
         for p in range(n_terms):
-            for q in range(p + 1):
-                total = 0.0
-                for j in range(n_columns):
-                    total += basis[p, j] * weight[j] * basis[q, j]
-                normal[p, q] = total
-            total = 0.0
             for j in range(n_columns):
-                total += basis[p, j] * weight[j] * values[j]
-            coefficients[p] = total
+                work[j] = basis[p, j] * weight[j]
+            for q in range(p + 1):
+                normal[p, q] = _dot(work, basis[q])
+            coefficients[p] = _dot(work, values)
         _solve(normal, coefficients)
         for j in range(n_columns):
             total = 0.0
@@ -237,7 +256,7 @@ def straight_motion(
             line[j] = ranges[j] - np.sqrt(max(line[j], 1e-12))
     for j in range(n):
         square[j] = abs(line[j])
-    largest = outlier_sd * 1.4826 * median_in_place(square)
+    largest = outlier_sd * 1.4826 * median(square, n)
     out[4] = 0.0
     for j in range(n):
         out[4] += min(abs(line[j]), largest) ** 2 / n
@@ -349,21 +368,21 @@ def edge_statistics(
         out[4] += (lag[i] - out[3]) ** 2
         work[i] = lead[i] + lag[i]
     out[2], out[4] = np.sqrt(out[2] / n), np.sqrt(out[4] / n)
-    out[9] = quantile_in_place(work, n, low_share)
+    out[9] = quantile(work, n, low_share)
     n = 0
     for j in range(low.size):
         if np.isfinite(low[j]):
             work[n] = high[j]
             n += 1
-    out[10] = quantile_in_place(work, n, high_share)
+    out[10] = quantile(work, n, high_share)
     n = 0
     for j in range(low.size):
         if np.isfinite(low[j]):
             work[n] = low[j]
             n += 1
-    out[10] -= quantile_in_place(work, n, low_share)
-    out[5], out[6] = quantile_in_place(lead, n, low_share), quantile_in_place(lead, n, high_share)
-    out[7], out[8] = quantile_in_place(lag, n, low_share), quantile_in_place(lag, n, high_share)
+    out[10] -= quantile(work, n, low_share)
+    out[5], out[6] = quantile(lead, n, low_share), quantile(lead, n, high_share)
+    out[7], out[8] = quantile(lag, n, low_share), quantile(lag, n, high_share)
     middle = (out[5] + out[6]) / 2.0
     for i in range(n):
         out[11] += 1.0 if lead[i] > middle else 0.0
@@ -403,7 +422,7 @@ def oscillating_power(
         for k in range(n_rows):
             for n in range(n_between):
                 work[n] = values[between[n], k] ** 2
-            noise[k] = median_in_place(work) / np.log(2.0)
+            noise[k] = median(work, work.size) / np.log(2.0)
     out[0] = out[1] = 0.0
     peak = np.empty(n_rows)
     for harmonic in range(1, 4):
@@ -456,7 +475,7 @@ def harmonic_peak(
         if abs(cadence_hz[q] - expected) <= frequency_hz / 2.0:
             work[count] = power[q]
             count += 1
-    if power[best] < least_snr * quantile_in_place(work, count, 0.5):
+    if power[best] < least_snr * quantile(work, count, 0.5):
         return np.nan
     left, centre, right = power[best - 1], power[best], power[best + 1]
     bend = left - 2.0 * centre + right
@@ -493,7 +512,7 @@ def scatter_of_blocks(
     work = np.empty(n)
     for j in range(n):
         work[j] = abs(residual[j])
-    scale = tuning * max(1.4826 * quantile_in_place(work, n, 0.5), least_scale)
+    scale = tuning * max(1.4826 * quantile(work, n, 0.5), least_scale)
     slope = total = block = 0.0
     b = 1
     for j in range(n):
@@ -527,11 +546,13 @@ def swing_parts(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int6
     normal, wave = np.zeros((2 * n_orders, 2 * n_orders)), np.empty(2 * n_orders)
     amplitude[:] = 0.0
     for j in range(values.size):
-        turn, power, order = complex(np.cos(turn_rad * j), np.sin(turn_rad * j)), complex(1.0, 0.0), 0
+        cosine, sine = np.cos(turn_rad * j), np.sin(turn_rad * j)
+        real, imaginary, order = 1.0, 0.0, 0
         for n in range(n_orders):  # rising
             while order < orders[n]:
-                power, order = power * turn, order + 1
-            wave[n], wave[n_orders + n] = power.real, power.imag
+                real, imaginary = real * cosine - imaginary * sine, real * sine + imaginary * cosine
+                order += 1
+            wave[n], wave[n_orders + n] = real, imaginary
         for p in range(2 * n_orders):
             for q in range(p + 1):
                 normal[p, q] += wave[p] * wave[q]
