@@ -289,17 +289,20 @@ def make_motion(
             raise MotionError(f"motion facts {', '.join(unknown)} are not known; allowed are {', '.join(allowed)}")
         facts = MotionFacts(**(facts or {}))
     values = np.asarray(position_m, dtype=np.float64)
-    time_s = start_s + np.arange(values.shape[0]) / rate_hz
-    names = _names(tuple(markers), tuple(parts))
-    positions = make_array(MOTION, values, {"time": time_s}, {"rate_hz": float(rate_hz)}, like=names)
-    return Motion(positions, facts, dict(report or {}))
+    rate_hz = float(rate_hz)
+    labels = _labels(tuple(markers), tuple(parts), values.shape[0], rate_hz, float(start_s))
+    return Motion(with_values(labels, values), facts, dict(report or {}))
 
 
-@lru_cache(maxsize=64)
-def _names(markers: tuple[str, ...], parts: tuple[str, ...]) -> xr.DataArray:
-    """Cache the point names as coordinates of no frames.
+@lru_cache(maxsize=16)
+def _labels(
+    markers: tuple[str, ...], parts: tuple[str, ...], frames: int, rate_hz: float, start_s: float
+) -> xr.DataArray:
+    """Cache the coordinates of a motion without values.
 
-    A model needs the same names again and again.
+    A model needs the same points and times again and again.
     """
-    coords = {"time": np.empty(0), "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
-    return make_array(MOTION, np.empty((0, len(markers), len(SPACE))), coords)
+    time_s = start_s + np.arange(frames) / rate_hz
+    coords = {"time": time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
+    nothing = np.broadcast_to(0.0, (frames, len(markers), len(SPACE)))
+    return make_array(MOTION, nothing, coords, {"rate_hz": rate_hz})

@@ -134,9 +134,11 @@ def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
     It is 0 at p = 0 and 0.5.
     """
     p = _share(phase)
-    half = np.where(p < 0.5, p, p - 0.5)
-    drop = np.where(half < 0.15, 1 - _cos(10 * half / 3), 1 + _cos(10 * (half - 0.15) / 7))
-    return np.asarray(np.where(p < 0.5, -1.0, 1.0) * 1.66 * relative_speed * drop)
+    first = p < 0.5
+    half = np.where(first, p, p - 0.5)
+    # down over 0.15 cycles and up over 0.35, half a cycle of the cosine each
+    drop = 1 - _cos(np.where(half < 0.15, half / 0.3, 0.5 + (half - 0.15) / 0.7))
+    return np.asarray(np.where(first, -1.66 * relative_speed, 1.66 * relative_speed) * drop)
 
 
 def lean_deg(relative_speed: float) -> float:

@@ -54,7 +54,7 @@ def swing_arms(curves: Curves, *, factors: tuple[float, float], hands: tuple[Han
     """
     if factors == (1.0, 1.0) and hands == ("free", "free"):
         return curves
-    means = {joint: curves(np.stack([_CYCLE, _CYCLE]))[joint].mean() for joint in ("shoulder", "elbow")}
+    means = {joint: angle.mean() for joint, angle in curves(_CYCLE).items() if joint in ("shoulder", "elbow")}
 
     def changed(phase: FloatArray) -> Limbs:
         limbs = dict(curves(phase))

@@ -280,49 +280,42 @@ def ankle_and_pitch(
     """
     number = np.floor(phase + foot.offset)
     cycles, first = phase + foot.offset - number, number.min()
-    # what belongs to a step, once for each: rows of it are taken by the frames
+    # what belongs to a step, once for each: columns of it are taken by the frames
     step = (number - first).astype(np.intp)
     lands = first + np.arange(step.max() + 1) - foot.offset
-    prints_m = _of_steps(_forward(advance(lands, 0)) + foot.print_m, step)
-    stance = prints_m + _roll(own[:, 3] + STANDING_RAD, foot.length_m)
-    leaving, landing = (
-        [_of_steps(part, step) for part in _correction(foot, error, begin, at, advance)]
-        for error, begin, at in ((foot.leaving, lands, lands + foot.duty), (foot.landing, lands + 1, lands + 1))
-    )
-    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1)
-    width = 1 - foot.duty
-    share = ((cycles - foot.duty) / width)[:, None]
-    left = 1 - share
-    values = left**2 * (1 + 2 * share) * leaving[0] + share**2 * (3 - 2 * share) * landing[0]
-    correction = values + width * (left**2 * share * leaving[1] - share**2 * left * landing[1])
-    # raise a swinging foot smoothly where it would meet the floor, and not at the ends of the swing
-    rows = own + correction
-    rounding = CLEARANCE_M * 16 * (share[:, 0] * (1 - share[:, 0])) ** 2
-    swing = rows.copy(order="K")
-    sole = rows[:, 3] + STANDING_RAD
+    leaves, width = lands + foot.duty, 1 - foot.duty
+    lands_m = advance(lands, 0)
+
+    def of_steps(row: FloatArray, way_m: FloatArray | float) -> FloatArray:
+        found = np.repeat(row[:, None], lands.size, axis=1)
+        found[0] += way_m
+        return found
+
+    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1); they move the gait's own
+    # path onto the floor in the stances around the swing
+    leaving = of_steps(foot.print_m + foot.leaving[0], lands_m - advance(leaves, 0))
+    landing = of_steps(foot.print_m + foot.landing[0], 0.0)
+    from_slope = width * of_steps(foot.leaving[1], -advance(leaves, 1))
+    to_slope = width * of_steps(foot.landing[1], -advance(lands + 1, 1))
+    risen = landing - leaving
+    cubic = np.stack([leaving, from_slope, 3 * risen - 2 * from_slope - to_slope, from_slope + to_slope - 2 * risen])
+    c_0, c_1, c_2, c_3 = cubic.take(step, axis=2)
+    share = (cycles - foot.duty) / width
+    rows = own.T + (((c_3 * share + c_2) * share + c_1) * share + c_0)
+    sole, tip = rows[3] + STANDING_RAD, foot.length_m * (np.sin(rows[3]) - TIP)
     heel_m = -foot.length_m * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
-    for point_m in (heel_m, foot.length_m * (np.sin(rows[:, 3]) - TIP)):  # sole at heel and toe over the ankle
-        depth = -swing[:, 2] - point_m
-        swing[:, 2] += (depth + np.hypot(depth, rounding)) / 2
+    # raise a swinging foot smoothly where it would meet the floor, and not at the ends of the swing
+    rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
+    for point_m in (heel_m, tip):  # sole at heel and toe over the ankle
+        depth = -rows[2] - point_m
+        rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
     swings = cycles >= foot.duty
-    both = np.where(swings[:, None], swing, stance)
-    return both[:, :3], both[:, 3], swings
-
-
-def _of_steps(rows: FloatArray, step: npt.NDArray[np.intp]) -> FloatArray:
-    return rows.T.take(step, axis=1).T
+    stance = _roll(own[:, 3] + STANDING_RAD, foot.length_m).T
+    stance[0] += (lands_m + foot.print_m[0]).take(step)
+    stance[1:] += foot.print_m[1:, None]
+    both = np.where(swings, rows, stance)
+    return both[:3].T, both[3], swings
 
 
 def _forward(way_m: FloatArray) -> FloatArray:
     return columns(way_m, 0.0, 0.0, 0.0)
-
-
-def _correction(
-    foot: Foot, error: tuple[FloatArray, FloatArray], lands: FloatArray, at: FloatArray, advance: Advance
-) -> tuple[FloatArray, FloatArray]:
-    """Return the correction of the gait's own path and its slope.
-
-    It moves the path onto the floor at phases of stances that began at ``lands``.
-    """
-    value = _forward(advance(lands, 0) - advance(at, 0)) + foot.print_m + error[0]
-    return value, error[1] - _forward(advance(at, 1))

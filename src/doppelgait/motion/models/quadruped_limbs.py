@@ -205,7 +205,7 @@ Ride = tuple[FloatArray, Course]
 
 
 def paws(rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Return the paths of the left and the right paw of one girdle.
+    """Return the paths of both paws of one girdle.
 
     In the middle of its stance a paw is below its girdle, but for the reach of the gait.
 
