@@ -35,7 +35,10 @@ def _central_points(motion: Motion) -> npt.NDArray[np.int64]:
 
 
 def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
-    return np.asarray(values[:, points].mean(axis=1))
+    total = np.array(values[:, points[0]], dtype=np.float64)
+    for point in points[1:]:
+        total += values[:, point]
+    return total / points.size
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
@@ -139,13 +142,14 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
         Time after the first frame, 0 to the duration.
     """
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
-    cos, sin = math.cos(turn), math.sin(turn)
-    pivot = _centre_at(motion, at_s)
-    x, y = motion.position_m[..., 0] - pivot[0], motion.position_m[..., 1] - pivot[1]
-    moved = np.empty(motion.positions.shape)
-    np.add(x * cos - y * sin, position_m[0], out=moved[..., 0])
-    np.add(x * sin + y * cos, position_m[1], out=moved[..., 1])
-    moved[..., 2] = motion.position_m[..., 2]
+    from doppelgait.core.kernels.spline import turn_and_move
+
+    pivot, points = _centre_at(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
+    moved = np.empty(points.shape)
+    turn_and_move(
+        points.reshape(-1, 3), math.cos(turn), math.sin(turn), float(pivot[0]), float(pivot[1]), float(position_m[0]),
+        float(position_m[1]), moved.reshape(-1, 3),
+    )  # fmt: skip
     return motion.with_positions(moved)
 
 

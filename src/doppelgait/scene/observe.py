@@ -287,16 +287,23 @@ def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -
 
     It holds at the pulse times; each array has the shape (I,).
     """
+    from doppelgait.core.kernels.spline import angles_of_sight
+
     times = check_times(target.motion, np.asarray(slow_time_s, dtype=float))
-    position_m, velocity_mps = fit_centre(target.motion).at(times)
-    if scene.receiver_position_m is None:
-        return line_of_sight(position_m, velocity_mps, scene.radar_position_m)
-    return bistatic_line_of_sight(
-        position_m,
-        velocity_mps,
-        transmitter_position_m=scene.radar_position_m,
-        receiver_position_m=scene.receiver_position_m,
-    )
+    spline, origin = fit_centre(target.motion), np.asarray(scene.radar_position_m, dtype=np.float64)
+    if scene.receiver_position_m is not None:
+        return bistatic_line_of_sight(
+            *spline.at(times),
+            transmitter_position_m=scene.radar_position_m,
+            receiver_position_m=scene.receiver_position_m,
+        )
+    range_m, approach_mps = _ranges_on(spline, times, scene.radar_position_m)
+    azimuth_rad, elevation_rad, aspect_rad = np.empty((3, times.size, 1))
+    angles_of_sight(
+        spline.values, spline.moments, spline.step_s, times, origin, azimuth_rad, elevation_rad, ASPECT_MIN_SPEED_MPS,
+        aspect_rad,
+    )  # fmt: skip
+    return LineOfSight(*(part[:, 0] for part in (range_m, approach_mps, aspect_rad, azimuth_rad, elevation_rad)))
 
 
 def body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:

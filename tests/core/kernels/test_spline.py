@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
-from doppelgait.core.kernels.spline import positions_and_velocities, ranges_and_velocities, spline_moments
+from doppelgait.core.kernels.spline import (
+    positions_and_velocities,
+    ranges_and_velocities,
+    spline_moments,
+    turn_and_move,
+)
 
 STEP_S = 1 / 120
 
@@ -40,3 +46,11 @@ def test_ranges_and_approach_speeds_follow_from_position_and_velocity():
     distance = np.linalg.norm(sight, axis=-1)
     np.testing.assert_allclose(range_m, distance, rtol=1e-12)
     np.testing.assert_allclose(approach_mps, -(sight * velocity).sum(axis=-1) / distance, rtol=1e-9, atol=1e-9)
+
+
+def test_points_turn_about_an_upright_axis_and_move():
+    rng = np.random.default_rng(4)
+    points, moved, angle = rng.normal(size=(37, 3)), np.empty((37, 3)), 0.7
+    turn_and_move(points, np.cos(angle), np.sin(angle), 1.0, -2.0, 0.5, 3.0, moved)
+    turned = Rotation.from_euler("z", angle).apply(points - [1.0, -2.0, 0.0]) + [0.5, 3.0, 0.0]
+    assert moved == pytest.approx(turned, abs=1e-13)
