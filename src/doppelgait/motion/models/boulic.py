@@ -32,7 +32,6 @@ from doppelgait.motion.models.strides import (
     footfall_times_s,
     mean_stride_frequency_hz,
     periodic_pchip_curve,
-    phase_at,
     sample_times_s,
     stride_clock,
 )
@@ -340,7 +339,7 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
         variation=config.stride_variation,
         rng=rng,
     )
-    phase = phase_at(clock, times_s)
+    phase = clock(times_s)
     # the frames and a whole cycle in one call: the floor is under the lowest point of the cycle
     both = np.concatenate([_WHOLE_CYCLE, phase])
     signs = _SIGNS[config.form]

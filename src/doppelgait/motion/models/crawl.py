@@ -21,7 +21,6 @@ from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
     mean_stride_frequency_hz,
-    phase_at,
     sample_times_s,
     stack_xyz,
     stride_clock,
@@ -125,7 +124,7 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
         variation=config.stride_variation,
         rng=rng,
     )
-    phase = phase_at(clock, times_s)
+    phase = clock(times_s)
     stride_m = config.speed_mps / stride_hz
     points = crawling_points(phase, stride_m / config.height_m)
     position_m = config.height_m * np.stack([points[name] for name in POINTS], axis=1)

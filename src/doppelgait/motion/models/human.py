@@ -53,7 +53,6 @@ from doppelgait.motion.models.strides import (
     cubic_spline,
     footfall_times_s,
     mean_stride_frequency_hz,
-    phase_at,
     sample_times_s,
     step_series,
     stride_clock,
@@ -343,7 +342,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
         if config.foot_lock
         else _boulic_style(config, size_m)
     )
-    # knots of time against phase, and a spline of the distance against phase where it is no straight line
+    # phase against time, and distance against phase where it is no straight line
     varied = {
         "time_sd": config.step_time_sd, "length_sd": config.step_length_sd, "pace_sd": config.pace_sd,
         "time_asymmetry": config.time_asymmetry,
@@ -354,10 +353,10 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
             times_s[-1], stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng,
             **varied,
         )  # fmt: skip
-        clock, path = (steps_s, phases), cubic_spline(phases, path_m)
+        clock, path = cubic_spline(steps_s, phases), cubic_spline(phases, path_m)
     else:
         clock = stride_clock(times_s[-1], period_s=style.period_s, start_phase=config.start_phase)
-    phase = phase_at(clock, times_s)
+    phase = clock(times_s)
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
         if path is not None:

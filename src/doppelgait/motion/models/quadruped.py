@@ -40,10 +40,10 @@ from doppelgait.motion.models.quadruped_gaits import (
 from doppelgait.motion.models.quadruped_limbs import Carriage, Course, all_points, regular_course
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
+    Curve,
     autoregressive,
     cubic_spline,
     mean_stride_frequency_hz,
-    phase_at,
     sample_times_s,
     stride_clock,
 )
@@ -240,7 +240,7 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
         variation=config.stride_variation,
         rng=rng,
     )
-    phase = phase_at(clock, times_s)
+    phase = clock(times_s)
     course = _course(config, phase, gait, stride_m / hip_m, rng)
     wag_rad = np.radians(config.tail_sweep_deg) * np.sin(2 * np.pi * config.tail_frequency_hz * times_s)
     duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
@@ -300,12 +300,10 @@ def _course(
     return Course(stride, landings, cubic_spline(np.arange(first, first + way.size) / 2, way))
 
 
-def _footfalls_s(
-    clock: tuple[FloatArray, FloatArray], course: Course, phase: FloatArray, end_s: float
-) -> dict[str, list[float]]:
+def _footfalls_s(clock: Curve, course: Course, phase: FloatArray, end_s: float) -> dict[str, list[float]]:
     """Return the times at which the feet land, 0 to ``end_s``."""
     low, high = phase[0] - 1e-9, phase[-1] + 1e-9
     landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}
-    found_s = np.clip(cubic_spline(*clock).where(np.concatenate([*landings.values()])), 0.0, end_s)
+    found_s = np.clip(clock.where(np.concatenate([*landings.values()])), 0.0, end_s)
     parts = np.split(found_s, np.cumsum([phases.size for phases in landings.values()])[:-1])
     return {foot: part.tolist() for foot, part in zip(landings, parts, strict=True)}

@@ -203,8 +203,10 @@ def stride_clock(
     start_phase: float = 0.0,
     variation: float = 0.0,
     rng: RandomSource | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the knots of the clock that counts strides.
+) -> Curve:
+    """Return the phase in cycles against time, the clock of strides.
+
+    It is a cubic spline, hence with continuous rate.
 
     Parameters
     ----------
@@ -221,7 +223,7 @@ def stride_clock(
 
     Returns
     -------
-    times_s, phases : ndarray, shape (K,)
+    Curve
         Rising; the phase grows by one from knot to knot. Time 0 is a knot.
 
     Raises
@@ -237,7 +239,7 @@ def stride_clock(
         deviation = variation * autoregressive(deviation.size, as_generator(rng, "motion"))
     lengths_s = period_s * (1 + deviation)
     times_s = np.concatenate([-np.cumsum(lengths_s[_MARGIN - 1 :: -1])[::-1], [0.0], np.cumsum(lengths_s[_MARGIN:])])
-    return times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0)
+    return cubic_spline(times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0))
 
 
 def autoregressive(count: int, rng: np.random.Generator, correlation: float = STRIDE_CORRELATION) -> FloatArray:
@@ -251,28 +253,17 @@ def autoregressive(count: int, rng: np.random.Generator, correlation: float = ST
     return np.clip(values, -LARGEST_DEVIATION, LARGEST_DEVIATION)
 
 
-def phase_at(clock: tuple[FloatArray, FloatArray], times_s: npt.ArrayLike) -> FloatArray:
-    """Return the phase in cycles at some times.
-
-    It is a cubic spline through the clock, hence with continuous rate.
-    """
-    return cubic_spline(*clock)(times_s)
-
-
-def footfall_times_s(
-    clock: tuple[FloatArray, FloatArray], touchdown_phase: Mapping[str, float], end_s: float
-) -> dict[str, list[float]]:
+def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: float) -> dict[str, list[float]]:
     """Return the landing times of each foot in [0, ``end_s``].
 
     ``touchdown_phase`` is in cycles by name of the foot.
     """
-    spline = cubic_spline(*clock)
-    first, last = (float(p) for p in spline([0.0, end_s]))
+    first, last = (float(p) for p in clock([0.0, end_s]))
     phases = [
         offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
         for offset in touchdown_phase.values()
     ]
-    found_s = np.clip(spline.where(np.concatenate(phases)), 0.0, end_s) if phases else np.empty(0)
+    found_s = np.clip(clock.where(np.concatenate(phases)), 0.0, end_s) if phases else np.empty(0)
     parts = np.split(found_s, np.cumsum([part.size for part in phases])[:-1])
     return {foot: part.tolist() for foot, part in zip(touchdown_phase, parts, strict=True)}
 
