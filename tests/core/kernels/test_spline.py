@@ -52,5 +52,5 @@ def test_points_turn_about_an_upright_axis_and_move():
     rng = np.random.default_rng(4)
     points, moved, angle = rng.normal(size=(37, 3)), np.empty((37, 3)), 0.7
     turn_and_move(points, np.cos(angle), np.sin(angle), 1.0, -2.0, 0.5, 3.0, moved)
-    turned = Rotation.from_euler("z", angle).apply(points - [1.0, -2.0, 0.0]) + [0.5, 3.0, 0.0]
+    turned = Rotation.from_euler("z", angle).apply(points - np.array([1.0, -2.0, 0.0])) + np.array([0.5, 3.0, 0.0])
     assert moved == pytest.approx(turned, abs=1e-13)
