@@ -52,6 +52,7 @@ Hips = Mapping[str, FloatArray]
 """Places of the hips by side, (n, 3) in m."""
 
 _GRID = np.arange(400) / 400
+_PRINTS = np.linspace(-0.5, 1.0, 301)
 _NUDGE = 1e-5
 
 
@@ -219,7 +220,7 @@ def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float
 
     The height is concave in the place, as the least of arcs of circles: a coarse look tells where to look closely.
     """
-    places = np.linspace(-0.5, 1.0, 301) * reach_m
+    places = _PRINTS * reach_m
     room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
 
     def highest(at: FloatArray) -> FloatArray:
