@@ -397,7 +397,8 @@ class Observed:
         """Amplitudes of the torso's swing by their order of f_mu / 2."""
         from doppelgait.core.kernels.robust import swing_parts
 
-        orders = ORDERS if self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES else ORDERS[1::2]
+        halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
+        orders = ORDERS if halves else np.ascontiguousarray(ORDERS[1::2])
         found = np.empty(2 * orders.size)
         swing_parts(self.torso_ripple_mps, math.pi * self.frequency_hz / self.rate_hz, orders, found)
         return dict(zip(orders.tolist(), np.hypot(*found.reshape(2, -1)).tolist(), strict=True))

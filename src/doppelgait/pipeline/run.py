@@ -136,7 +136,7 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     if unknown:
         places = ", ".join(key + line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
-    known = {key: table[key] for key in ("seed", "example") if isinstance(table.get(key), int)}
+    known = {key: table[key] for key in ("seed", "example") if isinstance(table.get(key), int) and table[key] >= 0}
     radar = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder, **known)
     scene = {key: table[key] for key in SCENE_KEYS if key in table}
     rest = {key: table[key] for key in ("noise", *FITTED_KEYS, "analysis", "seed", "example") if key in table}

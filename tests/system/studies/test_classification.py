@@ -72,5 +72,5 @@ def test_halves_are_those_of_the_models(study: ModuleType, tmp_path: Path) -> No
 
 
 def test_models_of_the_study_are_known(study: ModuleType) -> None:
-    assert {*study.FEATURE_MODELS} == {*BUILT_IN} - {"signature-network"}
+    assert {*study.FEATURE_MODELS} == {*BUILT_IN} - {"signature-network", "ensemble"}
     assert {*study.ABLATION_MODELS} < {*study.MODELS_ON_AXES} < {*BUILT_IN, "speed"}
