@@ -142,6 +142,8 @@ def run_examples() -> None:
     ]  # fmt: skip
     conditions = dg.Conditions(impairments=impairments)
     dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(1), conditions=conditions)
+    sweep = dg.Conditions(impairments=[{"kind": "iq_imbalance", "gain_db": 1.0}])  # looks at the samples of a sweep
+    dg.simulate(scene, dg.Radar.preset("ti-60"), rng=dg.rng(1), conditions=sweep)
     chirp = {"waveform": "lfm", "sweep_s": 5e-7, "bandwidth_hz": 1.4e9, "bandwidth_level_db": 10}
     for options in (chirp, {"waveform": "rectangular", "sweep_s": 1e-9}):
         plain = dg.Radar.preset("x4").model_dump(

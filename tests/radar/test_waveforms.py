@@ -14,7 +14,7 @@ from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import boulic_walk
-from doppelgait.pipeline import Run, analyze, simulate
+from doppelgait.pipeline import Conditions, Run, analyze, simulate
 from doppelgait.radar import (
     WAVEFORMS,
     Radar,
@@ -561,6 +561,42 @@ def test_limits_are_warned_of():
         if name != "cw":
             warn_of_limits(table_of([[4.0, 400.0]], target=[0, -1]), radar)  # a ghost may lie anywhere
     warn_of_limits(table_of([[400.0]]), RADARS["cw"])
+
+
+@pytest.mark.parametrize("name", ["fmcw", "stepped"])
+@pytest.mark.parametrize("window", ["hann", "none", "blackman"])
+@pytest.mark.parametrize("speed_mps", [0.0, 1.7, 4.7, -4.7, 60.0])
+@pytest.mark.parametrize("n_samples", [0, 1])
+def test_bins_without_samples_are_those_of_window_and_transform(name, window, speed_mps, n_samples):
+    radar = changed(RADARS[name], range_window=window)
+    if n_samples:  # an odd number: the middle of the sweep is a sample
+        radar = changed(
+            radar, sweep_s=radar.sweep_s * (radar.waveform.n_samples(radar) + 1) / radar.waveform.n_samples(radar)
+        )
+    rng = np.random.default_rng(3)
+    edges_m = radar.range_start_m + radar.bin_spacing_m * np.array([0.0, 0.5, 1.0, 7.25])
+    ranges_m = np.concatenate([rng.uniform(0.05, 30.0, (40, 6)), np.tile(edges_m, (40, 1))], axis=1)
+    table = table_of(ranges_m, velocity_mps=speed_mps, path_phase=rng.uniform(-9, 9, ranges_m.shape))
+    found = radar.waveform.synthesise_bins(table, radar)
+    wanted = radar.waveform.compress(radar.waveform.synthesise(table, radar), radar)
+    largest = np.abs(echo_amplitude_v(radar, range_m=ranges_m, rcs_m2=1.0)).sum(axis=1).max()
+    assert np.abs(found - wanted).max() < 1e-6 * largest
+    assert (speed_mps < 5.0) == bool((found != wanted).any())  # faster ones go the way of the samples
+
+
+@pytest.mark.filterwarnings("ignore:.*aliasing")
+def test_a_recording_of_a_swept_radar_is_that_of_its_samples():
+    walk = {"kind": "boulic", "speed_mps": 1.2}
+    scene, radar = Scene([Target(walk, label="human", range_m=5.0)], duration_s=0.3), RADARS["fmcw"]
+    found = simulate(scene, radar, rng=Streams(4), snr_db=20.0)
+    # an impairment that changes nothing
+    kept = Conditions(
+        impairments=[{"kind": "iq_imbalance", "gain_db": 0.0, "phase_deg": 0.0}]
+    )  # one that changes nothing
+    wanted = simulate(scene, radar, rng=Streams(4), snr_db=20.0, conditions=kept)
+    largest = np.abs(wanted.baseband.values).max()
+    assert np.abs(found.baseband.values - wanted.baseband.values).max() < 2e-6 * largest
+    assert found.noise_power_v2 == pytest.approx(wanted.noise_power_v2, rel=1e-5)
 
 
 # --- Kernel -------------------------------------------------------------------------------------------------------

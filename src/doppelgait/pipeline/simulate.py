@@ -12,6 +12,7 @@ from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis, label_axis, select_scatterers
 from doppelgait.core.rng import Streams
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
@@ -28,6 +29,7 @@ from doppelgait.radar.simulate import (
     lowest_prf_hz,
     noise_level_v2,
     snr_frame_db,
+    synthesise_bins,
     synthesise_planes,
     warn_of_limits,
 )
@@ -102,10 +104,13 @@ def simulate(
     warn_of_limits(scatterers, radar)
     # the echoes of the targets set the signal level; ghosts and background bodies are added to them
     targets, others = split_targets(scatterers)
-    samples = synthesise_planes(targets, radar)
-    signal_v2 = frame_power_v2(compress_samples(samples, radar))
+    # nothing between receiver and range bins looks at samples that a transform follows: a shorter way to the bins
+    bare = not conditions.impairments and not radar.waveform.samples_are_bins
+    synthesise = synthesise_bins if bare else synthesise_planes
+    samples = synthesise(targets, radar)
+    signal_v2 = frame_power_v2(samples if bare else compress_samples(samples, radar))
     if others is not None:
-        samples += synthesise_planes(others, radar)
+        samples += synthesise(others, radar)
     # level of the receiver noise, mean square in a range bin
     thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
     noise_v2 = 0.0
@@ -116,13 +121,18 @@ def simulate(
     if rng is not None:  # noise first, then the impairments in their order
         if noise_v2 > 0 and not thermal:
             power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
-            samples = samples.with_noise(draw_key(rng.generator("noise")), power_v2, noise_taps(radar))
+            noise = draw_key(rng.generator("noise")), power_v2, noise_taps(radar)
+            if bare:
+                silent = Samples.own(np.zeros((slow_time_s.size, radar.waveform.n_samples(radar)), dtype=np.complex64))
+                samples += compress_samples(silent.with_noise(*noise), radar)
+            else:
+                samples = samples.with_noise(*noise)
         _, samples_rng = _impairment_generators(rng)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
     # the bodies in the truth are for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording(
-        compress_samples(samples, radar),
+        samples if bare else compress_samples(samples, radar),
         radar,
         slow_time_s,
         radar.range_axis_m(),

@@ -101,6 +101,13 @@ class Waveform(FrozenModel):
         """
         return np.asarray(samples, dtype=np.complex64)
 
+    def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+        """Return noise-free range bins, V, shape (I, N).
+
+        They are the samples of :meth:`synthesise`, compressed; a waveform may know a shorter way.
+        """
+        return self.compress(self.synthesise(scatterers, radar), radar)
+
     def resolution_m(self, radar: Radar) -> float:
         """Return the half-power width in range of one echo."""
         raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")

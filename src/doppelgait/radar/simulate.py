@@ -19,7 +19,7 @@ from doppelgait.radar.recording import baseband_facts
 
 __all__ = [
     "add_noise", "compress", "compress_samples", "draw_key", "frame_power_v2", "label_baseband", "lowest_prf_hz",
-    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_planes",
+    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_bins", "synthesise_planes",
     "synthesise_samples", "warn_of_limits",
 ]  # fmt: skip
 
@@ -42,8 +42,7 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
         complex64, V at the receiver output. Superposition of all scatterers; migration from frame to frame kept, and
         within a frame what the waveform says (E-18, :mod:`doppelgait.radar.waveforms`).
     """
-    bins = compress(synthesise_samples(scatterers, radar), radar)
-    return label_baseband(bins, axis(scatterers, "slow_time"), radar)
+    return label_baseband(synthesise_bins(scatterers, radar).matrix, axis(scatterers, "slow_time"), radar)
 
 
 def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
@@ -70,6 +69,14 @@ def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
     As :func:`synthesise_samples`; :func:`doppelgait.pipeline.simulate` calls it.
     """
     return radar.waveform.synthesise_planes(fold_scatterers(scatterers, radar), radar)
+
+
+def synthesise_bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
+    """Synthesise noise-free range bins of all scatterers.
+
+    As :func:`synthesise`, without labels.
+    """
+    return Samples.own(radar.waveform.synthesise_bins(fold_scatterers(scatterers, radar), radar))
 
 
 def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:

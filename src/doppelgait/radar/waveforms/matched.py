@@ -50,7 +50,7 @@ class _MatchedPulse(Waveform):
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Sum the matched-filter responses of all scatterers."""
-        from doppelgait.core.kernels.matched import add_responses, add_tabled_responses
+        from doppelgait.core.kernels.responses import add_responses, add_tabled_responses
 
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         phase_rad = path_phase_rad(scatterers)
@@ -173,7 +173,7 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 
 @lru_cache(maxsize=4)
 def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
-    r"""Tabulate the response of a chirp for :func:`~doppelgait.core.kernels.matched.add_tabled_responses`.
+    r"""Tabulate the response of a chirp for :func:`~doppelgait.core.kernels.responses.add_tabled_responses`.
 
     Every bin is divided into P intervals of delay, in which the response without Doppler shift is a parabola through
     its values at three Chebyshev nodes; its spectrum of width B leaves an error of
