@@ -22,8 +22,8 @@ if {level!r}:
 from doppelgait.dataset import load_plan, plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
 digest = hashlib.sha256()
-for name in ("home-alarm", {rooms!r}):
-    config, folder = load_plan(name, overrides=["dataset.examples_per_class=12"])
+for name, hop in (("home-alarm", []), ({rooms!r}, []), ("home-alarm", ["analysis.hop=1"])):
+    config, folder = load_plan(name, overrides=["dataset.examples_per_class=12", *hop])
     plan = plan_dataset(config, folder=folder)
     for entry in plan.examples[::6]:
         for row, arrays in build_planned(entry, BuildContext(plan.config, str(plan.folder), ".")):

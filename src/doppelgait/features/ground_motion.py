@@ -87,8 +87,8 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
         Without numbers where ranges fit straight, steady motion with a chance below 0.001
         (:func:`doppelgait.core.straight.straight_chance`) or say too little.
     """
-    times = np.asarray(time_s, dtype=np.float64)
-    ranges = np.asarray(range_m, dtype=np.float64)
+    times = np.ascontiguousarray(time_s, dtype=np.float64)
+    ranges = np.ascontiguousarray(range_m, dtype=np.float64)
     duration_s = float(times[-1] - times[0])
     if duration_s < MIN_OBSERVATION_S - ENDS_S:
         return GroundMotion(reason="too_short")
