@@ -11,6 +11,7 @@ from scipy.io import savemat
 
 import doppelgait as dg
 from acconeer_file import write_file as write_acconeer
+from beat import write_glasgow
 from doppelgait.core import plugins
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
@@ -54,6 +55,8 @@ def _sample_file(name, folder):
         for part in ("RE", "IM"):
             (folder / f"walk_{part}.txt").write_text("\n".join(str(2000 + n % 90) for n in range(512)))
         return folder / "walk_RE.txt"
+    if name == "glasgow":
+        return write_glasgow(folder / "1P36A01R01.dat", np.ones((20, 64)))
     frames = np.random.default_rng(1).normal(size=(20, 256))
     savemat(folder / "walk.mat", {"Data_Matrix": frames, "actual_fps": 25.0, "bin_length": 0.00643, "frame_start": 0.4})
     return folder / "walk.mat"

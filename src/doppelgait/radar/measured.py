@@ -99,6 +99,47 @@ def label_measured(
     return Recording.from_baseband(baseband, radar, source=path.name, notes=notes)
 
 
+def label_sweeps(
+    path: Path,
+    samples: npt.NDArray[Any],
+    *,
+    radar: Radar,
+    slow_time_s: npt.NDArray[np.float64],
+    conjugate: bool,
+    notes: Sequence[str] = (),
+    attrs: Mapping[str, Any] | None = None,
+) -> Recording:
+    """Make a recording of the beat samples of frequency sweeps.
+
+    Parameters
+    ----------
+    path : Path
+        Its name becomes the source.
+    samples : ndarray, shape (I, S)
+        Beat of every sweep, V; a real one shows an echo at half its amplitude, which is undone.
+    radar : Radar
+        With the waveform ``fmcw`` and S samples a sweep: its frame and window decide on the range bins.
+    slow_time_s : ndarray, shape (I,)
+    conjugate : bool
+        True where the phase grows with distance.
+    notes, attrs
+        As of :func:`label_measured`.
+    """
+    window = "without a window" if radar.range_window == "none" else f"with a {radar.range_window.title()} window"
+    said = [
+        f"range bins are the transform of a sweep's samples {window}; static echoes are not removed",
+        f"the samples are {'' if conjugate else 'not '}conjugated, so that an approaching target has positive Doppler",
+        *notes,
+    ]
+    check_shape(path, samples)
+    check_finite(path, samples)
+    beat = samples.conj() if conjugate else samples
+    bins = radar.waveform.compress(beat if np.iscomplexobj(samples) else 2.0 * samples, radar)
+    return label_measured(
+        path, bins, radar=radar, slow_time_s=slow_time_s, range_m=radar.range_axis_m(), notes=said, attrs=attrs
+    )
+
+
 def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
     """Refuse fewer than two pulses or one range bin."""
     n_pulses, n_bins = values.shape

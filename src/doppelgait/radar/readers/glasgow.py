@@ -1,0 +1,156 @@
+"""Recordings of Ancortek radars as text: "radar signatures of human activities".
+
+Published by the University of Glasgow (F. Fioranelli et al., 2019, DOI 10.5525/gla.researchdata.848). Four lines with
+centre frequency (Hz), sweep time (ms), samples per sweep and bandwidth (Hz) come first, then one complex sample of the
+beat per line, such as ``2048+1998i``. The published MATLAB program (``DataProcessingExample.m``) takes the positive
+frequencies of the transform of a sweep for the ranges and mirrors the Doppler axis: the phase grows with range.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from doppelgait.core.errors import RecordingError, warn_caller
+from doppelgait.core.plugins import plugin
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.radar.measured import check_number, label_sweeps, radar_of_facts
+from doppelgait.radar.recording import Recording
+
+HEAD_BYTES = 512
+HEAD_LINES = ("centre frequency in Hz", "sweep time in ms", "samples per sweep", "bandwidth in Hz")
+LIMITS = ((1e6, 1e12), (1e-3, 1e4), (2, 65_536), (0, 1e11))
+"""Above the first, up to the second."""
+MAX_BYTES = 2**29
+VOLTS_PER_CODE = 1.0 / 4096
+"""The middle of the codes, 2048, is that of a converter of 12 bits; its full scale is taken as 1 V."""
+
+
+def sniff_glasgow(path: Path) -> bool:
+    """Return whether four numbers and a complex sample begin a file."""
+    if not Path(path).is_file():
+        return False
+    with Path(path).open("rb") as file:
+        words = file.read(HEAD_BYTES).split()
+    if len(words) < 5 or not words[4].endswith(b"i") or b"." in words[2]:
+        return False
+    try:
+        return all(float(word) >= 0 for word in words[:4]) and complex(words[4].decode("ascii")[:-1] + "j") is not None
+    except ValueError:  # a word that is no number, or no ASCII
+        return False
+
+
+@plugin("radar_reader", "glasgow", sniff=sniff_glasgow, suffixes=(".dat",))
+def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
+    """Read a text file of an Ancortek FMCW radar, such as ``1P36A01R01.dat``.
+
+    Every sweep becomes a row of range bins by a windowed (Hann) transform. Static echoes and the mean of the converter
+    stay in, the latter in the bins nearest to the radar.
+
+    Parameters
+    ----------
+    path : path-like
+    conjugate : bool
+        True for this format, in which the phase grows with distance.
+    range_stop_m : float, optional
+        Farthest range; by default that of half the samples, as in the published program: 24 m of 128 samples over
+        400 MHz.
+
+    Returns
+    -------
+    Recording
+        One pulse a sweep, one sweep after the other. A last sweep that is not whole is left out, with a warning.
+
+    Raises
+    ------
+    RecordingError
+        If a number of the first four lines is missing or not allowed, a line is no complex number, or fewer than two
+        sweeps are there.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise RecordingError(f"{file}: no such file")
+    if file.stat().st_size > MAX_BYTES:
+        raise RecordingError(f"{file}: has {file.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
+    words = file.read_bytes().decode("ascii", "replace").split()
+    carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(file, words)
+    if not bandwidth_hz:
+        raise RecordingError(f"{file}: bandwidth 0 Hz is that of a continuous wave; only frequency sweeps are read")
+    n_samples = int(samples_per_sweep)
+    try:
+        values = np.array([complex(f"{word[:-1]}j" if word[-1] == "i" else word) for word in words[4:]], np.complex128)
+    except ValueError:
+        raise RecordingError(_fault(file)) from None
+    count, rest = divmod(values.size, n_samples)
+    if count < 2:
+        raise RecordingError(
+            f"{file}: holds {values.size} samples, less than two sweeps of {n_samples}; the file is cut off"
+        )
+    if rest:
+        warn_caller(f"{file}: the last sweep has {rest} of {n_samples} samples and is left out")
+    spacing_m = SPEED_OF_LIGHT_MPS / (2.0 * bandwidth_hz)
+    farthest_m = n_samples // 2 * spacing_m
+    stop_m = farthest_m if range_stop_m is None else check_number(file, "range_stop_m", range_stop_m, above=0)
+    if stop_m > farthest_m * (1 + 1e-9):
+        raise RecordingError(f"{file}: range_stop_m = {stop_m:g} is not allowed; the ranges end at {farthest_m:.4g} m")
+    radar = radar_of_facts(
+        file,
+        name="Ancortek FMCW radar",
+        waveform="fmcw",
+        carrier_hz=carrier_hz,
+        bandwidth_hz=bandwidth_hz,
+        prf_hz=1e3 / sweep_ms,
+        sweep_s=sweep_ms / 1e3,
+        sample_rate_hz=n_samples / (sweep_ms / 1e3),
+        range_stop_m=stop_m,
+        volts_per_unit=VOLTS_PER_CODE,
+    )
+    samples = values[: count * n_samples].reshape(count, n_samples) * VOLTS_PER_CODE
+    return label_sweeps(
+        file,
+        samples,
+        radar=radar,
+        slow_time_s=np.arange(count) / radar.prf_hz,
+        conjugate=conjugate,
+        notes=[
+            "sweeps are taken as rising, sampled all the time and one after the other; the centre frequency as that "
+            "of the band",
+            f"levels: one step of the converter is taken as {VOLTS_PER_CODE:.4g} V",
+        ],
+    )
+
+
+def _read_head(file: Path, words: list[str]) -> list[float]:
+    numbers = []
+    for number, (name, (above, most)) in enumerate(zip(HEAD_LINES, LIMITS, strict=True)):
+        word = words[number] if number < len(words) else ""
+        try:
+            value = float(word)
+        except ValueError:
+            value = float("nan")
+        least = value >= above if above == 0 else value > above
+        if not (least and value <= most) or (number == 2 and value % 1):
+            raise RecordingError(
+                f"{file}: line {number + 1} holds {word[:20]!r}; it must be the {name}, above {above:g} and at most "
+                f"{most:g}" + (", a whole number" if number == 2 else "")
+            )
+        numbers.append(value)
+    return numbers
+
+
+def _fault(file: Path) -> str:
+    """Name the first line that is no complex number."""
+    place = 0
+    with file.open(encoding="ascii", errors="replace") as lines:
+        for number, line in enumerate(lines, start=1):
+            for word in line.split():
+                place += 1
+                try:
+                    complex(f"{word[:-1]}j" if word[-1] == "i" else word)
+                except ValueError:
+                    if place > len(HEAD_LINES):
+                        return (
+                            f"{file}: line {number} holds {word[:20]!r}; it must be a complex number such as 2048+1998i"
+                        )
+    return f"{file}: holds a line that is no complex number"
