@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from doppelgait.cli.analyze import ReaderOptions
+from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import number, print_json, print_table, progress, reader_options, say
 
 
@@ -95,7 +96,12 @@ def classify(
 def evaluate(
     dataset: Annotated[Path, typer.Argument(help="Folder of the dataset to train on.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the report.")],
-    test: Annotated[Path | None, typer.Option("--test", help="Another dataset to test on instead.")] = None,
+    test: Annotated[
+        Path | None,
+        typer.Option("--test", help="Another dataset to test on instead; with --names a folder of recordings."),
+    ] = None,
+    names: Annotated[str | None, typer.Option("--names", help=f"With --test. {NAMES_HELP}")] = None,
+    classes: Annotated[list[str] | None, typer.Option("--label", help=f"With --names. {LABEL_HELP}")] = None,
     models: Annotated[
         list[str] | None,
         typer.Option(
@@ -126,7 +132,8 @@ def evaluate(
 
     The report has scores, figures and the plan of the data.
 
-    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz
+    Examples: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
+    doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.evaluate import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
@@ -137,6 +144,8 @@ def evaluate(
     if save is not None:
         _check_save(save, output)
     check_folder(output)
+    if names is not None or classes:
+        test = _import_test(dataset, test, names, classes or [], output)
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
@@ -161,6 +170,27 @@ def evaluate(
         if found.best == "ensemble":
             chosen = "the mean of its members"
         say(f"model: {save}: {found.best}, {chosen}")
+
+
+def _import_test(dataset: Path, folder: Path | None, names: str | None, classes: list[str], output: Path) -> Path:
+    """Make a dataset of a folder of recordings, next to the report, with the analysis of the training data."""
+    from doppelgait.core.config import validate
+    from doppelgait.core.errors import ConfigError
+    from doppelgait.dataset import open_dataset
+    from doppelgait.dataset.importing import ImportConfig, import_dataset
+    from doppelgait.dataset.names import label_entries
+
+    if folder is None or names is None:
+        raise ConfigError("--names and --label need --test FOLDER, and --label needs --names")
+    target = output.with_name(f"{output.name}-test")
+    planned = open_dataset(dataset).description.get("config") or {}
+    config = validate(ImportConfig, {"analysis": planned.get("analysis") or {}}, where=str(dataset))
+    entries = label_entries(folder, None, names, classes, gate="track")
+    with progress("importing") as on_progress:
+        report = import_dataset(folder, entries, target, config=config, on_progress=on_progress)
+    failed = f"; {report.n_failed} failed, the first: {report.failures[0]['reason']}" if report.n_failed else ""
+    say(f"{target}: {report.n_rows} rows of {report.n_recordings} recordings{failed}")
+    return target
 
 
 def _check_save(save: Path, output: Path) -> None:

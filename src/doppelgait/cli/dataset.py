@@ -316,10 +316,21 @@ def forms(as_json: AsJson = False) -> None:
     print_json(rows) if as_json else print_table(rows)
 
 
+NAMES_HELP = (
+    "Instead of --labels: where the names of the files hold label and subject, glasgow or for example "
+    "'{label}/{subject}_*.dat'."
+)
+LABEL_HELP = "LABEL=CLASS: call a label so, or leave it out with nothing after =; '*' is any; repeatable."
+
+
 def import_recordings(
     folder: Annotated[Path, typer.Argument(help="Folder of recordings.")],
-    labels: Annotated[Path, typer.Option("--labels", help="What they show: CSV with file, label and more.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the dataset.")],
+    labels: Annotated[
+        Path | None, typer.Option("--labels", help="What they show: CSV with file, label and more.")
+    ] = None,
+    names: Annotated[str | None, typer.Option("--names", help=NAMES_HELP)] = None,
+    classes: Annotated[list[str] | None, typer.Option("--label", help=LABEL_HELP)] = None,
     gate: Annotated[str, typer.Option("--gate", help="track, or FROM:TO in m, where a line does not say.")] = "track",
     window_s: Annotated[float | None, typer.Option("--window-s", help="Cut recordings into windows of this.")] = None,
     hop_s: Annotated[float | None, typer.Option("--hop-s", help="Step from window to window.")] = None,
@@ -334,16 +345,19 @@ def import_recordings(
 ) -> None:
     """Make a dataset of your own radar recordings.
 
-    Example: doppelgait dataset import recordings --labels labels.csv -o garden-test
+    Examples: doppelgait dataset import recordings --labels labels.csv -o garden-test;
+    doppelgait dataset import glasgow --names glasgow --label walking=human --label '*=' -o glasgow-test
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.dataset.importing import ImportConfig, import_dataset
+    from doppelgait.dataset.names import label_entries
 
     named = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
     table = apply_overrides({key: value for key, value in named.items() if value is not None}, changes or [])
     config = validate(ImportConfig, table, where="import")
+    entries = label_entries(folder, labels, names, classes or [], gate=config.gate)
     with progress("importing", quiet=as_json) as on_progress:
-        report = import_dataset(folder, labels, output, config=config, on_progress=on_progress)
+        report = import_dataset(folder, entries, output, config=config, on_progress=on_progress)
     if as_json:
         print_json({**vars(report), "directory": str(report.directory)})
     else:

@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -106,8 +106,8 @@ class ImportReport:
 
 
 def import_dataset(
-    folder: str | Path, labels: str | Path, directory: str | Path, *, config: ImportConfig | None = None,
-    name: str | None = None, on_progress: Progress | None = None,
+    folder: str | Path, labels: str | Path | Sequence[LabelEntry], directory: str | Path, *,
+    config: ImportConfig | None = None, name: str | None = None, on_progress: Progress | None = None,
 ) -> ImportReport:  # fmt: skip
     """Make a dataset from radar recordings and a file of labels.
 
@@ -119,8 +119,9 @@ def import_dataset(
     ----------
     folder : path
         Recordings of any format that :func:`doppelgait.radar.read_recording` reads.
-    labels : path
-        See :func:`doppelgait.dataset.importing.read_labels`.
+    labels : path or sequence of LabelEntry
+        File of labels, see :func:`doppelgait.dataset.importing.read_labels`, or what
+        :func:`doppelgait.dataset.names.read_names` made of the names of the files.
     directory : path
         Folder of the dataset; it appears when it is complete. Importing the same into it again changes nothing.
     config : ImportConfig, optional
@@ -145,15 +146,16 @@ def import_dataset(
     """
     began = time.monotonic()
     settings = config or ImportConfig()
-    source, target, table = Path(folder), Path(directory).absolute(), Path(labels)
+    source, target = Path(folder), Path(directory).absolute()
     if not source.is_dir():
         raise ConfigError(f"{source}: no such folder of recordings")
-    entries = read_labels(table, source, gate=settings.gate)
-    planned = plan_entries(entries, settings, table.name)
+    named = Path(labels).name if isinstance(labels, str | Path) else "names of files"
+    entries = read_labels(labels, source, gate=settings.gate) if isinstance(labels, str | Path) else list(labels)
+    planned = plan_entries(entries, settings, named)
     hashes = {one.entry.recording: "" for one in planned}
     hashes = {recording: recording_sha256(source, recording) for recording in hashes}
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
-    identity = import_id(table, hashes, settings, plugins)
+    identity = import_id(labels, hashes, settings, plugins)
     there = _same_import(target, identity)
     if there is not None:
         return _report(target, identity, planned, there, began, was_there=True)
@@ -167,7 +169,7 @@ def import_dataset(
         n_examples=len(planned),
         config=settings.model_dump(mode="json"),
         card=lambda index, n_failed: import_card(
-            index, name=title, identity=identity, config=settings, labels=table.name, n_failed=n_failed
+            index, name=title, identity=identity, config=settings, labels=named, n_failed=n_failed
         ),
         plugins=plugins,
     )
@@ -180,7 +182,7 @@ def import_dataset(
             if not totals.rows:
                 first = totals.failures[0]
                 raise DatasetError(
-                    f"{table.name}: none of {len(planned)} recordings can be imported; the first, {first['id']}: "
+                    f"{named}: none of {len(planned)} recordings can be imported; the first, {first['id']}: "
                     f"{first['reason']}"
                 )
             finish_dataset(partial, header, names)
@@ -211,16 +213,16 @@ def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_pr
 
 
 def import_id(
-    labels: Path, hashes: dict[str, str], config: ImportConfig, plugins: Sequence[Mapping[str, Any]] = ()
-) -> str:
+    labels: str | Path | Sequence[LabelEntry], hashes: dict[str, str], config: ImportConfig,
+    plugins: Sequence[Mapping[str, Any]] = (),
+) -> str:  # fmt: skip
     """Compute the identity of an import, 16 hex digits.
 
     It is a hash of labels, recordings, configuration and data version.
 
     Parameters
     ----------
-    labels : Path
-        The file.
+    labels : path or sequence of LabelEntry
     hashes : dict
         SHA-256 of every recording by its path in the folder.
     config : ImportConfig
@@ -229,7 +231,10 @@ def import_id(
     """
     settings = canonical_json(config)
     digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{canonical_json(hashes)}\n".encode())
-    digest.update(labels.read_bytes())
+    if isinstance(labels, str | Path):
+        digest.update(Path(labels).read_bytes())
+    else:
+        digest.update(canonical_json({"labels": [asdict(entry) for entry in labels]}).encode())
     for item in plugins:
         digest.update(canonical_json(item).encode())
     return digest.hexdigest()[:16]
