@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -42,6 +43,10 @@ XETHRU = {"start_time": datetime(2020, 5, 1, 12, tzinfo=UTC), "session_id": "a"}
 WRITERS = {"doppelgait": {}, "arrays": {}, "sigmf": {}, "xethru": {**XETHRU, "rtol": 1e-5}}
 
 
+CHIRPS = {"device": "xwr18xx", "receivers": [0], "n_samples": 64, "sample_rate_hz": 2e6, "start_hz": 60e9,
+          "slope_hz_per_s": 20e12, "idle_s": 1e-4, "ramp_s": 5e-5, "loops": 8, "frame_period_s": 0.01}  # fmt: skip
+
+
 def _sample_file(name, folder):
     """A good file of a reader's format, alone in its folder."""
     folder.mkdir()
@@ -55,6 +60,10 @@ def _sample_file(name, folder):
         for part in ("RE", "IM"):
             (folder / f"walk_{part}.txt").write_text("\n".join(str(2000 + n % 90) for n in range(512)))
         return folder / "walk_RE.txt"
+    if name == "dca1000":
+        (folder / "walk.json").write_text(json.dumps(CHIRPS))
+        np.arange(4 * 8 * 64 * 2, dtype="<i2").tofile(folder / "walk.bin")
+        return folder / "walk.bin"
     if name == "glasgow":
         return write_glasgow(folder / "1P36A01R01.dat", np.ones((20, 64)))
     frames = np.random.default_rng(1).normal(size=(20, 256))

@@ -115,6 +115,9 @@ def evaluate(
         str | None,
         typer.Option("--leave-out", help="Leave one value of this column out at a time: source, subject, ..."),
     ] = None,
+    options: Annotated[
+        list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
+    ] = None,
     save: Annotated[
         Path | None,
         typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
@@ -144,8 +147,8 @@ def evaluate(
     if save is not None:
         _check_save(save, output)
     check_folder(output)
-    if names is not None or classes:
-        test = _import_test(dataset, test, names, classes or [], output)
+    if names is not None or classes or options:
+        test = _import_test(dataset, test, names, classes or [], options or [], output)
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
@@ -172,20 +175,22 @@ def evaluate(
         say(f"model: {save}: {found.best}, {chosen}")
 
 
-def _import_test(dataset: Path, folder: Path | None, names: str | None, classes: list[str], output: Path) -> Path:
+def _import_test(
+    dataset: Path, folder: Path | None, names: str | None, classes: list[str], options: list[str], output: Path
+) -> Path:
     """Make a dataset of a folder of recordings, next to the report, with the analysis of the training data."""
-    from doppelgait.core.config import validate
+    from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError
     from doppelgait.dataset import open_dataset
     from doppelgait.dataset.importing import ImportConfig, import_dataset
     from doppelgait.dataset.names import label_entries
 
     if folder is None or names is None:
-        raise ConfigError("--names and --label need --test FOLDER, and --label needs --names")
+        raise ConfigError("--names, --label and --option need --test FOLDER and --names")
     target = output.with_name(f"{output.name}-test")
     planned = open_dataset(dataset).description.get("config") or {}
     config = validate(ImportConfig, {"analysis": planned.get("analysis") or {}}, where=str(dataset))
-    entries = label_entries(folder, None, names, classes, gate="track")
+    entries = label_entries(folder, None, names, classes, gate="track", options=apply_overrides({}, options))
     with progress("importing") as on_progress:
         report = import_dataset(folder, entries, target, config=config, on_progress=on_progress)
     failed = f"; {report.n_failed} failed, the first: {report.failures[0]['reason']}" if report.n_failed else ""

@@ -341,6 +341,10 @@ def import_recordings(
         list[str] | None,
         typer.Option("--set", help="For example analysis.cpi_s=0.2, tracking.detector.pfa=1e-4, split.train=0.8."),
     ] = None,
+    options: Annotated[
+        list[str] | None,
+        typer.Option("--option", help="Reader option KEY=VALUE of all recordings, as of analyze; repeatable."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset of your own radar recordings.
@@ -355,7 +359,8 @@ def import_recordings(
     named = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
     table = apply_overrides({key: value for key, value in named.items() if value is not None}, changes or [])
     config = validate(ImportConfig, table, where="import")
-    entries = label_entries(folder, labels, names, classes or [], gate=config.gate)
+    reader = apply_overrides({}, options or [])
+    entries = label_entries(folder, labels, names, classes or [], gate=config.gate, options=reader)
     with progress("importing", quiet=as_json) as on_progress:
         report = import_dataset(folder, entries, output, config=config, on_progress=on_progress)
     if as_json:

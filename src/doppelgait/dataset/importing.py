@@ -16,6 +16,7 @@ from typing import Any
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.files import file_sha256
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.build import log_entry
 from doppelgait.dataset.card import import_card
@@ -155,7 +156,13 @@ def import_dataset(
     hashes = {one.entry.recording: "" for one in planned}
     hashes = {recording: recording_sha256(source, recording) for recording in hashes}
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
-    identity = import_id(labels, hashes, settings, plugins)
+    described: dict[str, str] = {}
+    for entry in entries:
+        if isinstance(config_name := entry.options.get("config"), str):  # settings that a reader takes from a file
+            beside = (source / entry.recording).parent / config_name
+            used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
+            described[f"option.config={config_name}"] = "" if used is None else file_sha256(used)
+    identity = import_id(labels, hashes | described, settings, plugins)
     there = _same_import(target, identity)
     if there is not None:
         return _report(target, identity, planned, there, began, was_there=True)

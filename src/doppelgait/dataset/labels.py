@@ -20,11 +20,12 @@ from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, parse_gate
 from doppelgait.processing.gate import GateChoice
+from doppelgait.radar.readers.ti_config import config_of
 from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
-WITH_SIDECAR = (".npy", ".npz")
-"""Arrays that a TOML file of the same stem describes."""
+WITH_SIDECAR = (".npy", ".npz", ".bin")
+"""Recordings that a TOML file of the same stem describes."""
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
@@ -89,8 +90,9 @@ def files_of(path: Path) -> tuple[Path, ...]:
             if path.name.endswith(end):
                 both = (path.with_name(path.name.removesuffix(end) + other) for other in pair)
                 return tuple(sorted(one for one in both if one.is_file()))
-    if path.suffix in WITH_SIDECAR and path.with_suffix(".toml").is_file():
-        return path, path.with_suffix(".toml")
+    described = config_of(path) if path.suffix == ".bin" else path.with_suffix(".toml")
+    if path.suffix in WITH_SIDECAR and described is not None and described.is_file():
+        return path, described
     meta = path.with_name(META_NAME)
     if path.suffix == ".dat" and meta.is_file():
         return tuple(sorted({path, meta})) if path != meta else tuple(sorted(path.parent.glob("xethru_*.dat")))

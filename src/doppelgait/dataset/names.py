@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.dataset.labels import LABEL, LabelEntry, read_labels
@@ -111,22 +112,27 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
 
 
 def label_entries(
-    folder: Path, labels: Path | None, names: str | None, classes: Sequence[str], *, gate: GateChoice
-) -> Path | list[LabelEntry]:
+    folder: Path, labels: Path | None, names: str | None, classes: Sequence[str], *, gate: GateChoice,
+    options: Mapping[str, Any] | None = None,
+) -> Path | list[LabelEntry]:  # fmt: skip
     """Choose labels of a file or of names, with their classes.
 
-    The file itself is returned where nothing changes its labels.
+    The file itself is returned where nothing changes its lines; ``options`` are of the reader, for entries without
+    their own.
 
     Raises
     ------
     ConfigError
         If not exactly one of ``labels`` and ``names`` is there, or one of them or ``classes`` is wrong.
     """
-    if labels is not None and names is None:
-        return relabel(read_labels(labels, folder, gate=gate), classes) if classes else labels
-    if labels is not None or names is None:
+    if labels is not None and names is None and not (classes or options):
+        return labels
+    if (labels is None) == (names is None):
         raise ConfigError("give --labels, or --names where the names of the files hold the labels, one of the two")
-    return relabel(read_names(folder, names, gate=gate), classes)
+    entries = (
+        read_labels(labels, folder, gate=gate) if labels is not None else read_names(folder, names or "", gate=gate)
+    )
+    return [replace(one, options={**(options or {}), **one.options}) for one in relabel(entries, classes)]
 
 
 def relabel(entries: Sequence[LabelEntry], classes: Sequence[str]) -> list[LabelEntry]:

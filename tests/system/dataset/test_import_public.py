@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from beat import beat, walker, write_glasgow
 from doppelgait.cli.app import app
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.importing import ImportConfig, import_dataset, import_id
 from doppelgait.dataset.names import label_entries, relabel
 from tiny_dataset import built, tiny_plan
@@ -63,7 +63,34 @@ def test_one_command_scores_simulations_on_a_glasgow_folder(glasgow, tmp_path, t
     assert report["counts"] == {"walking": 2}
     assert "no recording format" in report["failures"][0]["reason"]
     for wrong in (["--names", "glasgow"], ["--test", str(glasgow), "--label", "walking=human"]):
-        with pytest.raises(ConfigError, match="need --test FOLDER"):
+        with pytest.raises(ConfigError, match="need --test FOLDER and --names"):
             CliRunner().invoke(
                 app, ["evaluate", str(dataset), "-o", str(tmp_path / "q"), *wrong], catch_exceptions=False
             )
+
+
+def test_settings_of_all_recordings_are_part_of_the_identity(tmp_path):
+    folder, config = tmp_path / "ti", tmp_path / "chirps.json"
+    table = {
+        "device": "xwr18xx", "receivers": [0], "n_samples": 64, "sample_rate_hz": 4e6, "start_hz": 60e9,
+        "slope_hz_per_s": 30e12, "idle_s": 4.5e-4, "ramp_s": 5e-5, "loops": 8, "frame_period_s": 0.004,
+    }  # fmt: skip
+    folder.mkdir()
+    config.write_text(json.dumps(table))
+    for name in ("walk-anna", "walk-ben"):
+        np.random.default_rng(len(name)).integers(-99, 99, 2 * 64 * 8 * 300).astype("<i2").tofile(
+            folder / f"{name}.bin"
+        )
+    command = ["dataset", "import", folder, "--names", "{label}-{subject}.bin", "--gate", "1:2", "--option"]
+    command = [
+        str(x) for x in [*command, "format=dca1000", "--option", f"config={config}", "--json", "-o", tmp_path / "set"]
+    ]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    assert report["counts"] == {"walk": 2}
+    assert pd.read_parquet(tmp_path / "set" / "index.parquet")["subject"].tolist() == ["person/anna", "person/ben"]
+    assert json.loads(CliRunner().invoke(app, command).stdout)["was_there"]
+    config.write_text(json.dumps(table | {"start_hz": 61e9}))
+    with pytest.raises(DatasetError, match="of other recordings, labels or settings"):
+        CliRunner().invoke(app, command, catch_exceptions=False)

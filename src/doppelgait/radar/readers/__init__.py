@@ -44,7 +44,7 @@ RADAR_READERS: Group[Reader] = Group(
     built_in=(
         "doppelgait.radar.recordings", "doppelgait.radar.xethru.convert", "doppelgait.radar.readers.matlab",
         "doppelgait.radar.readers.arrays", "doppelgait.radar.readers.acconeer", "doppelgait.radar.readers.cw_text",
-        "doppelgait.radar.readers.sigmf", "doppelgait.radar.readers.glasgow",
+        "doppelgait.radar.readers.sigmf", "doppelgait.radar.readers.glasgow", "doppelgait.radar.readers.dca1000",
     ),
 )  # fmt: skip
 """Readers of radar recordings by name."""

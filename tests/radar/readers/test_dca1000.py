@@ -1,0 +1,270 @@
+"""Samples of TI sensors as the DCA1000 board stores them, written here number by number."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from beat import approaching, beat, walker
+from doppelgait.core.errors import AnalysisError, RecordingError
+from doppelgait.radar import read_recording
+from doppelgait.radar.readers.dca1000 import read_dca1000, sniff_dca1000
+from doppelgait.radar.readers.ti_config import read_config
+
+C_MPS = 299_792_458.0
+TABLE = {
+    "device": "xwr16xx", "output": "complex1x", "receivers": [0, 1], "n_samples": 64, "sample_rate_hz": 2e6,
+    "start_hz": 77e9, "slope_hz_per_s": 20e12, "idle_s": 50e-6, "adc_start_s": 5e-6, "ramp_s": 50e-6,
+    "chirps_per_loop": 1, "loops": 16, "frames": 0, "frame_period_s": 1.6e-3,
+}  # fmt: skip
+SWEEP = {"carrier_hz": 77e9 + 20e12 * (5e-6 + 16e-6), "bandwidth_hz": 20e12 * 32e-6, "sweep_s": 32e-6, "n_samples": 64}
+SPACING_M = C_MPS / (2 * SWEEP["bandwidth_hz"])
+CFG = """% Created for SDK ver:03.06
+% Platform:xWR18xx
+sensorStop
+dfeDataOutputMode 1
+channelCfg 3 1 0
+adcCfg 2 1
+adcbufCfg -1 0 {swap} 1 1
+profileCfg 0 77 50 5 50 0 0 20 1 64 2000 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+frameCfg 0 0 16 0 1.6 1 0
+sensorStart
+"""
+
+
+def toml(table):
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in table.items())
+
+
+def numbers_of(samples, *, device, output, receivers, q_first=False):
+    """The order of SWRA581B: samples (chirps, receivers, samples), one number after the other."""
+    out = []
+    for chirp in samples:
+        if device in ("xwr12xx", "xwr14xx"):
+            lanes = np.zeros((4, chirp.shape[1]), complex)
+            for row, receiver in zip(chirp, receivers, strict=True):
+                lanes[receiver] = row
+            for n in range(chirp.shape[1]):
+                parts = [[lanes[k, n].real for k in range(4)], [lanes[k, n].imag for k in range(4)]]
+                if output == "real":
+                    out += parts[0]
+                else:
+                    out += parts[q_first] + parts[not q_first]
+        else:
+            for row in chirp:
+                if output == "real":
+                    out += list(row.real)
+                    continue
+                for n in range(0, len(row), 2):
+                    parts = [[row[n].real, row[n + 1].real], [row[n].imag, row[n + 1].imag]]
+                    out += parts[q_first] + parts[not q_first]
+    return np.round(out).astype("<i2")
+
+
+def write(folder, samples, table, name="walk"):
+    keys = {key: table[key] for key in ("device", "output", "receivers", "q_first") if key in table}
+    numbers_of(samples, **keys).tofile(folder / f"{name}.bin")
+    (folder / f"{name}.toml").write_text(toml(table))
+    return folder / f"{name}.bin"
+
+
+def point(n_chirps, prf_hz, table=TABLE, *, start_m=1.5, speed_mps=1.0):
+    """A point that approaches, 1000 steps of the converter in receiver 0, 500 with another phase in the others."""
+    one = beat(*approaching(n_chirps, prf_hz, start_m, speed_mps), **SWEEP) * 1000
+    return np.stack([one, *[0.5j * one for _ in table["receivers"][1:]]], axis=1)
+
+
+@pytest.mark.parametrize("device", ["xwr14xx", "xwr16xx", "xwr18xx", "xwr68xx"])
+@pytest.mark.parametrize("output", ["complex1x", "complex2x", "real"])
+@pytest.mark.parametrize("q_first", [False, True])
+def test_every_order_of_the_numbers(tmp_path, device, output, q_first):
+    if output == "real" and q_first:
+        return
+    table = TABLE | {"device": device, "output": output, "q_first": q_first, "receivers": [0, 2, 3]}
+    path = write(tmp_path, point(512, 1e4, table), table)
+    assert sniff_dca1000(path)
+    recording = read_recording(path)
+    values, bins = recording.baseband.values, 64 if output == "complex1x" else 32
+    assert recording.range_m == pytest.approx(SPACING_M * np.arange(bins))
+    assert recording.slow_time_s == pytest.approx(np.arange(512) * 1e-4)  # the frames follow without a pause
+    assert "burst_pulses" not in recording.facts
+    assert recording.radar.carrier_hz == pytest.approx(SWEEP["carrier_hz"])
+    # closed form: R and v at the middle; range-Doppler coupling - f_c v T_c / B
+    row, column = np.unravel_index(np.abs(np.fft.fft(values, axis=0)).argmax(), values.shape)
+    assert np.fft.fftfreq(512, 1e-4)[row] == pytest.approx(2 * 1.0 * SWEEP["carrier_hz"] / C_MPS, abs=20)
+    coupling_m = -SWEEP["carrier_hz"] * 32e-6 / SWEEP["bandwidth_hz"]
+    profile = np.abs(values[256])
+    near = profile[column - 1 : column + 2]
+    place_m = (column + 1.5 * (near[2] - near[0]) / near.sum()) * SPACING_M
+    assert place_m == pytest.approx(1.5 - 256e-4 + coupling_m, abs=0.02)
+    # receivers 2 and 3 are half as strong and 90 degrees ahead: conjugated, values as of the text book's beat
+    for receiver in (2, 3):
+        other = read_dca1000(path, rx=receiver).baseband.values[:, column]
+        ratio = other / values[:, column]
+        if output != "real":
+            assert ratio == pytest.approx(np.full(512, -0.5j), abs=0.01)
+        else:
+            assert np.abs(ratio) == pytest.approx(np.full(512, 0.5), abs=0.02)
+    total = read_dca1000(path, rx="sum").baseband.values[:, column]
+    if output != "real":
+        assert total / values[:, column] == pytest.approx(np.full(512, 1 - 1j), abs=0.01)
+
+
+def test_amplitude(tmp_path):
+    table = TABLE | {"receivers": [0]}
+    still = {name: beat(np.full((16, 1), 10 * SPACING_M), np.zeros((16, 1)), **SWEEP)[:, None] * 1000 for name in "ab"}
+    complex_values = read_dca1000(write(tmp_path, still["a"], table)).baseband.values
+    assert np.abs(complex_values[:, 10]) == pytest.approx(1000 / 2**15, rel=1e-3)
+    real = read_dca1000(write(tmp_path, still["b"], table | {"output": "real"}, "real")).baseband.values
+    assert real[:, 10] == pytest.approx(complex_values[:, 10], rel=2e-3)
+
+
+def test_settings_in_toml_json_and_ti_text(tmp_path):
+    path = write(tmp_path, point(32, 1e4), TABLE)
+    expected = read_recording(path)
+    (tmp_path / "walk.toml").unlink()
+    with pytest.raises(RecordingError, match="no radar settings next to it; give config=FILE"):
+        read_dca1000(path)
+    (tmp_path / "walk.json").write_text(json.dumps(TABLE))
+    assert read_recording(path).baseband.identical(expected.baseband)
+    (tmp_path / "walk.json").unlink()
+    (tmp_path / "profile.cfg").write_text(CFG.format(swap=0))
+    found = read_recording(path)
+    assert found.baseband.values == pytest.approx(expected.baseband.values)
+    assert found.radar.name == "TI xwr18xx by DCA1000"
+    (tmp_path / "profile.cfg").rename(tmp_path / "elsewhere.txt")
+    assert read_dca1000(path, config="elsewhere.txt").baseband.identical(found.baseband)
+    assert read_dca1000(path, config=str(tmp_path / "elsewhere.txt")).baseband.identical(found.baseband)
+    (tmp_path / "elsewhere.txt").write_text(CFG.format(swap=1))
+    assert read_config(tmp_path / "elsewhere.txt").q_first
+    (tmp_path / "elsewhere.txt").write_text(CFG.format(swap=0).replace("% Platform:xWR18xx", ""))
+    with pytest.raises(RecordingError, match="does not tell the device; give the option device"):
+        read_dca1000(path, config="elsewhere.txt")
+    assert read_dca1000(path, config="elsewhere.txt", device="xwr18xx").baseband.identical(found.baseband)
+
+
+def test_transmitters_in_turn_and_pauses(tmp_path):
+    # two chirps a loop, 8 loops in 1.6 ms of a frame of 5 ms
+    table = TABLE | {"chirps_per_loop": 2, "loops": 8, "frame_period_s": 5e-3, "receivers": [1]}
+    times_s = (5e-3 * np.arange(40)[:, None] + 1e-4 * np.arange(16)).ravel()
+    range_m = 2.0 - 1.5 * times_s[:, None]
+    samples = beat(range_m, np.full_like(range_m, 1.5), **SWEEP)[:, None] * 1000
+    samples[1::2] *= 0.1
+    path = write(tmp_path, samples, table)
+    recording = read_recording(path)
+    assert recording.facts["burst_pulses"] == 8
+    assert recording.radar.prf_hz == pytest.approx(1 / 2e-4)
+    assert recording.slow_time_s == pytest.approx(times_s[::2])
+    other = read_recording(path, chirp=1)
+    assert np.abs(other.baseband.values).max() == pytest.approx(0.1 * np.abs(recording.baseband.values).max(), rel=0.02)
+    with pytest.raises(AnalysisError, match="comes in bursts"):  # bursts with ranges are not tracked; a gate is needed
+        dg.analyze(recording)
+    mu = dg.analyze(recording, gate=(1.0, 2.5))[0].signature
+    assert mu.sizes["time"] == 40
+    # a burst lasts 1.6 ms: cells of 1.2 m/s
+    velocity = mu.velocity.values[mu.values.argmax(axis=1)]
+    assert np.median(velocity) == pytest.approx(1.5, abs=1.0)
+    single = write(tmp_path, samples[:16], table, "one")
+    assert "burst_pulses" not in read_recording(single).facts
+    chirps = write(tmp_path, samples[:80:2], table | {"chirps_per_loop": 1, "loops": 1}, "slow")
+    assert read_recording(chirps).slow_time_s == pytest.approx(5e-3 * np.arange(40))
+
+
+def test_a_walker_is_found_by_tracking(tmp_path):
+    prf_hz = 2000.0
+    table = TABLE | {
+        "slope_hz_per_s": 30e12, "n_samples": 128, "sample_rate_hz": 6e6, "idle_s": 450e-6, "frame_period_s": 16 / 2e3,
+        "adc_start_s": 5e-6, "receivers": [0], "start_hz": 60e9,
+    }  # fmt: skip
+    sweep_s = 128 / 6e6
+    sweep = {
+        "carrier_hz": 60e9 + 30e12 * (5e-6 + sweep_s / 2), "bandwidth_hz": 30e12 * sweep_s, "sweep_s": sweep_s,
+        "n_samples": 128,
+    }  # fmt: skip
+    samples = beat(*walker(6000, prf_hz, start_m=7.0, speed_mps=1.1), **sweep)[:, None] * 200
+    found = dg.analyze(read_recording(write(tmp_path, samples, table), range_stop_m=12))
+    assert len(found) == 1
+    assert found[0].features.torso_velocity_mps == pytest.approx(1.1, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n_samples": None}, "n_samples"),
+        ({"n_samples": 63}, "n_samples: 63 is not allowed; it must be even"),
+        ({"device": "xwr99xx"}, "device"),
+        ({"receivers": [0, 0]}, "receivers"),
+        ({"receivers": [4]}, "receivers"),
+        ({"ramp_s": 30e-6}, "ramp_s: 3e-05 is shorter than adc_start_s and 64 samples"),
+        ({"frame_period_s": 1e-3}, "frame_period_s: 0.001 is shorter than 16 loops of 1 chirps, 0.0016 s"),
+        ({"slope": 3}, "slope"),
+        ({"frames": 3}, "2 frames; by walk.toml it has 3"),
+        ({"loops": 15}, r"which is 2 frames and 1,024 bytes more; by walk.toml a frame has 15 loops"),
+    ],
+)
+def test_settings_that_are_wrong(tmp_path, change, message):
+    path = write(tmp_path, point(32, 1e4), TABLE)
+    table = {key: value for key, value in (TABLE | change).items() if value is not None}
+    (tmp_path / "walk.toml").write_text(toml(table))
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_dca1000(path)
+    assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("frameCfg 0 0 16 0 1.6 1 0\n", "", "lacks the command frameCfg"),
+        ("adcCfg 2 1", "adcCfg 2 7", "adcCfg: output format 7"),
+        ("adcCfg 2 1", "adcCfg 2", "line 6, adcCfg: has 1 numbers; it must have 2"),
+        ("channelCfg 3 1 0", "channelCfg 3 one 0", "line 5, channelCfg: holds a word that is no number"),
+        ("channelCfg 3 1 0", "channelCfg 0 1 0", "receivers"),
+        ("frameCfg 0 0", "frameCfg 0 1", "takes chirps 0 to 1, of which each needs a chirpCfg"),
+        ("chirpCfg 0 0 0 0 0", "chirpCfg 0 0 0 0 0.5", "line 9, chirpCfg: changes slope of the profile"),
+        ("chirpCfg 0 0 0", "chirpCfg 0 0 1", "has 0 profileCfg of number 1"),
+        ("chirpCfg 0 0 0 0", "chirpCfg 0 900 0 0", "line 9, chirpCfg: chirps must be 0 to 511"),
+        (
+            "frameCfg 0 0 16 0 1.6 1 0",
+            "frameCfg 0 0 16 0 1.6 1 0\nframeCfg 0 0 8 0 1.6 1 0",
+            "frameCfg in lines 10, 11",
+        ),
+    ],
+)
+def test_ti_text_that_is_wrong(tmp_path, old, new, message):
+    path = write(tmp_path, point(32, 1e4), TABLE)
+    (tmp_path / "walk.toml").unlink()
+    text = CFG.format(swap=0)
+    assert old in text
+    (tmp_path / "walk.cfg").write_text(text.replace(old, new))
+    with pytest.raises(RecordingError, match=message):
+        read_dca1000(path)
+
+
+def test_options_and_sizes_that_are_wrong(tmp_path):
+    path = write(tmp_path, point(32, 1e4), TABLE)
+    for options, message in (
+        ({"rx": 2}, "on are 0, 1, and sum"),
+        ({"rx": True}, "rx = True"),
+        ({"chirp": 1}, "a loop has 1, counted from 0"),
+        ({"device": "iwr6843"}, "device = 'iwr6843'"),
+        ({"config": "none.toml"}, "no such file of radar settings"),
+        ({"range_stop_m": 99}, "the ranges end at 14.99"),
+    ):
+        with pytest.raises(RecordingError, match=message):
+            read_dca1000(path, **options)
+    whole = path.read_bytes()
+    for content, message in ((whole[:-6], "cut it to 8,192 bytes"), (b"", "0 frames"), (whole[:100], "100 bytes")):
+        path.write_bytes(content)
+        with pytest.raises(RecordingError, match=message):
+            read_dca1000(path)
+    path.write_bytes(whole)
+    for name, content in (("walk.json", "[1]"), ("walk.json", "{"), ("walk.cfg", "\x00\xff"), ("walk.toml", "=")):
+        for other in tmp_path.glob("walk.[tjc]*"):
+            other.unlink()
+        (tmp_path / name).write_text(content)
+        with pytest.raises(RecordingError):
+            read_dca1000(path)
