@@ -19,6 +19,7 @@ from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, parse_gate
+from doppelgait.pipeline.pictures import is_picture, settings_of
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.readers.ti_config import config_of
 from doppelgait.radar.xethru.records import META_NAME
@@ -90,6 +91,9 @@ def files_of(path: Path) -> tuple[Path, ...]:
             if path.name.endswith(end):
                 both = (path.with_name(path.name.removesuffix(end) + other) for other in pair)
                 return tuple(sorted(one for one in both if one.is_file()))
+    if is_picture(path):
+        about = settings_of(path)
+        return (path,) if about is None else (path, about)
     described = config_of(path) if path.suffix == ".bin" else path.with_suffix(".toml")
     if path.suffix in WITH_SIDECAR and described is not None and described.is_file():
         return path, described
@@ -110,7 +114,8 @@ def recording_sha256(folder: Path, recording: str) -> str:
             content = file_sha256(path)
         except OSError:
             content = "unreadable"
-        digest.update(f"{path.relative_to(folder).as_posix()}\n{content}\n".encode())
+        name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name
+        digest.update(f"{name}\n{content}\n".encode())
     return digest.hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Labels and subjects from the names of files and folders, as published sets of recordings have them."""
+"""Labels and subjects from the names of files and folders."""
 
 from __future__ import annotations
 

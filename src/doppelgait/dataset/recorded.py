@@ -13,16 +13,21 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import ImportConfig
 from doppelgait.dataset.shard import NOTHING, Made, failure_reason
 from doppelgait.dataset.shard_files import stored_arrays
 from doppelgait.dataset.splits import PlannedEntry
 from doppelgait.pipeline import Result, analyze
+from doppelgait.pipeline.analyze import analyze_signature
+from doppelgait.pipeline.pictures import is_picture, read_picture
+from doppelgait.pipeline.spectrogram import gate_of_levels
 from doppelgait.processing import burst_pulses_of
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
@@ -39,13 +44,13 @@ class Part:
     ----------
     start_s, stop_s : float
         In the time of the whole recording, from its first pulse.
-    recording : Recording
-        Without truth: an imported recording is analysed as a measured one.
+    recording : Recording or DataArray (time, doppler)
+        Without truth: an imported recording is analysed as a measured one. Or the signature of a picture.
     """
 
     start_s: float
     stop_s: float
-    recording: Recording
+    recording: Recording | xr.DataArray
 
 
 @dataclass(frozen=True)
@@ -78,14 +83,15 @@ class _Blocks:
 
 
 def cut(
-    recording: Recording, *, start_s: float | None = None, stop_s: float | None = None,
+    recording: Recording | xr.DataArray, *, start_s: float | None = None, stop_s: float | None = None,
     window_s: float | None = None, step_s: float | None = None,
 ) -> list[Part]:  # fmt: skip
     """Cut a recording into parts.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording or DataArray (time, doppler)
+        Or the signature of a picture.
     start_s, stop_s : float, optional
         What is meant of it, from its first pulse; all by default.
     window_s, step_s : float, optional
@@ -101,8 +107,11 @@ def cut(
     AnalysisError
         If the recording ends before ``stop_s``, or what is meant is shorter than a window.
     """
-    times_s = recording.slow_time_s.astype(np.float64)
-    pulses = burst_pulses_of(recording.baseband) or 1
+    if isinstance(recording, xr.DataArray):
+        times_s, pulses = axis(recording, "time"), 1
+    else:
+        times_s = recording.slow_time_s.astype(np.float64)
+        pulses = burst_pulses_of(recording.baseband) or 1
     block_starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
     if block_starts_s.size < 2:
         raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
@@ -123,10 +132,14 @@ def cut(
     return [_part(recording, blocks, at, min(at + window_s, end)) for at in starts_s]
 
 
-def _part(recording: Recording, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
+def _part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
     """Make a recording from a part of another."""
-    whole = recording.baseband
     chosen = blocks.between(start_s, stop_s)
+    if isinstance(recording, xr.DataArray):
+        cropped = recording.isel(time=chosen)
+        times = ("time", axis(cropped, "time") - axis(cropped, "time")[:1], cropped["time"].attrs)
+        return Part(start_s, stop_s, cropped.assign_coords(time=times))
+    whole = recording.baseband
     times_s = axis(whole, "slow_time")[chosen]
     if times_s.size < 2:
         raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
@@ -183,20 +196,24 @@ class RecordedExamples:
         for number, part in enumerate(parts):
             name = entry.id if config.window_s is None else f"{entry.id}-w{number:04d}"
             try:
+                analysed = part.recording
                 with one_blas_thread(), _messages(self.folder) as messages:
-                    results = analyze(
-                        part.recording, gate=line.gate, analysis=config.analysis, tracking=config.tracking
-                    )
+                    if isinstance(analysed, Recording):
+                        results: Sequence[Result] = analyze(
+                            analysed, gate=line.gate, analysis=config.analysis, tracking=config.tracking
+                        )
+                    else:
+                        settings = config.analysis.resolved(None)
+                        results = [analyze_signature(analysed, gate_of_levels(analysed), settings, label=None)]
                 result = labelled_result(results)
-                signals: dict[str, Any] = {
-                    spec.name: part.recording.baseband if spec.name == "baseband" else getattr(result, spec.name, None)
-                    for spec in config.fields
-                }
+                signals: dict[str, Any] = {spec.name: getattr(result, spec.name, None) for spec in config.fields}
+                if "baseband" in signals:
+                    signals["baseband"] = getattr(analysed, "baseband", None)
                 stored = stored_arrays(config.fields, signals)
             except Exception as error:
                 fail(name, error)
                 continue
-            source, analysed = "none" if line.nobody else "measured", part.recording
+            source = "none" if line.nobody else "measured"
             columns = {
                 "id": name,
                 "scene_id": entry.id,
@@ -212,16 +229,13 @@ class RecordedExamples:
                 "session": line.session,
                 "motion_kind": source,
                 "motion": "",
-                "prf_hz": analysed.radar.prf_hz,
-                "carrier_hz": analysed.radar.carrier_hz,
                 "observation_s": part.stop_s - part.start_s,
                 "window_start_s": part.start_s,
                 "window_stop_s": part.stop_s,
                 # what only a simulation knows is unknown
                 **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
-                "snr_frame_db": analysed.snr_frame_db,
                 "gate_error_m": None,
-                "notes": _join(_portable(note, self.folder) for note in analysed.notes),
+                **_radar_columns(analysed, self.folder),
                 **line.further,
                 **_outcome_columns(entry, results, result),
                 "warnings": _join((*notes, *messages)),
@@ -231,12 +245,31 @@ class RecordedExamples:
         return made
 
 
+def _radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str, Any]:
+    if isinstance(analysed, xr.DataArray):
+        carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
+        note = f"a picture: {analysed.attrs['picture']}"
+        return {"prf_hz": analysed.attrs["prf_hz"], "carrier_hz": carrier_hz, "snr_frame_db": None, "notes": note}
+    return {
+        "prf_hz": analysed.radar.prf_hz,
+        "carrier_hz": analysed.radar.carrier_hz,
+        "snr_frame_db": analysed.snr_frame_db,
+        "notes": _join(_portable(note, folder) for note in analysed.notes),
+    }
+
+
 @lru_cache(maxsize=1)  # lines about one recording follow each other
 def _read(
     folder: Path, recording: str, sha256: str, options: tuple[tuple[str, Any], ...]
-) -> tuple[Recording, tuple[str, ...]]:
+) -> tuple[Recording | xr.DataArray, tuple[str, ...]]:
+    loaded: Recording | xr.DataArray
     with _messages(folder) as messages:
-        loaded = read_recording(folder / recording, **dict(options))
+        if is_picture(recording):
+            if unknown := sorted(set(dict(options)) - {"config"}):
+                raise AnalysisError(f"{recording}: a picture has no option {', '.join(unknown)}; it has config")
+            loaded = read_picture(folder / recording, **dict(options))
+        else:
+            loaded = read_recording(folder / recording, **dict(options))
     return loaded, tuple(messages)
 
 

@@ -7,11 +7,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib import colormaps
+from matplotlib.image import imsave
 from typer.testing import CliRunner
 
 from beat import beat, walker, write_glasgow
 from doppelgait.cli.app import app
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.dataset import open_dataset
 from doppelgait.dataset.importing import ImportConfig, import_dataset, import_id
 from doppelgait.dataset.names import label_entries, relabel
 from tiny_dataset import built, tiny_plan
@@ -94,3 +97,39 @@ def test_settings_of_all_recordings_are_part_of_the_identity(tmp_path):
     config.write_text(json.dumps(table | {"start_hz": 61e9}))
     with pytest.raises(DatasetError, match="of other recordings, labels or settings"):
         CliRunner().invoke(app, command, catch_exceptions=False)
+
+
+def test_pictures_in_folders_of_classes_become_a_dataset(tmp_path):
+    """Two people a class, 4 s each: the line of the torso at 1.0 or 2.0 m/s, limbs that swing around it."""
+    folder = tmp_path / "pictures"
+    times_s, velocity_mps = 0.02 * (np.arange(200) + 0.5), np.linspace(-4, 4, 161)[None]
+    for label, speed in (("walking", 1.0), ("running", 2.0)):
+        (folder / label).mkdir(parents=True)
+        for number, person in enumerate(("anna", "ben")):
+            limb_mps = speed * (1 + 0.9 * np.sin(2 * np.pi * 1.8 * times_s + number)[:, None])
+            level_db = -40 + 40 * np.exp(-(((velocity_mps - speed) / 0.15) ** 2))
+            level_db = np.maximum(level_db, -40 + 25 * np.exp(-(((velocity_mps - limb_mps) / 0.2) ** 2)))
+            image = colormaps["jet"](1 + level_db.T[::-1] / 40, bytes=True)
+            imsave(folder / label / f"{person}_01.png", image)
+    about = """velocity_mps = [-4.025, 4.025]\nduration_s = 4.0\ncarrier_hz = 10e9\ncpi_s = 0.1\nprf_hz = 1000
+level_db = [-40, 0]\ncolormap = "jet"\n"""
+    (folder / "picture.toml").write_text(about)
+    command = ["dataset", "import", str(folder), "--names", "{label}/{subject}_*.png", "-o"]
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "set"), "--json"])
+    assert done.exit_code == 0, done.output
+    index = pd.read_parquet(tmp_path / "set" / "index.parquet")
+    assert index["subject"].tolist() == ["person/anna", "person/ben"] * 2
+    assert index["label"].tolist() == ["running"] * 2 + ["walking"] * 2
+    assert index["feature_torso_velocity_mps"].to_numpy() == pytest.approx([2.0, 2.0, 1.0, 1.0], rel=0.1)
+    assert index["carrier_hz"].to_numpy() == pytest.approx(10e9)
+    assert index["notes"].str.startswith("a picture").all()
+    assert index["observation_s"].to_numpy() == pytest.approx(4.0)
+    assert open_dataset(tmp_path / "set")["running-000000"].signature.shape == (200, 161)
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "cut"), "--window-s", "2", "--json"])
+    assert json.loads(done.stdout)["n_rows"] == 8
+    (folder / "picture.toml").write_text(about.replace("10e9", "24e9"))
+    with pytest.raises(DatasetError, match="of other recordings, labels or settings"):
+        CliRunner().invoke(app, [*command, str(tmp_path / "set")], catch_exceptions=False)
+    (folder / "picture.toml").unlink()
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "none")])
+    assert "a picture has no axes" in str(done.exception)

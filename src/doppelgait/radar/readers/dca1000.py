@@ -1,4 +1,4 @@
-"""Samples that a DCA1000 board captured from a Texas Instruments mmWave sensor (.bin).
+"""Samples that a DCA1000 board captured from a TI sensor.
 
 The file is nothing but 16-bit numbers; a second file has the settings. Their order is that of TI's application report
 SWRA581B, "Mmwave Radar Device ADC Raw Data Capture": xWR12xx and xWR14xx send the four receivers side by side, a lane
@@ -165,7 +165,7 @@ def _channels(chirps: ChirpConfig) -> int:
 
 
 def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
-    """Count the frames of a file; its size must be that of whole ones."""
+    """Count the frames of a file, which must be whole."""
     parts = 1 if chirps.output == "real" else 2
     frame_bytes = 2 * parts * _channels(chirps) * chirps.n_samples * chirps.chirps_per_loop * chirps.loops
     size = file.stat().st_size

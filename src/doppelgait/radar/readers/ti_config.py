@@ -1,6 +1,7 @@
-"""Settings of a Texas Instruments mmWave sensor: a TOML or JSON file of our own keys, or TI's own ``.cfg`` text.
+"""Settings of a Texas Instruments mmWave sensor.
 
-The commands are those of the "mmWave SDK User's Guide" (profileCfg, chirpCfg, frameCfg, channelCfg, adcCfg, adcbufCfg).
+They are a TOML or JSON file with keys of our own, or TI's ``.cfg`` text. The commands are those of the "mmWave SDK
+User's Guide" (profileCfg, chirpCfg, frameCfg, channelCfg, adcCfg, adcbufCfg).
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ class ChirpConfig(FrozenModel):
 
 
 def config_of(path: Path) -> Path | None:
-    """Return the settings next to a file of samples, if they are there.
+    """Return the settings next to a file of samples, or None.
 
     They have its stem and end in .toml, .json or .cfg; else they are the only .cfg in its folder.
     """

@@ -1,0 +1,249 @@
+"""Signatures from pictures of spectrograms, as published sets hold."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel, read_toml, validate
+from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
+from doppelgait.core.units import carrier_to_wavelength_m, velocity_to_doppler_hz
+from doppelgait.pipeline.spectrogram import MIN_COLUMNS, MIN_ROWS, signature_of_levels
+
+SUFFIXES = (".png", ".jpg", ".jpeg")
+SETTINGS_NAME = "picture.toml"
+FOLDERS_ABOVE = 3
+MAX_PIXELS = 50_000_000
+COLOURS = 256
+FAR = 0.25
+"""Distance of a pixel from the colour map (red, green and blue from 0 to 1) from which on it is none of its colours."""
+MOST_FAR = 0.2
+"""Share of such pixels from which on a picture is refused."""
+
+SAME_COLOUR, SAME_LEVEL = 4.0 / 255, 8
+"""Colours nearer than this are the same in a picture; so many steps apart they must not be."""
+
+Span = tuple[float, float]
+
+
+class PictureSettings(FrozenModel):
+    """Axes and colours of a picture of a spectrogram.
+
+    Parameters
+    ----------
+    velocity_mps, doppler_hz : (float, float), one of the two
+        At the lower and the upper edge, approaching positive.
+    duration_s : float
+        From the left to the right edge.
+    carrier_hz : float
+    cpi_s : float
+        Processing interval of a column of the spectrogram: what it averages over decides whether steps can be
+        distinguished, so it has no default.
+    level_db : (float, float)
+        At the first and the last colour of the map.
+    colormap : str
+        Of Matplotlib; MATLAB's ``jet`` and ``parula`` are ``jet`` and, nearly, ``viridis``.
+    crop : (int, int, int, int), optional
+        Left, upper, right and lower edge of the spectrogram in the picture, pixels from the upper left corner.
+    prf_hz : float, optional
+        Pulses per second; by default the span of Doppler, as if it were shown in full.
+    range_m : (float, float)
+        Ranges that are possible.
+    blank_below_mps : float
+        Rows slower than this are emptied.
+    """
+
+    velocity_mps: Span | None = None
+    doppler_hz: Span | None = None
+    duration_s: float = Field(gt=0, le=3600)
+    carrier_hz: float = Field(gt=1e6, lt=1e12)
+    cpi_s: float = Field(gt=0, le=10)
+    level_db: Span
+    colormap: str
+    crop: tuple[int, int, int, int] | None = None
+    prf_hz: float | None = Field(default=None, ge=1, le=1e6)
+    range_m: Span = (0.0, 10.0)
+    blank_below_mps: float = Field(default=0.0, ge=0, le=10)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if (self.velocity_mps is None) == (self.doppler_hz is None):
+            raise ValueError(
+                "velocity_mps or doppler_hz: one of the two is needed, lower and upper edge of the picture"
+            )
+        low, high = self.rows
+        if low == high:
+            raise ValueError(f"velocity_mps or doppler_hz: {low:g} to {high:g} is not allowed; the edges must differ")
+        if self.level_db[0] >= self.level_db[1]:
+            raise ValueError(f"level_db: {self.level_db} is not allowed; the first must be below the last")
+        if self.range_m[0] >= self.range_m[1]:
+            raise ValueError(f"range_m: {self.range_m} is not allowed; the first must be below the second")
+        return self
+
+    @property
+    def rows(self) -> Span:
+        """Doppler or velocity at the lower and the upper edge."""
+        return self.velocity_mps or self.doppler_hz or (0.0, 0.0)
+
+
+def is_picture(path: str | Path) -> bool:
+    """Return whether a path ends like a picture."""
+    return str(path).lower().endswith(SUFFIXES)
+
+
+def settings_of(path: Path) -> Path | None:
+    """Return the file of settings of a picture, if it is there.
+
+    It has the stem of the picture, or is ``picture.toml`` in its folder or one of the three above.
+    """
+    above = list(path.absolute().parents)[: FOLDERS_ABOVE + 1]
+    for one in (path.with_suffix(".toml"), *(folder / SETTINGS_NAME for folder in above)):
+        if one.is_file():
+            return one
+    return None
+
+
+def read_picture(
+    path: str | Path, settings: PictureSettings | None = None, *, config: str | Path | None = None
+) -> xr.DataArray:
+    """Read the picture of a spectrogram as a signature.
+
+    Every pixel has the level of the nearest of the map's 256 colours: within half a step, up to 2.5 steps where its
+    colours are the same in 8 bits (1.5 of gray and viridis, 2.5 of jet, measured). The columns are interpolated to
+    whole pulses.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG or JPEG.
+    settings : PictureSettings, optional
+    config : path-like, optional
+        TOML file of the settings, also from the folder of ``path``; by default that of :func:`settings_of`.
+
+    Returns
+    -------
+    DataArray (time, doppler)
+        As of :func:`doppelgait.pipeline.spectrogram.signature_of_levels`. The attribute ``picture`` (JSON) has the
+        colour map, the share of pixels that are none of its colours, and the step of a level, dB.
+
+    Raises
+    ------
+    RecordingError
+        If the picture or its settings cannot be read, or more than a fifth of it is none of the map's colours.
+    """
+    file = Path(path)
+    if settings is None:
+        settings = _read_settings(file, None if config is None else Path(config))
+    from scipy.spatial import KDTree
+
+    colours = KDTree(_colours(file, settings.colormap))
+    if any(abs(one - other) > SAME_LEVEL for one, other in colours.query_pairs(SAME_COLOUR)):
+        raise RecordingError(
+            f"{file}: colormap = {settings.colormap!r} shows several levels in one colour, so that they cannot be read"
+        )
+    pixels = _read_pixels(file, settings.crop)
+    distance, number = map(np.asarray, colours.query(pixels))
+    far = float((distance > FAR).mean())
+    if far > MOST_FAR:
+        raise RecordingError(
+            f"{file}: {100 * far:.0f} % of the pixels are none of the colours of {settings.colormap!r}; crop the "
+            "spectrogram from its frame, or name the right colormap"
+        )
+    low_db, high_db = settings.level_db
+    step_db = (high_db - low_db) / COLOURS  # a colour stands for the middle of its step; the first and last are clipped
+    of_colour_db = low_db + step_db * (np.arange(COLOURS) + 0.5)
+    of_colour_db[[0, -1]] = low_db, high_db
+    level_db = of_colour_db[number[::-1].T]  # from the lower edge up; time first
+    n_columns, n_rows = level_db.shape
+    bottom, top = settings.rows
+    rows = bottom + (top - bottom) * (np.arange(n_rows) + 0.5) / n_rows
+    wavelength_m = carrier_to_wavelength_m(settings.carrier_hz)
+    edges_hz = np.asarray(velocity_to_doppler_hz(np.array(settings.rows), wavelength_m))
+    span_hz = float(np.ptp(settings.rows if settings.doppler_hz else edges_hz))
+    prf_hz = settings.prf_hz or span_hz
+    # columns at whole pulses
+    column_s = settings.duration_s / n_columns
+    hop = max(1, round(column_s * prf_hz))
+    seen_s = (np.arange(n_columns) + 0.5) * column_s
+    times_s = np.arange(seen_s[0], seen_s[-1] + 1e-9, hop / prf_hz)
+    if times_s.size < MIN_COLUMNS:
+        raise RecordingError(
+            f"{file}: {settings.duration_s:g} s in {n_columns} columns make {times_s.size} at {prf_hz:g} pulses/s; "
+            f"at least {MIN_COLUMNS} are needed"
+        )
+    place = (times_s - seen_s[0]) / column_s
+    left = np.minimum(place.astype(int), n_columns - 2)
+    part = (place - left)[:, None]
+    level_db = (1.0 - part) * level_db[left] + part * level_db[left + 1]
+    try:
+        mu = signature_of_levels(
+            level_db, time_s=times_s, wavelength_m=wavelength_m, prf_hz=prf_hz, hop=hop,
+            cpi_pulses=max(1, round(settings.cpi_s * prf_hz)), range_m=settings.range_m,
+            floor_db=low_db, ceiling_db=high_db, blank_below_mps=settings.blank_below_mps,
+            **{"velocity_mps" if settings.doppler_hz is None else "doppler_hz": rows},
+        )  # fmt: skip
+    except AnalysisError as error:
+        raise RecordingError(f"{file}: {error}") from None
+    facts = {"colormap": settings.colormap, "other_colours_share": far, "level_step_db": step_db}
+    mu.attrs["picture"] = json.dumps(facts)
+    return mu
+
+
+def _read_settings(file: Path, config: Path | None) -> PictureSettings:
+    found = settings_of(file) if config is None else config if config.is_file() else file.parent / config
+    if found is None or not found.is_file():
+        name = f"{file.stem}.toml or {SETTINGS_NAME}" if config is None else str(config)
+        raise RecordingError(
+            f"{file}: a picture has no axes; {name} is not there: write velocity_mps, duration_s, carrier_hz, cpi_s, "
+            "level_db and colormap into it"
+        )
+    try:
+        table, text = read_toml(found)
+        return validate(PictureSettings, table, where=str(found), text=text)
+    except ConfigError as error:
+        raise RecordingError(str(error)) from None
+
+
+def _colours(file: Path, name: str) -> npt.NDArray[np.float64]:
+    """Return the colours of a map, shape (256, 3)."""
+    from matplotlib import colormaps
+
+    if name not in colormaps:
+        raise RecordingError(
+            f"{file}: colormap = {name!r} is not known; it must be one of Matplotlib's, such as jet or gray"
+        )
+    table = colormaps[name](np.linspace(0.0, 1.0, COLOURS), bytes=True)  # rounded as in a picture
+    return np.asarray(table[:, :3], dtype=np.float64) / 255.0
+
+
+def _read_pixels(file: Path, crop: tuple[int, int, int, int] | None) -> npt.NDArray[np.float64]:
+    """Read the colours of the pixels, 0 to 1, (rows, columns, 3)."""
+    from PIL import Image  # comes with Matplotlib
+
+    try:
+        with Image.open(file, formats=("PNG", "JPEG")) as image:
+            width, height = image.size
+            if width * height > MAX_PIXELS:
+                raise RecordingError(f"{file}: has {width} x {height} pixels; at most {MAX_PIXELS:,} are read")
+            left, upper, right, lower = crop or (0, 0, width, height)
+            if not (0 <= left < right <= width and 0 <= upper < lower <= height):
+                raise RecordingError(
+                    f"{file}: crop = {crop} is not allowed; the picture has {width} x {height} pixels: left, upper, "
+                    "right and lower edge"
+                )
+            if right - left < MIN_COLUMNS or lower - upper < MIN_ROWS:
+                raise RecordingError(
+                    f"{file}: {right - left} x {lower - upper} pixels are too few; at least {MIN_COLUMNS} x {MIN_ROWS}"
+                )
+            pixels: Any = np.asarray(image.convert("RGB").crop((left, upper, right, lower)))
+    except FileNotFoundError:
+        raise RecordingError(f"{file}: no such file") from None
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, EOFError) as error:
+        raise RecordingError(f"{file}: cannot be read as a PNG or JPEG picture: {error}") from None
+    return np.asarray(pixels, dtype=np.float64) / 255.0
