@@ -20,7 +20,7 @@ from xband_measures import FloatArray
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.motion import make_motion
 from doppelgait.motion.loop import loop
-from doppelgait.motion.models import generate, human_gait, quadruped_gait
+from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import fit_spline, travel_speed_mps
@@ -36,7 +36,6 @@ LARGE_M, SMALL_M = (1.2, 1.7), 0.6
 """Withers of a cow or a horse, and of the dog that is made so large at equal Froude number."""
 SLOWEST_LARGE_MPS = 0.85
 """Nothing so large walks slower by the model; below it dogs stand in, so that the law of speeds stays."""
-BONES_PER_POINT, FLESH_M = 3, 0.08
 RATE_HZ = 150.0
 
 
@@ -101,16 +100,6 @@ def dog(
         }  # fmt: skip
     style |= {} if withers_m is None else {"withers_m": withers_m}
     return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
-
-
-def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
-    """Sample a person on hands and knees."""
-    model = {
-        "kind": "crawl", "speed_mps": speed_mps, "height_m": float(rng.uniform(1.5, 1.9)),
-        "start_phase": float(rng.random()),
-        "rate_hz": RATE_HZ,
-    }  # fmt: skip
-    return generate(model, duration_s=seconds, rng=rng)
 
 
 Maker = Callable[..., Motion]
@@ -295,35 +284,6 @@ def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2:
     if random and points:
         return RcsSpec(kind="auto", **around)
     return RcsSpec(kind="ellipsoids", occlusion=hidden or not random, **around)
-
-
-def fleshed(motion: Motion, rng: np.random.Generator, *, per_bone: int = 5) -> Motion:
-    """Place points along the bones instead of at the joints alone.
-
-    Up to 8 cm off the bones.
-
-    Bones are pairs of points whose distance stays the same within 2 %, each point with its nearest ones.
-    """
-    position_m = motion.position_m
-    some = position_m[:: max(1, len(position_m) // 40)]
-    apart_m = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
-    length_m = apart_m.mean(axis=0)
-    rigid = (apart_m.std(axis=0) < 0.02 * length_m) & (length_m > 0.03)
-    nearest = np.argsort(np.where(rigid, length_m, np.inf), axis=1)[:, :BONES_PER_POINT]
-    pairs = [(one, int(two)) for one, row in enumerate(nearest) for two in row if rigid[one, two] and one < two]
-    share = rng.random((len(pairs), per_bone, 1))
-    ends = np.array(pairs)
-    along_m = [
-        position_m[:, ends[:, 0]] * (1.0 - part) + position_m[:, ends[:, 1]] * part for part in np.moveaxis(share, 1, 0)
-    ]
-    beside_m = rng.uniform(-FLESH_M, FLESH_M, (len(pairs) * per_bone, 3))
-    parts = motion.parts
-    return make_motion(
-        np.concatenate(along_m, axis=1) + beside_m, rate_hz=RATE_HZ,
-        markers=[f"point{number}" for number in range(len(beside_m))],
-        parts=[parts[one] for _ in range(per_bone) for one, _ in pairs],
-        facts={key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")},
-    )  # fmt: skip
 
 
 def fitting_rcs(rcs: RcsSpec, mover: Mover) -> RcsSpec:
