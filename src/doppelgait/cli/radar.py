@@ -252,6 +252,36 @@ UNITS = {
 """Unit by the end of a name; the first that fits counts."""
 
 
+@app.command("points")
+def points(
+    log: Annotated[Path, typer.Argument(help="Log of a TI people-tracking demo: .csv, or .json of its visualizer.")],
+    frame_period_s: Annotated[
+        float | None, typer.Option("--frame-period-s", help="Where the log counts frames and tells no time.")
+    ] = None,
+    approaching_positive: Annotated[
+        bool, typer.Option("--approaching-positive", help="Where Doppler is positive for a body that comes nearer.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the tracks of a point-cloud log, with their speeds.
+
+    Example: doppelgait radar points replay_1.json
+    """
+    from doppelgait.core.config import json_value
+    from doppelgait.radar.point_clouds import read_points, table_of_tracks, tracks_of_points
+
+    found = tracks_of_points(read_points(log, frame_period_s=frame_period_s, approaching_positive=approaching_positive))
+    rows: list[dict[str, Any]] = [
+        {str(k): v for k, v in row.items()} for row in table_of_tracks(found).to_dict("records")
+    ]
+    if as_json:
+        print_json(json_value(rows))
+    elif rows:
+        print_table([{key: number(value, 2) for key, value in row.items()} for row in rows])
+    else:
+        print("no track of five frames or more")
+
+
 @app.command("list")
 def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """List the presets.

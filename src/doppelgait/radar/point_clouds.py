@@ -1,0 +1,285 @@
+"""Point clouds with track numbers, as TI's people-tracking demos log them.
+
+Such a log holds no samples, so that nothing of the analysis runs on it; its tracks have places and speeds, to compare
+with those of a recording or a simulation. Read are CSV files with a line per point, and the JSON files that the
+Industrial Visualizer of TI's Radar Toolbox saves.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["PointTrack", "ranges_at", "read_points", "table_of_tracks", "tracks_of_points"]
+
+FloatArray = npt.NDArray[np.float64]
+
+MAX_BYTES = 1 << 29
+COLUMNS = {
+    "frame": ("frame", "framenum", "frame_number", "frameid", "frame_id"),
+    "time_s": ("time_s", "time", "timestamp_s", "t"),
+    "x_m": ("x_m", "x", "posx"),
+    "y_m": ("y_m", "y", "posy"),
+    "z_m": ("z_m", "z", "posz"),
+    "doppler_mps": ("doppler_mps", "doppler", "velocity", "v"),
+    "snr": ("snr", "snr_db"),
+    "track": ("track", "track_id", "trackid", "trackindex", "tid", "target", "target_id"),
+}
+"""Names that a column of a CSV file may have, in small letters."""
+NEEDED = ("x_m", "y_m", "doppler_mps", "track")
+NO_TRACK = 250
+"""Numbers from here on mean no track: 253 weak, 254 outside the room, 255 noise (TI's "3D people tracking" guide)."""
+LEAST_FRAMES = 5
+
+
+@dataclass(frozen=True)
+class PointTrack:
+    """One body of a log, frame by frame.
+
+    Parameters
+    ----------
+    track : int
+        Its number in the log.
+    times_s : ndarray, shape (T,)
+    range_m, velocity_mps : ndarray, shape (T,)
+        Medians of its points: distance from the sensor, radial velocity, approaching positive.
+    position_m : ndarray, shape (T, 3)
+        Medians of its points, in the sensor's frame.
+    spread_mps : float
+        From the 10 % to the 90 % quantile of the points' velocities, each less the median of its frame.
+    n_points : int
+    """
+
+    track: int
+    times_s: FloatArray
+    range_m: FloatArray
+    velocity_mps: FloatArray
+    position_m: FloatArray
+    spread_mps: float
+    n_points: int
+
+
+def read_points(
+    path: str | Path, *, frame_period_s: float | None = None, approaching_positive: bool = False
+) -> pd.DataFrame:
+    """Read the points of a log.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.csv`` whose first line names the columns (x, y, doppler or velocity, track; optional z, snr, time in s,
+        frame), or ``.json`` of the Industrial Visualizer.
+    frame_period_s : float, optional
+        Time from frame to frame, where the log counts frames only.
+    approaching_positive : bool
+        False for TI's sign, in which a body that goes away has positive Doppler.
+
+    Returns
+    -------
+    DataFrame
+        One row a point: ``time_s``, ``x_m``, ``y_m``, ``z_m``, ``velocity_mps`` (approaching positive), ``snr`` (NaN
+        where not told), ``track`` (-1 for none); times from that of the first frame.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, a column is missing, a value is no number, or times are not told or fall.
+    """
+    import pandas as pd
+
+    file = Path(path)
+    if not file.is_file():
+        raise RecordingError(f"{file}: no such file")
+    if file.stat().st_size > MAX_BYTES:
+        raise RecordingError(f"{file}: has {file.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
+    if frame_period_s is not None and not (math.isfinite(frame_period_s) and frame_period_s > 0):
+        raise RecordingError(f"{file}: frame_period_s = {frame_period_s!r} is not allowed; it must be above 0")
+    table = pd.DataFrame(_read_json(file) if file.suffix.lower() == ".json" else _read_csv(file), dtype=np.float64)
+    if table.empty:
+        raise RecordingError(f"{file}: holds no points")
+    if "time_s" not in table:
+        if frame_period_s is None or "frame" not in table:
+            raise RecordingError(
+                f"{file}: has no time of its points; give frame_period_s where it has a column frame, or a column time"
+            )
+        table["time_s"] = table["frame"] * frame_period_s
+    for name in (*NEEDED, "time_s"):
+        if len(bad := np.flatnonzero(~np.isfinite(table[name].to_numpy()))):
+            raise RecordingError(f"{file}: point {bad[0] + 1} has no {name}")
+    if (np.diff(table["time_s"]) < 0).any():
+        place = int(np.flatnonzero(np.diff(table["time_s"]) < 0)[0]) + 2
+        raise RecordingError(f"{file}: point {place} is earlier than the one before; sort them by time")
+    for name in ("z_m", "snr"):
+        if name not in table:
+            table[name] = 0.0 if name == "z_m" else math.nan
+    number = table["track"].to_numpy()
+    table["track"] = np.where((number >= 0) & (number < NO_TRACK), number, -1).astype(np.int64)
+    table["velocity_mps"] = table["doppler_mps"] * (1.0 if approaching_positive else -1.0)
+    table["time_s"] -= table["time_s"].iloc[0]
+    return table[["time_s", "x_m", "y_m", "z_m", "velocity_mps", "snr", "track"]]
+
+
+def _read_csv(file: Path) -> dict[str, Any]:
+    import pandas as pd
+
+    try:
+        raw = pd.read_csv(file, skipinitialspace=True)
+    except (ValueError, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise RecordingError(f"{file}: cannot be read as CSV: {str(error).strip()}") from None
+    names = {str(name).strip().lower(): name for name in raw.columns}
+    found = {key: next((names[one] for one in known if one in names), None) for key, known in COLUMNS.items()}
+    if missing := [key for key in NEEDED if found[key] is None]:
+        raise RecordingError(
+            f"{file}: has no column for {', '.join(missing)}; it names {', '.join(map(str, raw.columns))}. Known names "
+            f"of {missing[0]} are {', '.join(COLUMNS[missing[0]])}"
+        )
+    columns = {}
+    for key, name in found.items():
+        if name is None:
+            continue
+        values = pd.to_numeric(raw[name], errors="coerce")
+        if key == "track":
+            values = values.fillna(-1)
+        bad = np.flatnonzero(~np.isfinite(values.to_numpy(dtype=np.float64)))
+        if len(bad) and key != "snr":
+            line = bad[0] + 2
+            raise RecordingError(f"{file}: line {line}, {name}: {raw[name].iloc[bad[0]]!r} is no number")
+        columns[key] = values.to_numpy(dtype=np.float64)
+    return columns
+
+
+def _read_json(file: Path) -> list[dict[str, float]]:
+    """Read the frames of the Industrial Visualizer.
+
+    A point is x, y, z, Doppler, SNR, noise and track; a time is in ms. The list ``trackIndexes`` of a frame has the
+    tracks of the points of the frame before (TI's "3D people tracking" guide) and counts before those of the points.
+    """
+    rows: list[dict[str, float]] = []
+    where, before = "the file", slice(0, 0)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        for number, entry in enumerate(content["data"], start=1):
+            where, frame = f"frame {number}", entry["frameData"]
+            indexes = frame.get("trackIndexes") or []
+            if len(indexes) == before.stop - before.start:
+                for row, index in zip(rows[before], indexes, strict=True):
+                    row["track"] = float(index)
+            before = slice(len(rows), len(rows) + len(frame.get("pointCloud") or []))
+            for point in frame.get("pointCloud") or []:
+                x, y, z, doppler, snr, _, track = map(float, point[:7])
+                rows.append(
+                    {"time_s": float(entry["timestamp"]) / 1e3, "x_m": x, "y_m": y, "z_m": z, "doppler_mps": doppler,
+                     "snr": snr, "track": track}
+                )  # fmt: skip
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{file}: {where} is no JSON of points with 7 numbers each: {error}") from None
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise RecordingError(
+            f"{file}: {where} is not as of the Industrial Visualizer: data, each with timestamp and frameData with "
+            f"pointCloud ({error!r})"
+        ) from None
+    return rows
+
+
+def tracks_of_points(points: pd.DataFrame) -> list[PointTrack]:
+    """Collect the tracks of a log, those with five frames or more.
+
+    Parameters
+    ----------
+    points : DataFrame
+        As of :func:`read_points`.
+    """
+    tracks = []
+    for number, own in points[points["track"] >= 0].groupby("track"):
+        frames = own.assign(range_m=np.sqrt(own["x_m"] ** 2 + own["y_m"] ** 2 + own["z_m"] ** 2)).groupby("time_s")
+        middle = frames[["range_m", "velocity_mps", "x_m", "y_m", "z_m"]].median()
+        if len(middle) < LEAST_FRAMES:
+            continue
+        about = own["velocity_mps"] - frames["velocity_mps"].transform("median")
+        tracks.append(
+            PointTrack(
+                track=int(str(number)),
+                times_s=middle.index.to_numpy(dtype=np.float64),
+                range_m=middle["range_m"].to_numpy(dtype=np.float64),
+                velocity_mps=middle["velocity_mps"].to_numpy(dtype=np.float64),
+                position_m=middle[["x_m", "y_m", "z_m"]].to_numpy(dtype=np.float64),
+                spread_mps=float(about.quantile(0.9) - about.quantile(0.1)),
+                n_points=len(own),
+            )
+        )
+    return tracks
+
+
+def table_of_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
+    """Tabulate tracks: times, ranges and speeds.
+
+    Returns
+    -------
+    DataFrame
+        ``track``, ``start_s``, ``stop_s``, ``frames``, ``points``, ``range_start_m``, ``range_stop_m``;
+        ``torso_velocity_mps``, the median over frames; ``range_rate_mps``, minus the slope of the range, which must
+        agree with it (else Doppler is folded or has the other sign); ``ground_speed_mps``, of a straight line through
+        the places on the floor, NaN where these turn; ``velocity_spread_mps``.
+    """
+    import pandas as pd
+
+    rows = []
+    for one in tracks:
+        floor_m = one.position_m[:, :2]
+        slopes = np.polyfit(one.times_s, floor_m, 1)
+        straight_m = np.linalg.norm(floor_m - (one.times_s[:, None] * slopes[0] + slopes[1]), axis=1)
+        speed_mps, length_m = float(np.linalg.norm(slopes[0])), float(np.ptp(one.times_s))
+        rows.append(
+            {
+                "track": one.track,
+                "start_s": one.times_s[0],
+                "stop_s": one.times_s[-1],
+                "frames": one.times_s.size,
+                "points": one.n_points,
+                "range_start_m": one.range_m[0],
+                "range_stop_m": one.range_m[-1],
+                "torso_velocity_mps": float(np.median(one.velocity_mps)),
+                "range_rate_mps": -float(np.polyfit(one.times_s, one.range_m, 1)[0]),
+                "ground_speed_mps": speed_mps if np.median(straight_m) < 0.1 * speed_mps * length_m else math.nan,
+                "velocity_spread_mps": one.spread_mps,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def ranges_at(tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_gap_s: float = 0.5) -> FloatArray:
+    """Interpolate the ranges of tracks, for the score of tracks.
+
+    Parameters
+    ----------
+    tracks : sequence of PointTrack
+    times_s : array_like, shape (T,)
+        In the time of the log.
+    longest_gap_s : float
+        Longest time without points that is interpolated.
+
+    Returns
+    -------
+    ndarray, shape (T, number of tracks)
+        NaN where a track is absent: what :func:`doppelgait.testing.tracking.agreement` takes.
+    """
+    times = np.asarray(times_s, dtype=np.float64)
+    found = np.full((times.size, len(tracks)), np.nan)
+    for column, one in enumerate(tracks):
+        after = np.clip(np.searchsorted(one.times_s, times), 1, one.times_s.size - 1)
+        short = np.diff(one.times_s)[after - 1] <= longest_gap_s
+        inside = (times >= one.times_s[0]) & (times <= one.times_s[-1]) & short
+        found[inside, column] = np.interp(times[inside], one.times_s, one.range_m)
+    return found
