@@ -40,7 +40,7 @@ def groups() -> dict[str, Group]:
         "surroundings": ("Environment and impairments", LIST_WORDS, _list_models()),
         "analysis": ("Analysis and tracking", ANALYSIS_WORDS, _analysis_models()),
         "plan": ("Dataset plan and import", PLAN_WORDS, _plan_models()),
-        "files": ("Facts beside array files", FILE_WORDS, _models("doppelgait.radar.readers.array_facts:ArrayFacts")),
+        "files": ("Facts beside files", FILE_WORDS, _file_models()),
     }
 
 
@@ -66,7 +66,10 @@ PLAN_WORDS = (
     "a distribution ([datasets](../../datasets.md)); keys there are those of a scene file. The arguments of `dataset "
     "import` are last."
 )
-FILE_WORDS = "The TOML file beside an `.npz` or `.npy` recording; each key is also an `--option`."
+FILE_WORDS = (
+    "The TOML file beside an `.npz` or `.npy` recording (each key is also an `--option`), beside the `.bin` of a "
+    "DCA1000, and `picture.toml` of pictures of spectrograms."
+)
 
 
 def _get(place: str) -> Any:
@@ -128,6 +131,13 @@ def _plan_models() -> list[tuple[str, type[BaseModel]]]:
         f"{config}:ClassSection", f"{config}:SourceSection", "doppelgait.dataset.motions:FolderMotion",
         "doppelgait.motion.hybrid:Hybrid",
         "doppelgait.dataset.config:ImportConfig",
+    )  # fmt: skip
+
+
+def _file_models() -> list[tuple[str, type[BaseModel]]]:
+    return _models(
+        "doppelgait.radar.readers.array_facts:ArrayFacts", "doppelgait.radar.readers.ti_config:ChirpConfig",
+        "doppelgait.pipeline.pictures:PictureSettings",
     )  # fmt: skip
 
 

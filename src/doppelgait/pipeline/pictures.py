@@ -42,6 +42,7 @@ class PictureSettings(FrozenModel):
     duration_s : float
         From the left to the right edge.
     carrier_hz : float
+        Of the radar.
     cpi_s : float
         Processing interval of a column of the spectrogram: what it averages over decides whether steps can be
         distinguished, so it has no default.

@@ -40,12 +40,16 @@ class ChirpConfig(FrozenModel):
         Receivers that are on, from 0.
     n_samples : int
         Samples of a chirp; even.
-    sample_rate_hz, start_hz, slope_hz_per_s : float
+    sample_rate_hz : float
+        Samples per second within a chirp.
+    start_hz, slope_hz_per_s : float
+        Frequency at the start of a chirp, and by how much it rises a second.
     idle_s, adc_start_s, ramp_s : float
         Time before a chirp; from its start to the first sample, and to its end.
     chirps_per_loop, loops, frames : int
         Chirps of a loop (transmitters in turn), loops of a frame, and frames: 0 for as many as there are.
     frame_period_s : float
+        From the start of a frame to that of the next.
     """
 
     device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx"]
