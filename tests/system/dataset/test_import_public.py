@@ -99,7 +99,7 @@ def test_settings_of_all_recordings_are_part_of_the_identity(tmp_path):
         CliRunner().invoke(app, command, catch_exceptions=False)
 
 
-def test_pictures_in_folders_of_classes_become_a_dataset(tmp_path):
+def test_pictures_in_folders_of_classes_become_a_dataset(tmp_path, tmp_path_factory):
     """Two people a class, 4 s each: the line of the torso at 1.0 or 2.0 m/s, limbs that swing around it."""
     folder = tmp_path / "pictures"
     times_s, velocity_mps = 0.02 * (np.arange(200) + 0.5), np.linspace(-4, 4, 161)[None]
@@ -114,7 +114,8 @@ def test_pictures_in_folders_of_classes_become_a_dataset(tmp_path):
     about = """velocity_mps = [-4.025, 4.025]\nduration_s = 4.0\ncarrier_hz = 10e9\ncpi_s = 0.1\nprf_hz = 1000
 level_db = [-40, 0]\ncolormap = "jet"\n"""
     (folder / "picture.toml").write_text(about)
-    command = ["dataset", "import", str(folder), "--names", "{label}/{subject}_*.png", "-o"]
+    names = "{label}/{subject}_*.png"
+    command = ["dataset", "import", str(folder), "--names", names, "-o"]
     done = CliRunner().invoke(app, [*command, str(tmp_path / "set"), "--json"])
     assert done.exit_code == 0, done.output
     index = pd.read_parquet(tmp_path / "set" / "index.parquet")
@@ -127,6 +128,12 @@ level_db = [-40, 0]\ncolormap = "jet"\n"""
     assert open_dataset(tmp_path / "set")["running-000000"].signature.shape == (200, 161)
     done = CliRunner().invoke(app, [*command, str(tmp_path / "cut"), "--window-s", "2", "--json"])
     assert json.loads(done.stdout)["n_rows"] == 8
+    command = ["evaluate", str(built(tmp_path_factory, tiny_plan())), "--test", str(folder), "--names", names]
+    models = ["--models", "six-logistic", "--models", "extended-logistic"]
+    done = CliRunner().invoke(app, [*command, "--label", "*ing=human", *models, "-o", str(tmp_path / "r")])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "r" / "scores.json").read_text())["tested"] == {"human": 4, "dog": 0}
+    command = ["dataset", "import", str(folder), "--names", names, "-o"]
     (folder / "picture.toml").write_text(about.replace("10e9", "24e9"))
     with pytest.raises(DatasetError, match="of other recordings, labels or settings"):
         CliRunner().invoke(app, [*command, str(tmp_path / "set")], catch_exceptions=False)

@@ -73,13 +73,13 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
         raise RecordingError(f"{file}: no such file")
     if file.stat().st_size > MAX_BYTES:
         raise RecordingError(f"{file}: has {file.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
-    words = file.read_bytes().decode("ascii", "replace").split()
+    words = file.read_bytes().decode("ascii", "replace").replace("i", "j").split()
     carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(file, words)
     if not bandwidth_hz:
         raise RecordingError(f"{file}: bandwidth 0 Hz is that of a continuous wave; only frequency sweeps are read")
     n_samples = int(samples_per_sweep)
     try:
-        values = np.array([complex(f"{word[:-1]}j" if word[-1] == "i" else word) for word in words[4:]], np.complex128)
+        values = np.fromiter(map(complex, words[4:]), np.complex128, max(len(words) - 4, 0))
     except ValueError:
         raise RecordingError(_fault(file)) from None
     count, rest = divmod(values.size, n_samples)
@@ -147,7 +147,7 @@ def _fault(file: Path) -> str:
             for word in line.split():
                 place += 1
                 try:
-                    complex(f"{word[:-1]}j" if word[-1] == "i" else word)
+                    complex(word.replace("i", "j"))
                 except ValueError:
                     if place > len(HEAD_LINES):
                         return (
