@@ -19,14 +19,14 @@ from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, parse_gate
-from doppelgait.pipeline.pictures import is_picture, settings_of
+from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, is_picture, settings_of
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.readers.ti_config import config_of
 from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
-WITH_SIDECAR = (".npy", ".npz", ".bin")
-"""Recordings that a TOML file of the same stem describes."""
+WITH_SIDECAR = (".npy", ".npz", ".bin", *SUFFIXES)
+"""Recordings that a file of settings of the same stem may describe."""
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
@@ -69,9 +69,13 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
             partner = path.with_name(path.name.removesuffix(other) + main)
             if path.name.endswith(other) and partner.is_file():
                 path = partner
-        if path.suffix == ".toml":
+        if path.suffix in (".toml", ".json"):
             path = next((path.with_suffix(end) for end in WITH_SIDECAR if path.with_suffix(end).is_file()), path)
+        if path.name == SETTINGS_NAME or path.suffix == ".cfg":  # of all recordings in the folder
+            continue
         recordings.add(path.relative_to(folder).as_posix())
+    if not recordings:
+        raise ConfigError(f"{pattern!r}: is settings, no recording")
     return sorted(recordings)
 
 
