@@ -135,8 +135,8 @@ def evaluate(
 
     The report has scores, figures and the plan of the data.
 
-    Examples: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
-    doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
+    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
+    or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.evaluate import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
