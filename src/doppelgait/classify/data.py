@@ -212,7 +212,8 @@ def wavelengths_m(rows: Rows) -> FloatArray:
         else np.array([carrier_of(part.description, json_value(row)) for row in part.index.to_dict("records")])
         for part in rows.datasets
     ]
-    return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers), dtype=np.float64)
+    first = np.cumsum([0, *(len(part) for part in carriers[:-1])])  # rows may be a part of their datasets
+    return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers)[first[rows.origin] + rows.place], dtype=np.float64)
 
 
 def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:

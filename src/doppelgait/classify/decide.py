@@ -177,6 +177,9 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         features = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
         values = np.array([[features[name][0] for name in model.facts.names]])
         outside = model.outside(values[0])
+        rank = float(model.rank(values)[0])
+        if rank < model.facts.novel_below:
+            outside.append(f"unlike what was learnt: {100 * rank:.1f} % of the rows held back are as far from it")
         if isinstance(network, Network):
             values = join_inputs(values, pictures)
     probability = model.probability(values)[0]

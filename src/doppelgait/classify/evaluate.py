@@ -14,13 +14,10 @@ from doppelgait import __version__
 from doppelgait.classify.data import Rows, Table, rows_of, table_of
 from doppelgait.classify.learned import Learned, Part, features_in, join_inputs
 from doppelgait.classify.model import (
-    BLOCKING,
     LEAST_ROWS,
     Calibration,
     Facts,
     Model,
-    beyond,
-    blocking_flag,
     calibrate,
     class_weights,
     conditions_of_rows,
@@ -29,6 +26,8 @@ from doppelgait.classify.model import (
     learnt_conditions,
     span_words,
 )
+from doppelgait.classify.novelty import learn_novelty
+from doppelgait.classify.open_set import blocked_rows, open_set_scores, unknown_rows
 from doppelgait.classify.scores import (
     ALARM_CLASS,
     BREAKDOWNS,
@@ -43,7 +42,7 @@ from doppelgait.classify.scores import (
     curve,
     scorecard,
 )
-from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, fit, join, kind_of
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, fit, join, kind_of, standard_columns
 from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -189,8 +188,8 @@ class _Run:
 
 def evaluate(
     dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
-    left_out: str | None = None, motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1,
-    keep: bool = False, on_progress: Callable[[int, int], None] | None = None,
+    left_out: str | None = None, unknown: Dataset | None = None, motion_folder: Path | None = None, seed: int = 0,
+    n_seeds: int = 1, keep: bool = False, on_progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Train and score models.
 
@@ -208,6 +207,8 @@ def evaluate(
         Number of folds of a cross-validation over all rows; the rows of a target are never separated.
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
+    unknown : Dataset, optional
+        Rows of further classes, which the models should abstain from: scored beside the tested rows.
     motion_folder : Path, optional
         Folder of the motion files of the plan, from which the nuisance parameters are sampled.
     seed : int
@@ -232,6 +233,9 @@ def evaluate(
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
     rows = rows_of(dataset, other)
+    strangers = None if unknown is None else unknown_rows(unknown, rows)
+    if strangers is not None and (n_folds or left_out):
+        raise ConfigError("--unknown: needs one model for all rows; leave --cv and --leave-out out")
     folds, notes = _choose_folds(rows, n_folds, left_out, seed)
     refuse_shared(rows, folds)
     tables, skipped = _load_tables(rows, models, motion_folder)
@@ -287,6 +291,9 @@ def evaluate(
         document["models"][name]["importance"] = run.importance
         if n_seeds > 1 and name not in BASELINES:
             document["models"][name]["seeds"] = [_score_of_seed(each.answers) for each in by_seed[name]]
+        if strangers is not None and name not in BASELINES:
+            tested = tables[name].values[folds[0].test]
+            document["models"][name]["unknown"] = open_set_scores(run.models[0], tested, strangers)
     document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     return Evaluation(document, answers_table(rows, answers), best, kept)
@@ -378,12 +385,7 @@ def _run_model(
         if fold.test.size:
             values, index = table.values[fold.test], rows.index.iloc[fold.test]
             probability = model.probability(values)
-            # No decision with a blocking flag, or outside the features and conditions that the model was trained on.
-            texts = index["flags"].fillna("").tolist()
-            flagged = [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
-            blocked = np.array(flagged, dtype=bool) | model.beyond(values).any(axis=1)
-            for condition, found in conditions_of_rows(rows).items():
-                blocked |= beyond(found[fold.test], condition, model.facts.conditions)
+            blocked = blocked_rows(rows, fold.test, values, model)
             threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
             parts.append(Answers(
                 index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
@@ -464,7 +466,11 @@ def learn(
         conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
         alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
-    return Model(facts, learned, calibration, lowest, highest, unknown)
+    novelty = None
+    if table.names and name not in BASELINES:
+        plain = train._replace(values=features_in(train.values))
+        novelty = learn_novelty(standard_columns(plain.values), plain, held)
+    return Model(facts, learned, calibration, lowest, highest, unknown, novelty)
 
 
 def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:

@@ -7,7 +7,7 @@ versions of the libraries.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -46,7 +46,31 @@ def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
     return np.where(floor > 0, np.log(np.where(floor > 0, raised, 1.0)), raised)
 
 
-def standardise(values: Inputs, learned: Linear | Kernel) -> FloatArray:
+class Columns(Protocol):
+    """Parameters of standardised columns: see :class:`Linear`."""
+
+    @property
+    def median(self) -> FloatArray:
+        """Values in place of unknown ones, (d,)."""
+
+    @property
+    def told(self) -> IntArray:
+        """Features with a column that marks them as unknown, (m,)."""
+
+    @property
+    def mean(self) -> FloatArray:
+        """Of the columns, (d + m,)."""
+
+    @property
+    def scale(self) -> FloatArray:
+        """Of the columns, (d + m,)."""
+
+    @property
+    def floor(self) -> FloatArray:
+        """Floors of logarithms, (d,) or (0,)."""
+
+
+def standardise(values: Inputs, learned: Columns) -> FloatArray:
     """Convert features (n, d) to a model's columns (n, d + m)."""
     unknown = np.isnan(values)
     filled = np.where(unknown, learned.median, log_from(values, learned.floor))

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from doppelgait.classify.data import Rows, wavelengths_m
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, features_in, log_softmax
+from doppelgait.classify.novelty import NOVEL_BELOW, Novelty
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 
@@ -251,6 +252,8 @@ class Facts(FrozenModel):
         Lowest and highest value of the training conditions: carrier, pulse rate, observation time.
     abstain_below : float
         No decision where the most likely class is less likely than this.
+    novel_below : float
+        No decision where less than this share of the held-out rows is as far from what was learnt.
     alarm : str or None
         The class to detect, where there is one.
     alarm_threshold : float or None
@@ -274,6 +277,7 @@ class Facts(FrozenModel):
     analysis: dict[str, Any]
     conditions: dict[str, tuple[float, float]]
     abstain_below: float = Field(default=ABSTAIN_BELOW, ge=0, le=1)
+    novel_below: float = Field(default=NOVEL_BELOW, ge=0, le=1)
     alarm: str | None = None
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
     alarm_people: int | None = Field(default=None, ge=0)
@@ -293,6 +297,8 @@ class Model:
         Of every feature in the training rows; NaN where it was always unknown. Empty for signatures.
     unknown : ndarray, shape (d,)
         Share of the training rows in which a feature is unknown.
+    novelty : Novelty or None
+        Distance from the training rows; None for models of signatures alone.
     """
 
     facts: Facts
@@ -301,6 +307,7 @@ class Model:
     lowest: FloatArray
     highest: FloatArray
     unknown: FloatArray
+    novelty: Novelty | None = None
 
     def probability(self, values: Inputs) -> FloatArray:
         """Return calibrated probabilities for equally frequent classes.
@@ -315,6 +322,13 @@ class Model:
         ndarray, shape (n, n_classes)
         """
         return self.calibration(self.learned.log_probability(values))
+
+    def rank(self, values: Inputs) -> FloatArray:
+        """Return the share of held-out rows as far off, (n,).
+
+        1 for models of signatures alone.
+        """
+        return np.ones(len(values)) if self.novelty is None else self.novelty.rank(values)
 
     def beyond(self, values: Inputs) -> npt.NDArray[np.bool_]:
         """Mark features outside the training range.

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from doppelgait.classify.data import BANDWIDTH, SPEED, VELOCITY, WIDTH
 from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Calibration, Facts, Model
+from doppelgait.classify.novelty import Novelty
 from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -72,6 +73,8 @@ def save_model(model: Model, path: str | Path) -> Path:
         "calibration.slope": np.array([model.calibration.slope]), "calibration.shift": model.calibration.shift,
         "lowest": model.lowest, "highest": model.highest, "unknown": model.unknown,
     }  # fmt: skip
+    if model.novelty is not None:
+        arrays |= {f"novelty.{name}": values for name, values in vars(model.novelty).items()}
     text = np.frombuffer(json.dumps(facts, sort_keys=True, allow_nan=False).encode(), dtype=np.uint8)
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, model=text, **arrays)
@@ -143,7 +146,11 @@ def load_model(path: str | Path) -> Model:
         learned = _unpack(document, arrays)
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
-        model = Model(facts, learned, calibration, arrays["lowest"], arrays["highest"], arrays["unknown"])
+        novelty = None
+        if any(name.startswith("novelty.") for name in arrays):  # older models have none
+            novelty = Novelty(**{part.name: arrays[f"novelty.{part.name}"] for part in fields(Novelty)})
+        spans = (arrays["lowest"], arrays["highest"], arrays["unknown"])
+        model = Model(facts, learned, calibration, *spans, novelty)
         _check_model(model)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -198,6 +205,12 @@ def _check_model(model: Model) -> None:
             f"looks at the feature {wrong[0]!r}, which no analysis gives; it gives the six features, gait_frequency_hz "
             "and the registered extended features"
         )
+    if model.novelty is not None:
+        columns = _check_columns(model.novelty, n_features)
+        _check_shape(model.novelty.centre.shape[1:], (columns,), "novelty.centre")
+        _check_shape(model.novelty.whitening.shape, (columns, columns), "novelty.whitening")
+        if not len(model.novelty.centre) or (np.diff(model.novelty.held) < 0).any():
+            raise ValueError("novelty has no class, or ranks that fall")
     _check_learned(model.learned, n_classes, n_features)
 
 

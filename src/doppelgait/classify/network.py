@@ -42,6 +42,11 @@ class Training(FrozenModel):
         Levels are shifted by up to so much.
     noise_db : float
         Noise is added that raises the floor by up to so much.
+    stretch : float
+        The velocity axis is stretched or compressed by a factor of up to so much: other speeds, and what a wrong
+        carrier would do.
+    widening : float
+        Share of the epochs over which gain, noise and stretch widen from nothing to their limits; 0: at once.
     flip : bool
         Half of the images are mirrored in velocity: an approaching body becomes a receding one.
     """
@@ -55,6 +60,8 @@ class Training(FrozenModel):
     dropout: float = Field(default=0.3, ge=0, lt=1)
     gain_db: float = Field(default=3.0, ge=0)
     noise_db: float = Field(default=10.0, ge=0)
+    stretch: float = Field(default=1.4, ge=1, le=4)
+    widening: float = Field(default=0.5, ge=0, le=1)
     flip: bool = True
 
 
@@ -111,8 +118,10 @@ def train_network(
         model = build_model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
         optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
         best, best_loss, since = model.state_dict(), np.inf, 0
-        for _ in range(min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))):
-            _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings)
+        n_epochs = min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))
+        for epoch in range(n_epochs):
+            width = min(1.0, epoch / (settings.widening * n_epochs)) if settings.widening else 1.0
+            _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings, width)
             loss = _held_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
             if loss <= best_loss:
                 best, best_loss, since = copy.deepcopy(model.state_dict()), loss, 0
@@ -161,7 +170,7 @@ def _deterministic(torch: Any, seed: int) -> Iterator[None]:
 
 def _train_epoch(
     torch: Any, model: Any, optimiser: Any, device: Any, train: Part, weights: FloatArray, rng: np.random.Generator,
-    spec: Patch, settings: Training,
+    spec: Patch, settings: Training, width: float,
 ) -> None:  # fmt: skip
     model.train()
     order = rng.permutation(train.labels.size)
@@ -169,7 +178,7 @@ def _train_epoch(
         rows = order[first : first + settings.batch_size]
         if rows.size < 2:  # batch normalisation needs two
             continue
-        pictures = torch.from_numpy(varied(train.values[rows], rng, spec, settings)).to(device)
+        pictures = torch.from_numpy(varied(train.values[rows], rng, spec, settings, width)).to(device)
         labels = torch.from_numpy(train.labels[rows]).to(device)
         each = torch.nn.functional.cross_entropy(model(pictures[:, None]), labels, reduction="none")
         loss = (each * torch.from_numpy(weights[rows]).to(each)).mean()
@@ -178,10 +187,11 @@ def _train_epoch(
         optimiser.step()
 
 
-def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training) -> Levels:
+def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training, width: float = 1.0) -> Levels:
     """Augment every signature to a random image (n, n_velocity, n_time).
 
-    A random section, mirrored or not, with changed gain and noise floor.
+    A random section, mirrored or not, stretched in velocity, with changed gain and noise floor; ``width``, 0 to 1, is
+    the share of the limits of these three.
     """
     pictures = []
     for whole in values:
@@ -189,13 +199,29 @@ def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Trai
         start = int(rng.integers(min(spare, 0), max(spare, 0) + 1))
         picture = cut(whole, start, spec)
         pictures.append(picture[::-1] if settings.flip and rng.random() < 0.5 else picture)
-    stacked = np.stack(pictures)
-    shape = (len(stacked), 1, 1)
-    gain = rng.uniform(-settings.gain_db, settings.gain_db, shape) / spec.range_db
+    shape = (len(pictures), 1, 1)
+    factors = settings.stretch ** (width * rng.uniform(-1.0, 1.0, len(pictures)))
+    stacked = stretched(np.stack(pictures), factors)
+    gain = width * rng.uniform(-settings.gain_db, settings.gain_db, shape) / spec.range_db
     power = 10.0 ** ((np.where(stacked > 0, stacked + gain, 0.0)) * spec.range_db / 10.0)
-    raised = 10.0 ** (rng.uniform(0.0, settings.noise_db, shape) / 10.0) - 1.0
+    raised = 10.0 ** (width * rng.uniform(0.0, settings.noise_db, shape) / 10.0) - 1.0
     noisy = (power + raised * rng.gamma(4.0, 0.25, stacked.shape)) / (1.0 + raised)
     return np.clip(10.0 * np.log10(noisy) / spec.range_db, 0.0, 1.0).astype(np.float32)
+
+
+def stretched(pictures: Levels, factors: FloatArray) -> Levels:
+    """Stretch images (n, n_velocity, n_time) in velocity about zero, one factor each.
+
+    Between rows it is interpolated linearly; beyond the first and last one there is 0, the noise floor.
+    """
+    n_rows = pictures.shape[1]
+    middle = (n_rows - 1) / 2.0
+    place = (np.arange(n_rows) - middle) / factors[:, None] + middle  # row that is moved here, (n, n_velocity)
+    below = np.clip(np.floor(place).astype(np.int64), 0, n_rows - 2)
+    share = np.where((place >= 0) & (place <= n_rows - 1), place - below, np.nan).astype(np.float32)[:, :, None]
+    each = np.arange(len(pictures))[:, None]
+    between = (1.0 - share) * pictures[each, below] + share * pictures[each, below + 1]
+    return np.asarray(np.nan_to_num(between), dtype=np.float32)
 
 
 def _held_loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, spec: Patch) -> float:

@@ -209,6 +209,11 @@ __all__: Sequence[str] = ["figures_of"]
 FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
+UNKNOWN_TEXT = (
+    "<p>Kinds that were not learnt, which no class is right for: how well the distance from what was learnt, and the "
+    "lack of certainty, tell them from the tested rows (area under the ROC curve, 0.5: not at all), and the share that "
+    "is called a class with a decision.</p>"
+)
 ALARM_TEXT = (
     "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of people: by the "
     "rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
@@ -302,7 +307,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         ]  # fmt: skip
         details += [f"<h2>{escape(best)} by {escape(column)}</h2>", _format_table(shares)]
     baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    alarms = alarm_table(document)
+    alarms, strangers = alarm_table(document), unknown_table(document)
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Learnt from {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
@@ -318,6 +323,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
         "the class (nuisance); the speed alone.</p>",
         *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
+        *([UNKNOWN_TEXT, _format_table(strangers)] if strangers else []),
         *(
             f'<figure><img src="{escape(name)}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
             for name, words in pictures
@@ -386,6 +392,17 @@ def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
             if alarm is not None and kind in alarm:
                 shares = {label: with_interval(share) for label, share in alarm[kind].items()}
                 rows.append({"model": name, "threshold from": words, **shares})
+    return rows
+
+
+def unknown_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Format the abstention from unknown kinds; empty without any."""
+    rows = []
+    for name, model in document["models"].items():
+        for label, found in model.get("unknown", {}).items():
+            called = {f"called {other}": number(share) for other, share in found["decided"].items()}
+            areas = {"AUC of the distance": number(found["auc"]), "AUC of doubt": number(found["auc_of_probability"])}
+            rows.append({"model": name, "kind": label, "rows": str(found["n"]), **areas, **called})
     return rows
 
 

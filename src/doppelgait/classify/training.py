@@ -186,7 +186,7 @@ def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Lin
     """
     from sklearn.linear_model import LogisticRegression
 
-    median, told, mean, scale, floor, columns = _standardised(train.values)
+    median, told, mean, scale, floor, columns = standard_columns(train.values)
     model = LogisticRegression(max_iter=2000)
     model.fit(columns, train.labels, sample_weight=class_weights(train.labels, n_classes))
     weight, bias = model.coef_, model.intercept_
@@ -214,7 +214,7 @@ def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
         of_class = [order[train.labels[order] == number][:most] for number in range(n_classes)]
         chosen = np.sort(np.concatenate(of_class))
         train = Part(train.values[chosen], train.labels[chosen])
-    median, told, mean, scale, floor, columns = _standardised(train.values)
+    median, told, mean, scale, floor, columns = standard_columns(train.values)
     gamma = SVM_GAMMA / max(columns.shape[1], 1)
     weights = class_weights(train.labels, n_classes)
     weight, bias, used = [], [], np.zeros(train.labels.size, dtype=bool)
@@ -230,7 +230,7 @@ def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
     return Kernel(median, told, mean, scale * width, floor, support, stacked, np.array(bias))
 
 
-def _standardised(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+def standard_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Standardise the columns of features.
 
     Returns median, told, mean, scale and floor, then the columns.

@@ -118,6 +118,10 @@ def evaluate(
     options: Annotated[
         list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
     ] = None,
+    unknown: Annotated[
+        Path | None,
+        typer.Option("--unknown", help="A dataset with further classes, which the models should abstain from."),
+    ] = None,
     save: Annotated[
         Path | None,
         typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
@@ -140,7 +144,7 @@ def evaluate(
     """
     from doppelgait.classify.evaluate import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
-    from doppelgait.classify.report import alarm_table, check_folder, score_table, write_report
+    from doppelgait.classify.report import alarm_table, check_folder, score_table, unknown_table, write_report
     from doppelgait.classify.training import BASELINES
     from doppelgait.dataset import open_dataset
 
@@ -152,7 +156,8 @@ def evaluate(
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
-            left_out=left_out, motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
+            left_out=left_out, unknown=None if unknown is None else open_dataset(unknown),
+            motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
         )  # fmt: skip
     page = write_report(found, output)[-1]
@@ -164,6 +169,9 @@ def evaluate(
     print_table(score_table(found.document))
     print()
     print_table(alarm_table(found.document))
+    if unknown is not None:
+        print()
+        print_table(unknown_table(found.document))
     for note in found.document["notes"]:
         say(f"note: {note}")
     say(f"report: {page}")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from dataclasses import replace
+from unittest.mock import ANY
 
 import numpy as np
 import pandas as pd
@@ -25,7 +27,7 @@ from doppelgait.classify.evaluate import evaluate, learn
 from doppelgait.classify.learned import Part
 from doppelgait.classify.model import class_weights
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.report import write_report
+from doppelgait.classify.report import unknown_table, write_report
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
 from doppelgait.classify.validate import cross_validation, leave_out, own_splits, refuse_shared
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
@@ -537,6 +539,39 @@ def test_decision_and_abstentions(found):
     assert decide(a_target(feature_step_length_m=0.5), model, 0).alarm
     json.dumps(sure.as_dict(), allow_nan=False)
     assert (sure.quality["carrier_hz"], sure.quality["prf_hz"]) == pytest.approx((7.29e9, 1100))
+
+
+def test_kinds_that_were_not_learnt_are_scored_apart():
+    strangers = made_up(40, classes=("cat", "human"), identity="z")
+    cats = strangers.index["label"] == "cat"
+    strangers.index.loc[cats, "feature_limb_torso_ratio"] = strangers.index["feature_limb_torso_ratio"].max() + 20.0
+    found = evaluate(made_up(), unknown=strangers, models=["six-logistic"])
+    scores = found.document["models"]["six-logistic"]["unknown"]
+    assert scores == {"cat": {"n": int(cats.sum()), "auc": 1.0, "auc_of_probability": ANY,
+                              "decided": {"human": 0.0, "dog": 0.0}}}  # fmt: skip
+    assert unknown_table(found.document)[0]["AUC of the distance"] == "1.000"
+    assert "unknown" not in found.document["models"]["speed"]
+    # people of another name are not told from people, and most are called so
+    others = made_up(40, seed=3, identity="z")
+    others.index["label"] = others.index["label"].replace("human", "cat")
+    scores = evaluate(made_up(), unknown=others, models=["six-logistic"]).document["models"]["six-logistic"]
+    assert 0.3 < scores["unknown"]["cat"]["auc"] < 0.7
+    assert sum(scores["unknown"]["cat"]["decided"].values()) > 0.5
+
+
+def test_unknown_kinds_need_a_further_class_and_one_model():
+    with pytest.raises(DatasetError, match=r"--unknown .*: has only the classes human, dog, which were learnt"):
+        evaluate(made_up(), unknown=made_up(identity="z"), models=["six-logistic"])
+    with pytest.raises(ConfigError, match="--unknown: needs one model for all rows"):
+        evaluate(made_up(), unknown=made_up(identity="z", classes=("human", "cat")), n_folds=3)
+
+
+def test_what_is_unlike_the_training_is_no_decision(found):
+    model = found.models["six-logistic"]
+    strict = replace(model, facts=model.facts.model_copy(update={"novel_below": 1.01}))
+    decision = decide(a_target(feature_step_length_m=2.2), strict, 0)
+    assert decision.abstained
+    assert re.match(r"unlike what was learnt: \d+\.\d % of the rows held back are as far from it", decision.reason)
 
 
 @pytest.mark.parametrize("stated", [True, False])

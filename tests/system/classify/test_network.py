@@ -105,7 +105,7 @@ def test_variations():
     whole[12] = np.linspace(0.2, 0.8, 40)
     values = np.empty(200, dtype=object)
     values[:] = [whole] * 200
-    still = nets.Training(gain_db=0, noise_db=0, flip=False)
+    still = nets.Training(gain_db=0, noise_db=0, stretch=1, flip=False)
     plain = nets.varied(values, rng, SPEC, still)
     starts = [int(np.abs(whole[12] - p[12, 0]).argmin()) for p in plain]
     assert set(starts) == set(range(25))
@@ -153,3 +153,27 @@ def test_a_tampered_network_is_refused(trained, tiny, tmp_path):
 
 def test_the_network_keeps_the_contract_of_classifiers():
     check_classifier("signature-network")
+
+
+def test_stretched_images_hold_the_same_at_other_velocities():
+    """A ramp over velocity: at v stands what was at v / factor; beyond the last row there is nothing."""
+    v = np.arange(16) - 7.5
+    ramp = np.tile((v / 16 + 0.5)[:, None], (1, 4)).astype(np.float32)
+    wide, narrow, same = nets.stretched(np.stack([ramp] * 3), np.array([2.0, 0.8, 1.0]))
+    assert np.allclose(wide[:, 0], v / 2 / 16 + 0.5, atol=1e-6)
+    inside = np.abs(v / 0.8) <= 7.5
+    assert np.allclose(narrow[inside, 0], v[inside] / 0.8 / 16 + 0.5, atol=1e-6)
+    assert not narrow[~inside].any()
+    assert np.array_equal(same, ramp)
+
+
+def test_the_variation_widens_from_nothing():
+    values = a_part(9, seed=0, columns=16).values[:8]
+    calm = nets.Training(flip=False)
+    plain = nets.varied(values, np.random.default_rng(0), SPEC, calm, 0.0)
+    assert np.allclose(plain, np.stack(list(values)), atol=1e-6)
+    apart = [
+        np.abs(nets.varied(values, np.random.default_rng(0), SPEC, calm, width) - plain).mean()
+        for width in (0.1, 0.5, 1.0)
+    ]
+    assert 0 < apart[0] < apart[1] < apart[2]

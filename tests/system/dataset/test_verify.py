@@ -342,6 +342,20 @@ def test_a_wrong_snr_is_found_by_measuring_it(copy):
     assert check.numbers["largest_error_db"] == pytest.approx(3, abs=0.05)
 
 
+def test_a_mirrored_floor_and_a_curtain_are_no_part_of_the_snr(tmp_path):
+    plan = small_plan(
+        environment=[{"kind": "ground_bounce", "material": "concrete"}],
+        dataset={"name": "room", "examples_per_class": 8, "shard_size": 8},
+        background=[
+            {"motion": {"kind": "curtain"}, "start_position_m": [3, 1], "heading_deg": 0, "rcs": {"total_m2": 0.1}}
+        ],
+    )
+    build_dataset(plan, tmp_path / "room", executor="serial")
+    check = verify(tmp_path / "room", share=1.0).check("measured SNR")
+    assert check.status == "passed", check.summary
+    assert check.numbers["largest_error_db"] < 0.1
+
+
 def test_a_dataset_of_nothing_but_noise_fails(tmp_path):
     plan = small_plan(
         dataset={"name": "noise", "examples_per_class": 12}, target={"rcs": {"total_m2": 1e-20}}, noise={}

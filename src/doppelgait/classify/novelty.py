@@ -1,0 +1,93 @@
+"""Distance of a target from everything that a model was trained on.
+
+A classifier must answer with one of its classes. Something else - a waving person, a vacuum cleaner - is told by its
+distance from the training rows, not by the probabilities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Part, features_in, standardise
+
+NOVEL_BELOW = 0.02
+"""No decision about a target that is farther than all but this share of the held-out rows: set beforehand, so that one
+in fifty of the known kinds is turned away."""
+LEVELS = 500
+"""Stored quantiles of the held-out distances, at most."""
+SHRINKAGE = 0.05
+"""Share of the identity in the covariance of the standardised columns, assumed: a column without spread in training
+counts as one with a fifth of the usual spread."""
+
+
+@dataclass(frozen=True, eq=False)
+class Novelty:
+    """Distance of features from the nearest class, and its ranks.
+
+    Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C about them (Lee et
+    al. 2018), of the columns that logistic regression sees (:class:`doppelgait.classify.learned.Linear`).
+
+    Parameters
+    ----------
+    median : ndarray, shape (d,)
+    told : ndarray of int, shape (m,)
+    mean, scale : ndarray, shape (d + m,)
+    floor : ndarray, shape (d,)
+    centre : ndarray, shape (n_classes, d + m)
+        Class means.
+    whitening : ndarray, shape (d + m, d + m)
+        W with W W' = C⁻¹.
+    held : ndarray, shape (n,)
+        Rising distances of held-out rows, or 500 quantiles of them; empty where none were held out.
+    """
+
+    median: FloatArray
+    told: IntArray
+    mean: FloatArray
+    scale: FloatArray
+    floor: FloatArray
+    centre: FloatArray
+    whitening: FloatArray
+    held: FloatArray
+
+    def distance(self, values: Inputs) -> FloatArray:
+        """Return the distance of every row from the nearest class, shape (n,)."""
+        columns = standardise(features_in(values), self) @ self.whitening
+        apart = columns[:, None, :] - self.centre @ self.whitening
+        return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
+
+    def rank(self, values: Inputs) -> FloatArray:
+        """Return the share of held-out rows at least as far, (n,).
+
+        (k + 1) / (n + 1) with k of n rows as far, a conformal p-value: uniform between 0 and 1 for rows like those, and
+        1 where none were held out.
+        """
+        farther = self.held.size - np.searchsorted(self.held, self.distance(values), side="left")
+        return np.asarray((farther + 1.0) / (self.held.size + 1.0))
+
+
+def learn_novelty(
+    standard: tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray], train: Part, held: Part
+) -> Novelty:
+    """Measure how training rows lie about their class means.
+
+    Parameters
+    ----------
+    standard : tuple
+        Median, told, mean, scale and floor of the columns of the training rows, then those columns.
+    train, held : Part
+        Features, and class numbers; the held-out rows only give the ranks.
+    """
+    median, told, mean, scale, floor, columns = standard
+    classes, labels = np.unique(train.labels, return_inverse=True)
+    centre = np.array([columns[labels == number].mean(axis=0) for number in range(classes.size)])
+    about = columns - centre[labels]
+    covariance = (1.0 - SHRINKAGE) * about.T @ about / len(about) + SHRINKAGE * np.eye(columns.shape[1])
+    whitening = np.linalg.cholesky(np.linalg.inv(covariance))
+    bare = Novelty(median, told, mean, scale, floor, centre, whitening, np.zeros(0))
+    far = np.sort(bare.distance(held.values)) if held.labels.size else np.zeros(0)
+    if far.size > LEVELS:
+        far = np.quantile(far, (np.arange(LEVELS) + 0.5) / LEVELS)
+    return replace(bare, held=far)

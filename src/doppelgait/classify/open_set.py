@@ -1,0 +1,97 @@
+"""Scores of abstention from kinds that were not learnt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.classify.data import Rows, table_of
+from doppelgait.classify.learned import FloatArray
+from doppelgait.classify.model import BLOCKING, Model, beyond, blocking_flag, conditions_of_rows
+from doppelgait.classify.scores import auc
+from doppelgait.core.errors import DatasetError
+from doppelgait.dataset.open import Dataset
+
+
+def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
+    """Collect the rows of classes that were not learnt.
+
+    Their class numbers say nothing.
+
+    Raises
+    ------
+    DatasetError
+        If every class of the dataset was learnt.
+    """
+    index = dataset.index[~dataset.index["label"].isin(known.classes)]
+    if index.empty:
+        raise DatasetError(
+            f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, which were learnt"
+        )
+    count, place = len(index), index.index.to_numpy(dtype=np.int64)
+    group = "group" if "group" in index else "subject"
+    nothing = np.zeros(count, dtype=np.int64)
+    return Rows((dataset,), index.reset_index(drop=True), nothing, place, known.classes, nothing,
+                index[group].to_numpy(dtype=str))  # fmt: skip
+
+
+def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:
+    """Mark rows without a decision whatever the probability, shape (n,).
+
+    A blocking flag, or features, conditions or distance outside what the model was trained on.
+    """
+    texts = rows.index["flags"].iloc[part].fillna("").tolist()
+    flagged = [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
+    blocked = np.array(flagged, dtype=bool) | model.beyond(values).any(axis=1)
+    blocked |= model.rank(values) < model.facts.novel_below
+    for condition, found in conditions_of_rows(rows).items():
+        blocked |= beyond(found[part], condition, model.facts.conditions)
+    return np.asarray(blocked)
+
+
+def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
+    """Score the abstention from every unknown kind.
+
+    Parameters
+    ----------
+    model : Model
+    tested : ndarray
+        Inputs of the tested rows of the known classes, as of :func:`doppelgait.classify.data.table_of`.
+    unknown : Rows
+        Of :func:`unknown_rows`.
+
+    Returns
+    -------
+    dict
+        By label: ``n``; ``auc`` of the distance from what was learnt and ``auc_of_probability`` of the lack of
+        certainty (0.5: no better than chance); ``decided`` the share called each class with a decision, by class.
+    """
+    table = table_of(unknown, model.facts.features)
+    known_rank, known_sure = _scores(model, tested)
+    rank, sure = _scores(model, table.values)
+    blocked = blocked_rows(unknown, np.arange(len(unknown)), table.values, model)
+    decided = ~blocked & (sure >= model.facts.abstain_below)
+    guesses = model.probability(table.values).argmax(axis=1)
+    found = {}
+    labels = unknown.index["label"].to_numpy(dtype=str)
+    for label in np.unique(labels):
+        own = labels == label
+        novel = np.concatenate([np.zeros(len(known_rank), dtype=bool), np.ones(int(own.sum()), dtype=bool)])
+        shares = {
+            name: float((decided & (guesses == number))[own].mean()) for number, name in enumerate(unknown.classes)
+        }
+        found[str(label)] = {
+            "n": int(own.sum()),
+            "auc": auc(np.concatenate([known_rank, rank[own]]), novel),
+            "auc_of_probability": auc(-np.concatenate([known_sure, sure[own]]), novel),
+            "decided": shares,
+        }
+    return found
+
+
+def _scores(model: Model, values: Any) -> tuple[FloatArray, FloatArray]:
+    """Return distance from what was learnt and highest probability."""
+    far = np.zeros(len(values)) if model.novelty is None else model.novelty.distance(values)
+    return far, np.asarray(model.probability(values).max(axis=1))

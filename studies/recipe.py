@@ -1,0 +1,193 @@
+"""Measure the worth of each part of the training recipe.
+
+Learnt from models, tested on motion capture.
+
+    python studies/recipe.py MOTION_FOLDER OUT_FOLDER [--seeds 5] [--ablation-seeds 3] [--share 1]
+
+The plan is ``plans/evidence.toml``; the recipe adds the motion and sensor variation of the built-in plan
+``home-alarm-wide``. Every seed draws another dataset and trains once more. Tested are all recordings, as in
+``studies/classification.py``, under the charter's conditions; the headline is the held half. No recording chooses
+anything: the ensemble is the default, and every part of it is reported.
+
+Complete datasets and answers in OUT_FOLDER are taken as they are: empty it after a change of the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from classification import MAIN_S, PLAN, dataset, easy, joined, score, with_half
+
+from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.network import Training, train_network
+from doppelgait.core.config import validate
+from doppelgait.core.plugins import plugin
+from doppelgait.dataset import build_dataset, load_plan, open_dataset
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.open import Dataset
+
+SIZE = 1500
+"""Examples of a class."""
+PLANS = ("recipe", "no motion variation", "no sensor variation", "neither")
+NETWORKS = {
+    "no stretch": Training(stretch=1.0),
+    "no curriculum": Training(widening=0.0),
+    "no augmentation": Training(stretch=1.0, gain_db=0.0, noise_db=0.0),
+}
+"""Networks of the ablation, trained on the recipe's plan."""
+MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
+CURVE_SIZES = (50, 150, 500)
+HALVES = ("held", "tuning")
+
+
+def plan_of(variant: str, seed: int, n_examples: int) -> tuple[PlanConfig, Path]:
+    """Return the evidence plan with parts of ``home-alarm-wide``."""
+    plan, base = load_plan(PLAN, overrides=[
+        f"scene.duration_s={MAIN_S}", f"dataset.examples_per_class={n_examples}", f"dataset.seed={2018 + seed}",
+    ])  # fmt: skip
+    table, wide = plan.model_dump(mode="python"), load_plan("home-alarm-wide")[0].model_dump(mode="python")
+    if variant in ("recipe", "no sensor variation"):
+        table["target"]["vary"] = wide["target"]["vary"]
+        people = table["classes"][0]["motion"]["choice"]
+        people += [motion for motion in people if motion.get("gait") == "run"]  # two of five run
+    if variant in ("recipe", "no motion variation"):
+        table["radar"] |= {key: wide["radar"][key] for key in ("prf_hz", "bandwidth_hz", "antenna")}
+        table["target"]["rcs"] |= {key: wide["target"]["rcs"][key] for key in ("fluctuation", "correlation_s")}
+        table |= {key: wide[key] for key in ("environment", "impairments")}
+        table["scene"]["radar_position_m"] = wide["scene"]["radar_position_m"]
+        table["scene"]["radar_tilt_deg"] = wide["scene"]["radar_tilt_deg"]
+        table["analysis"]["clutter"] = "mean"
+    return validate(PlanConfig, table, where=variant), base
+
+
+def models_of(variant: str, seed: int, out: Path, n_examples: int) -> Dataset:
+    """Build or resume the dataset of a variant and a seed."""
+    target = out / f"{variant.replace(' ', '-')}-{n_examples}-{seed}"
+    if not (target / "dataset.json").is_file() or not open_dataset(target).description.get("complete"):
+        plan, base = plan_of(variant, seed, n_examples)
+        report = build_dataset(plan, target, folder=base, max_failed_share=0.02)
+        print(f"{target.name}: {report.n_rows} rows in {report.seconds:.0f} s", flush=True)
+    return open_dataset(target)
+
+
+def answers_of(
+    variant: str, seed: int, tested: Dataset, folder: Path, out: Path, n_examples: int, networks: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Return the tested rows with the answers of all models.
+
+    Trained on a variant, or taken from OUT_FOLDER.
+    """
+    target = out / f"answers-{variant.replace(' ', '-')}-{n_examples}-{seed}.pkl"
+    if target.is_file():
+        return pd.read_pickle(target)
+    began = time.process_time()
+    learnt = models_of(variant, seed, out, n_examples)
+    found = evaluate(learnt, other=tested, models=(*MEMBERS, "ensemble", *networks), seed=seed)
+    rows = with_half(joined(found, tested), folder)
+    rows["held_rows"] = found.document["folds"][0]["held"]["n"]
+    for name in networks:  # the ensemble with another network
+        odds = [log_odds(rows[f"p:{each}"]) for each in (*MEMBERS[:2], name)]
+        mean = np.mean(odds, axis=0)
+        rows[f"p:ensemble, {name}"] = 1.0 / (1.0 + np.exp(-mean))
+        rows[f"right:ensemble, {name}"] = (mean > 0) == (rows["label"] == "human")
+    rows.to_pickle(target)
+    print(f"{target.name}: {time.process_time() - began:.0f} s of processor time", flush=True)
+    return rows
+
+
+def log_odds(probability: pd.Series) -> np.ndarray:
+    """Return the log-odds of calibrated probabilities, limited to a millionth."""
+    clipped = np.clip(probability.to_numpy(dtype=np.float64), 1e-6, 1.0 - 1e-6)
+    return np.log(clipped / (1.0 - clipped))
+
+
+def mean_and_range(values: Sequence[float]) -> str:
+    """Format shares in percent: mean, lowest, highest."""
+    percent = 100.0 * np.asarray(values)
+    return f"{percent.mean():.1f} ({percent.min():.1f}-{percent.max():.1f})"
+
+
+def table_of(found: Mapping[str, Sequence[pd.DataFrame]], names: Sequence[str]) -> list[str]:
+    """Tabulate balanced accuracy, mean and range over the seeds."""
+    sets: dict[str, Any] = {f"{half} half": lambda rows, half=half: rows[easy(rows) & (rows["half"] == half)]
+                            for half in HALVES}  # fmt: skip
+    sets |= {"both": lambda rows: rows[easy(rows)], "all rows": lambda rows: rows}
+    lines = ["| learnt from | model | " + " | ".join(sets) + " |", "| --- | --- " + "| ---: " * len(sets) + "|"]
+    for label, frames in found.items():
+        for name in names:
+            if all(f"right:{name}" in rows for rows in frames):
+                cells = [
+                    mean_and_range([score(take(rows), name)["value"] for rows in frames]) for take in sets.values()
+                ]
+                lines.append(f"| {label} | {name} | {' | '.join(cells)} |")
+    return lines
+
+
+def recordings_wrong(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
+    """Tabulate held recordings that are wrong in half their rows."""
+    lines = ["| mover | recordings | wrong by seed | which |", "| --- | ---: | --- | --- |"]
+    held = [rows[easy(rows) & (rows["half"] == "held")] for rows in frames]
+    for place in sorted(set(zip(held[0]["label"], held[0]["truth_gait"], strict=True))):
+        wrong, count = [], 0
+        for rows in held:
+            part = rows[(rows["label"] == place[0]) & (rows["truth_gait"] == place[1])]
+            share = part.groupby("recording")[f"right:{name}"].mean()
+            count = len(share)
+            wrong.append([Path(recording).stem for recording in share.index[share <= 0.5]])
+        which = ", ".join(sorted({recording for each in wrong for recording in each}))
+        lines.append(f"| {' '.join(place)} | {count} | {', '.join(str(len(each)) for each in wrong)} | {which} |")
+    return lines
+
+
+def report(folder: Path, out: Path, *, n_seeds: int, n_ablated: int, share: float) -> list[str]:
+    """Build, train and test; return the lines of the report."""
+    tested, size = dataset("mocap", MAIN_S, folder, out, share=share), max(int(SIZE * share), 20)
+    for name, settings in NETWORKS.items():
+        plugin("classifier", name, features="signature", learner=name)(partial(train_network, settings=settings))
+    get = partial(answers_of, tested=tested, folder=folder, out=out, n_examples=size)
+    full = [get("recipe", s, networks=tuple(NETWORKS) if s < n_ablated else ()) for s in range(n_seeds)]
+    names = ("ensemble", *MEMBERS)
+    lines = ["# The recipe", "", f"{n_seeds} seeds, {size} examples a class.", "", *table_of({"recipe": full}, names)]
+    lines += ["", "Held recordings under the charter's conditions, by the ensemble:", ""]
+    lines += recordings_wrong(full, "ensemble")
+    lines += ["", f"## One part left out at a time ({n_ablated} seeds)", ""]
+    ablated = {"recipe": full[:n_ablated]}
+    ablated |= {variant: [get(variant, s) for s in range(n_ablated)] for variant in PLANS[1:]}
+    lines += table_of(ablated, names)
+    lines += ["", "Other networks, on the recipe's plan:", ""]
+    changed = [part for name in NETWORKS for part in (name, f"ensemble, {name}")]
+    lines += table_of({"recipe": full[:n_ablated]}, changed)
+    lines += ["", "## Against the number of examples of a class", ""]
+    few = [n for n in CURVE_SIZES if n < size]
+    curve = {f"{n}": [answers_of("recipe", s, tested, folder, out, n) for s in range(n_ablated)] for n in few}
+    return [*lines, *table_of(curve | {f"{size}": full}, names)]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("motion_folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--ablation-seeds", type=int, default=3)
+    parser.add_argument("--share", type=float, default=1.0, help="share of the examples, 0.02 to 1")
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    lines = report(
+        options.motion_folder.absolute(), options.out, n_seeds=options.seeds, n_ablated=options.ablation_seeds,
+        share=options.share,
+    )  # fmt: skip
+    (options.out / "recipe.md").write_text("\n".join(lines) + "\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

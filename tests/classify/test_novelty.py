@@ -1,0 +1,93 @@
+"""Distances from what was learnt against SciPy, their ranks, and models that carry them in their files."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import mahalanobis
+
+from doppelgait.classify.learned import Constant, Part
+from doppelgait.classify.model import Facts, Model, calibrate
+from doppelgait.classify.model_file import load_model, save_model
+from doppelgait.classify.novelty import LEVELS, SHRINKAGE, learn_novelty
+from doppelgait.classify.training import standard_columns, train_logistic
+from doppelgait.core.errors import DatasetError
+
+NAMES = ("gait_frequency_hz", "step_length_m", "limb_torso_ratio")
+
+
+def rows(n, seed):
+    """Two classes of correlated features, some of them unknown; negative values, so that no logarithm is taken."""
+    rng = np.random.default_rng(seed)
+    labels = np.arange(n) % 2
+    mixing = np.array([[1.0, 0.95, 0.0], [0.0, 0.1, 0.3], [0.0, 0.0, 0.5]])
+    values = rng.normal(size=(n, 3)) @ mixing + labels[:, None] * np.array([4.0, 0.0, -2.0])
+    values[rng.random(n) < 0.1, 2] = np.nan
+    return Part(values, labels)
+
+
+def learnt(n_held=300):
+    train, held = rows(400, 0), rows(n_held, 1)
+    return learn_novelty(standard_columns(train.values), train, held), train
+
+
+def test_it_is_the_mahalanobis_distance_from_the_nearest_class():
+    novelty, train = learnt()
+    columns = standard_columns(train.values)[-1]
+    means = [columns[train.labels == k].mean(axis=0) for k in (0, 1)]
+    about = np.concatenate([columns[train.labels == k] - means[k] for k in (0, 1)])
+    covariance = (1 - SHRINKAGE) * np.cov(about.T, bias=True) + SHRINKAGE * np.eye(columns.shape[1])
+    inverse = np.linalg.inv(covariance)
+    expected = [min(mahalanobis(row, mean, inverse) for mean in means) for row in columns[:20]]
+    assert novelty.distance(train.values[:20]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_ranks_are_uniform_for_known_kinds_and_least_for_others():
+    novelty, _ = learnt()
+    ranks = novelty.rank(rows(2000, 2).values)
+    for share in (0.02, 0.1, 0.5):
+        assert (ranks <= share).mean() == pytest.approx(share, abs=0.05 * share**0.5 + 0.01)
+    # each feature lies within the span that was learnt; only together they are impossible
+    odd = np.array([[1.0, -1.0, 0.0]])
+    assert (odd > np.nanmin(rows(400, 0).values, axis=0)).all()
+    assert (odd < np.nanmax(rows(400, 0).values, axis=0)).all()
+    assert novelty.rank(odd)[0] < 0.02
+
+
+def test_many_held_rows_become_quantiles_and_none_keep_nothing_away():
+    many, _ = learnt(5 * LEVELS)
+    assert many.held.size == LEVELS
+    exact, _ = learnt(LEVELS)
+    values = rows(200, 3).values
+    assert np.allclose(many.rank(values), exact.rank(values), atol=0.07)
+    train = rows(40, 0)
+    none = learn_novelty(standard_columns(train.values), train, Part(train.values[:0], train.labels[:0]))
+    assert (none.rank(np.full((2, 3), 1e6)) == 1).all()
+
+
+@pytest.fixture
+def model():
+    novelty, train = learnt()
+    learned = train_logistic(train, train, n_classes=2, seed=0)
+    calibration = calibrate(learned.log_probability(train.values), train.labels)
+    facts = Facts(
+        name="six-logistic", features="six", names=NAMES, classes=("human", "dog"), dataset_id="x",
+        dataset_name="x", version="0", n_train=400, n_held=300, seed=0, analysis={}, conditions={},
+    )  # fmt: skip
+    return Model(facts, learned, calibration, np.full(3, -9.0), np.full(3, 9.0), np.zeros(3), novelty)
+
+
+def test_a_file_keeps_it_and_a_damaged_one_is_refused(model, tmp_path):
+    values = rows(30, 5).values
+    found = load_model(save_model(model, tmp_path / "model.npz"))
+    assert np.array_equal(found.rank(values), model.rank(values))
+    assert np.allclose(found.probability(values), model.probability(values))
+    with np.load(tmp_path / "model.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    for name, broken in (("whitening", np.eye(2)), ("held", np.array([2.0, 1.0])), ("centre", np.zeros((0, 4)))):
+        np.savez(tmp_path / "broken.npz", **arrays | {f"novelty.{name}": broken})
+        with pytest.raises(DatasetError, match=r"broken\.npz: is no model of doppelgait, or damaged"):
+            load_model(tmp_path / "broken.npz")
+
+
+def test_a_file_without_it_keeps_nothing_away(model, tmp_path):
+    bare = Model(model.facts, Constant(np.log([0.5, 0.5])), model.calibration, *([np.zeros(3)] * 3))
+    assert (load_model(save_model(bare, tmp_path / "old.npz")).rank(np.full((2, 3), 1e6)) == 1).all()
