@@ -6,7 +6,7 @@ They hold nothing that an analysis cannot know.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -265,6 +265,13 @@ def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
     kept = {name: values for name, values in encoded.items() if np.unique(values[~np.isnan(values)]).size > 1}
     values = np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0))
     return Table(values, tuple(kept), "; ".join(notes))
+
+
+def take_rows(rows: Rows, part: IntArray) -> Rows:
+    """Take some rows."""
+    index = rows.index.iloc[part].reset_index(drop=True)
+    return replace(rows, index=index, origin=rows.origin[part], place=rows.place[part], labels=rows.labels[part],
+                   groups=rows.groups[part])  # fmt: skip
 
 
 def split_of(rows: Rows, name: str) -> IntArray:

@@ -11,28 +11,21 @@ import numpy as np
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.classify.data import Rows, Table, rows_of, table_of
-from doppelgait.classify.learned import Learned, Part, features_in, join_inputs
+from doppelgait.classify.adapt import adapt, adaptation_curve
+from doppelgait.classify.data import Rows, Table, rows_of, table_of, take_rows
+from doppelgait.classify.learned import join_inputs
 from doppelgait.classify.model import (
     LEAST_ROWS,
-    Calibration,
-    Facts,
     Model,
-    calibrate,
-    class_weights,
     conditions_of_rows,
     conditions_outside,
-    detection_threshold,
-    learnt_conditions,
     span_words,
 )
-from doppelgait.classify.novelty import learn_novelty
-from doppelgait.classify.open_set import blocked_rows, open_set_scores, unknown_rows
+from doppelgait.classify.open_set import open_set_scores, unknown_rows
+from doppelgait.classify.runs import Run, run_all
 from doppelgait.classify.scores import (
-    ALARM_CLASS,
     BREAKDOWNS,
     CONDITIONS,
-    DETECTED_SHARE,
     MOST_VALUES,
     Answers,
     balanced_accuracy,
@@ -42,7 +35,7 @@ from doppelgait.classify.scores import (
     curve,
     scorecard,
 )
-from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, fit, join, kind_of, standard_columns
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, kind_of
 from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -144,11 +137,6 @@ def answers_table(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
     return pd.DataFrame({key: np.asarray(values) for key, values in columns.items()})
 
 
-SHUFFLES = 5
-"""Shuffles of a feature for its importance."""
-LEAST_PROBABILITY = 1e-12
-
-
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Scores, predictions and trained models of an evaluation.
@@ -172,24 +160,11 @@ class Evaluation:
     models: dict[str, Model]
 
 
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """Results of one model over all folds."""
-
-    answers: Answers
-    models: list[Model]
-    held_loss: float
-    importance: dict[str, float]
-
-    @property
-    def calibrated(self) -> bool:
-        return all(model.calibration.n_rows > 0 for model in self.models)
-
-
 def evaluate(
     dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
-    left_out: str | None = None, unknown: Dataset | None = None, motion_folder: Path | None = None, seed: int = 0,
-    n_seeds: int = 1, keep: bool = False, on_progress: Callable[[int, int], None] | None = None,
+    left_out: str | None = None, own: Dataset | None = None, unknown: Dataset | None = None,
+    motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1, keep: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Train and score models.
 
@@ -207,6 +182,9 @@ def evaluate(
         Number of folds of a cross-validation over all rows; the rows of a target are never separated.
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
+    own : Dataset, optional
+        Labelled recordings of one's own, to test on and to adapt the models to
+        (:func:`doppelgait.classify.adapt.adaptation_curve`); the models returned are adapted to all of them.
     unknown : Dataset, optional
         Rows of further classes, which the models should abstain from: scored beside the tested rows.
     motion_folder : Path, optional
@@ -232,10 +210,13 @@ def evaluate(
     ConfigError
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
-    rows = rows_of(dataset, other)
+    if own is not None and other is not None:
+        raise ConfigError("--adapt and --test: take one of them; --adapt tests on what it does not adapt to")
+    rows = rows_of(dataset, own if other is None else other)
     strangers = None if unknown is None else unknown_rows(unknown, rows)
-    if strangers is not None and (n_folds or left_out):
-        raise ConfigError("--unknown: needs one model for all rows; leave --cv and --leave-out out")
+    for option, given in (("--adapt", own), ("--unknown", unknown)):
+        if given is not None and (n_folds or left_out):
+            raise ConfigError(f"{option}: needs one model for all rows; leave --cv and --leave-out out")
     folds, notes = _choose_folds(rows, n_folds, left_out, seed)
     refuse_shared(rows, folds)
     tables, skipped = _load_tables(rows, models, motion_folder)
@@ -253,26 +234,9 @@ def evaluate(
                 f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few targets; "
                 "name the one model to keep (--models), or give more data"
             )
-    # all models of one seed after the other, the baselines once
-    jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
-    by_seed: dict[str, list[_Run]] = {name: [] for name in tables}
-    for number, (name, own_seed) in enumerate(jobs):
-
-        def tick(done: int, before: int = number * len(whole)) -> None:
-            if on_progress is not None:
-                on_progress(before + done, len(jobs) * len(whole))
-
-        members = [[by_seed[each][-1].models] for each in MEMBERS if by_seed.get(each)] if name == "ensemble" else []
-        by_seed[name].append(_run_model(rows, tables[name], name, whole, own_seed, tick, members))
-    runs = {name: found[0] for name, found in by_seed.items()}
-    if "ensemble" in runs and n_seeds > 1:
-        members = [[run.models for run in by_seed[each]] for each in MEMBERS if each in by_seed]
-        runs["ensemble"] = _run_model(rows, tables["ensemble"], "ensemble", whole, seed, lambda done: None, members)
+    runs, by_seed = run_all(rows, tables, whole, seed=seed, n_seeds=n_seeds, on_progress=on_progress)
     trained = [name for name in runs if name not in BASELINES]
-    losses = {name: float(np.mean([run.held_loss for run in by_seed[name]])) for name in trained}
-    best: str | None = "ensemble" if "ensemble" in runs else min(losses, key=lambda name: losses[name])
-    if best != "ensemble" and len(trained) > 1 and not np.isfinite(losses[best or ""]):
-        best = None
+    best = _choose_best({name: by_seed[name] for name in trained})
     answers = {name: run.answers for name, run in runs.items()}
     outside = _find_outside(rows, folds)
     said = [*notes, *skipped]
@@ -291,16 +255,45 @@ def evaluate(
         document["models"][name]["importance"] = run.importance
         if n_seeds > 1 and name not in BASELINES:
             document["models"][name]["seeds"] = [_score_of_seed(each.answers) for each in by_seed[name]]
-        if strangers is not None and name not in BASELINES:
-            tested = tables[name].values[folds[0].test]
-            document["models"][name]["unknown"] = open_set_scores(run.models[0], tested, strangers)
     document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
+    if own is not None or strangers is not None:
+        for name in trained:
+            further, kept[name] = _score_further(
+                kept[name], take_rows(rows, folds[0].test), tables[name].values[folds[0].test], strangers,
+                seed=seed, adapted=own is not None,
+            )  # fmt: skip
+            document["models"][name] |= further
     return Evaluation(document, answers_table(rows, answers), best, kept)
 
 
+def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
+    """Choose the model to keep; None where no held rows tell."""
+    if "ensemble" in trained:
+        return "ensemble"
+    losses = {name: float(np.mean([run.held_loss for run in runs])) for name, runs in trained.items()}
+    best = min(losses, key=lambda name: losses[name])
+    return best if len(trained) == 1 or np.isfinite(losses[best]) else None
+
+
+def _score_further(
+    model: Model, rows: Rows, values: Any, strangers: Rows | None, *, seed: int, adapted: bool
+) -> tuple[dict[str, Any], Model]:
+    """Score adaptation to the tested rows and abstention from strangers.
+
+    The model is returned as adapted to all tested rows.
+    """
+    found: dict[str, Any] = {}
+    if strangers is not None:
+        found["unknown"] = open_set_scores(model, values, strangers)
+    if adapted:
+        found["adaptation"] = adaptation_curve(model, rows, values, np.random.default_rng(seed))
+        model = adapt(model, values, rows.labels)
+    return found, model
+
+
 def _score_of_seed(answers: Answers) -> float | None:
-    """Return the balanced accuracy of one seed; None where a class is not tested."""
+    """Return the balanced accuracy of one seed, or None."""
     value = balanced_accuracy(answers.labels, answers.right, len(answers.classes))
     return value if np.isfinite(value) else None
 
@@ -368,130 +361,3 @@ def _load_tables(
             continue
         tables[name] = made[kind.features]
     return tables, [*(part.note for part in made.values() if part.note), *skipped]
-
-
-def _run_model(
-    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None],
-    members: Sequence[Sequence[Sequence[Model]]] = (),
-) -> _Run:  # fmt: skip
-    """Train on every fold and predict its test rows.
-
-    An ensemble is joined of its ``members``, trained on the same folds: by kind, seed and fold.
-    """
-    models, parts, losses, importance = [], [], [], []
-    for number, fold in enumerate(folds):
-        model = learn(rows, table, name, fold, seed=seed, members=[[each[number] for each in kind] for kind in members])
-        models.append(model)
-        if fold.test.size:
-            values, index = table.values[fold.test], rows.index.iloc[fold.test]
-            probability = model.probability(values)
-            blocked = blocked_rows(rows, fold.test, values, model)
-            threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
-            parts.append(Answers(
-                index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
-                np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
-            ))  # fmt: skip
-            shuffled = name not in BASELINES and not members  # those of an ensemble are shown
-            importance.append(_importance(rows, table, model, fold, seed) if shuffled else {})
-        held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
-        losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
-        tick(number + 1)
-    mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
-    # The answers of all folds, in the order of the rows.
-    order = np.argsort(np.concatenate([fold.test for fold in folds if fold.test.size]), kind="stable")
-    names = ("labels", "groups", "probability", "threshold", "decided")
-    columns = {key: np.concatenate([getattr(part, key) for part in parts])[order] for key in names}
-    answers = Answers(index=pd.concat([part.index for part in parts]).iloc[order], classes=rows.classes, **columns)
-    return _Run(answers, models, float(np.mean(losses)), mean)
-
-
-def learn(
-    rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
-) -> Model:
-    """Train a model on a fold and calibrate it.
-
-    The held-out rows give the calibration and the threshold of the alarm.
-
-    Parameters
-    ----------
-    rows : Rows
-    table : Table
-        Inputs of the model.
-    name : str
-        Name of a model or a baseline.
-    fold : Fold
-        Its test rows are not used.
-    seed : int
-    members : sequence of sequences of Model
-        Of an ensemble: trained already, by kind and seed.
-    """
-    kind, n_classes = kind_of(name), len(rows.classes)
-    train, held = (Part(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
-    if members:
-        learned: Learned = join([[each.learned for each in kind] for kind in members], held, n_classes=n_classes)
-    else:
-        learned = fit(kind, train, held, n_classes=n_classes, seed=seed)
-    calibration = Calibration(1.0, np.zeros(n_classes), 0)
-    if kind.learner != "majority" and held.labels.size:
-        calibration = calibrate(learned.log_probability(held.values), held.labels)
-    threshold = people = None
-    if ALARM_CLASS in rows.classes:
-        is_alarm = held.labels == rows.classes.index(ALARM_CLASS)
-        probability = calibration(learned.log_probability(held.values))[:, rows.classes.index(ALARM_CLASS)]
-        found = detection_threshold(probability, is_alarm, DETECTED_SHARE)
-        if np.isfinite(found):
-            threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
-    # Span of every feature, NaN where it is never known, and the share of rows in which it is unknown.
-    lowest, highest, unknown = np.full(len(table.names), np.nan), np.full(len(table.names), np.nan), np.zeros(0)
-    if table.names:
-        values = features_in(train.values)
-        unknown = np.isnan(values).mean(axis=0)
-        known = unknown < 1
-        lowest[known] = np.nanmin(values[:, known], axis=0)
-        highest[known] = np.nanmax(values[:, known], axis=0)
-    first = rows.datasets[0].description
-    config = first.get("config") or {}
-    facts = Facts(
-        name=name,
-        features=f"{kind.features}+signature" if members and table.values.dtype == object else kind.features,
-        names=table.names,
-        classes=rows.classes,
-        dataset_id=str(first["id"]),
-        dataset_name=str(first.get("name", "")),
-        version=__version__,
-        n_train=fold.train.size,
-        n_held=fold.held.size,
-        seed=seed,
-        analysis=dict(config.get("analysis") or {}),
-        conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
-        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
-    ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
-    novelty = None
-    if table.names and name not in BASELINES:
-        plain = train._replace(values=features_in(train.values))
-        novelty = learn_novelty(standard_columns(plain.values), plain, held)
-    return Model(facts, learned, calibration, lowest, highest, unknown, novelty)
-
-
-def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
-    """Compute the rise of the log loss when a feature is shuffled.
-
-    Mean of 5 shuffles among the test rows; largest first.
-    """
-    values, labels = table.values[fold.test], rows.labels[fold.test]
-    weights = class_weights(labels, len(rows.classes))
-
-    def loss(inputs: Any) -> float:
-        found = model.probability(inputs)[np.arange(labels.size), labels]
-        return float(-(weights * np.log(np.maximum(found, LEAST_PROBABILITY))).mean())
-
-    generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
-    lost = {}
-    for number, name in enumerate(table.names):
-        found = []
-        for _ in range(SHUFFLES):
-            shuffled = values.copy()
-            shuffled[:, number] = generator.permutation(shuffled[:, number])
-            found.append(loss(shuffled) - whole)
-        lost[name] = float(np.mean(found))
-    return dict(sorted(lost.items(), key=lambda entry: -entry[1]))

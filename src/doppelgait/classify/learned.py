@@ -307,7 +307,7 @@ class Ensemble:
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
-    """Join features (n, d) and levels (n,) to rows of both (n, d + 1)."""
+    """Join features (n, d) and levels (n,) to (n, d + 1)."""
     values = np.empty((len(features), features.shape[1] + 1), dtype=object)
     values[:, :-1], values[:, -1] = features, pictures
     return values

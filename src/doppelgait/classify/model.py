@@ -245,6 +245,8 @@ class Facts(FrozenModel):
         The training data, and the version of doppelgait.
     n_train, n_held : int
         Rows for training, and held out for calibration.
+    n_own : int
+        Rows of own recordings that the probabilities were adapted to.
     seed : int
     analysis : dict
         Parameters of the analysis that made the features.
@@ -273,6 +275,7 @@ class Facts(FrozenModel):
     version: str
     n_train: int = Field(ge=0)
     n_held: int = Field(ge=0)
+    n_own: int = Field(default=0, ge=0)
     seed: int
     analysis: dict[str, Any]
     conditions: dict[str, tuple[float, float]]

@@ -40,6 +40,9 @@ def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
         "Confidence against the share that is right; on the diagonal probabilities are true.",
         (reliability_curves(document)),
     )
+    if any(model.get("adaptation") for model in document["models"].values()):
+        words = "Own recordings against accuracy (80 % of the draws within the band), and calibration before and after."
+        yield "adaptation", words, adaptation_curves(document)
     for condition in document["conditions"]:
         words = document["conditions"][condition]["words"]
         yield (
@@ -161,6 +164,31 @@ def reliability_curves(document: Document) -> Figure:
     return figure
 
 
+def adaptation_curves(document: Document) -> Figure:
+    """Plot accuracy against own recordings, and calibration before and after."""
+    looks = _line_styles(document)
+    figure = new_figure(width_in=12.0, height_in=5.0)
+    axes, calibrated = figure.subplots(1, 2)
+    shown = {name: model["adaptation"] for name, model in document["models"].items() if model.get("adaptation")}
+    for name, points in shown.items():
+        counts, low, high = (np.array([point[key] for point in points]) for key in ("n", "low", "high"))
+        axes.plot(counts, [point["balanced_accuracy"] for point in points], marker="o", label=name, **looks[name])
+        axes.fill_between(counts, low, high, color=looks[name]["color"], alpha=0.12, lw=0)
+    best = document["kept"] if document["kept"] in shown else next(iter(shown))
+    lowest = 1.0 / len(document["classes"])
+    calibrated.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0)
+    for point in (shown[best][0], shown[best][-1]):
+        x, y = ([entry[key] for entry in point["reliability"]] for key in ("confidence", "accuracy"))
+        text = f"{best}, {point['n']} recordings, error {point['expected_calibration_error']:.3f}"
+        calibrated.plot(x, y, marker="o", label=text)
+    name_axes(axes, title="Adaptation", x="own recordings of a class", y="balanced accuracy")
+    name_axes(calibrated, title="Calibration", x="confidence", y="share that is right")
+    for panel in (axes, calibrated):
+        _draw_grid(panel)
+        panel.legend(fontsize=8, loc="lower right")
+    return figure
+
+
 def condition_curves(document: Document, condition: str) -> Figure:
     """Plot the balanced accuracy in bins of a condition, with intervals."""
     looks, facts = _line_styles(document), document["conditions"][condition]
@@ -209,7 +237,13 @@ __all__: Sequence[str] = ["figures_of"]
 FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
+ADAPTATION_TEXT = (
+    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on movers of whom no "
+    "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
+    "range. A saved model is adapted to all of them.</p>"
+)
 UNKNOWN_TEXT = (
+    "<h2>Kinds that were not learnt</h2>"
     "<p>Kinds that were not learnt, which no class is right for: how well the distance from what was learnt, and the "
     "lack of certainty, tell them from the tested rows (area under the ROC curve, 0.5: not at all), and the share that "
     "is called a class with a decision.</p>"
@@ -307,7 +341,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         ]  # fmt: skip
         details += [f"<h2>{escape(best)} by {escape(column)}</h2>", _format_table(shares)]
     baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    alarms, strangers = alarm_table(document), unknown_table(document)
+    alarms, strangers, own = alarm_table(document), unknown_table(document), adaptation_table(document)
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Learnt from {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
@@ -323,6 +357,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
         "the class (nuisance); the speed alone.</p>",
         *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
+        *([ADAPTATION_TEXT, _format_table(own)] if own else []),
         *([UNKNOWN_TEXT, _format_table(strangers)] if strangers else []),
         *(
             f'<figure><img src="{escape(name)}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
@@ -392,6 +427,18 @@ def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
             if alarm is not None and kind in alarm:
                 shares = {label: with_interval(share) for label, share in alarm[kind].items()}
                 rows.append({"model": name, "threshold from": words, **shares})
+    return rows
+
+
+def adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Format scores by number of own recordings; empty without any."""
+    rows = []
+    for name, model in document["models"].items():
+        for point in model.get("adaptation", []):
+            span = f"{number(point['low'])} to {number(point['high'])}"
+            rows.append({"model": name, "own recordings of a class": str(point["n"]),
+                         "balanced accuracy": f"{number(point['balanced_accuracy'])} ({span})",
+                         "ECE": number(point["expected_calibration_error"])})  # fmt: skip
     return rows
 
 

@@ -118,6 +118,12 @@ def evaluate(
     options: Annotated[
         list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
     ] = None,
+    adapt: Annotated[
+        Path | None,
+        typer.Option(
+            "--adapt", help="A dataset of labelled recordings of your own to test on and to adapt the saved model to."
+        ),
+    ] = None,
     unknown: Annotated[
         Path | None,
         typer.Option("--unknown", help="A dataset with further classes, which the models should abstain from."),
@@ -144,7 +150,14 @@ def evaluate(
     """
     from doppelgait.classify.evaluate import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
-    from doppelgait.classify.report import alarm_table, check_folder, score_table, unknown_table, write_report
+    from doppelgait.classify.report import (
+        adaptation_table,
+        alarm_table,
+        check_folder,
+        score_table,
+        unknown_table,
+        write_report,
+    )
     from doppelgait.classify.training import BASELINES
     from doppelgait.dataset import open_dataset
 
@@ -156,7 +169,8 @@ def evaluate(
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
-            left_out=left_out, unknown=None if unknown is None else open_dataset(unknown),
+            left_out=left_out, own=None if adapt is None else open_dataset(adapt),
+            unknown=None if unknown is None else open_dataset(unknown),
             motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
         )  # fmt: skip
@@ -169,6 +183,9 @@ def evaluate(
     print_table(score_table(found.document))
     print()
     print_table(alarm_table(found.document))
+    if adapt is not None:
+        print()
+        print_table(adaptation_table(found.document))
     if unknown is not None:
         print()
         print_table(unknown_table(found.document))
@@ -180,6 +197,8 @@ def evaluate(
         chosen = "the best on the rows held back" if several else "the one trained"
         if found.best == "ensemble":
             chosen = "the mean of its members"
+        if adapt is not None:
+            chosen += f", adapted to all rows of {adapt}"
         say(f"model: {save}: {found.best}, {chosen}")
 
 

@@ -23,11 +23,12 @@ from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import rows_of, table_of
 from doppelgait.classify.decide import Seen, classify, decide
-from doppelgait.classify.evaluate import evaluate, learn
+from doppelgait.classify.evaluate import evaluate
 from doppelgait.classify.learned import Part
 from doppelgait.classify.model import class_weights
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.report import unknown_table, write_report
+from doppelgait.classify.report import adaptation_table, unknown_table, write_report
+from doppelgait.classify.runs import learn
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
 from doppelgait.classify.validate import cross_validation, leave_out, own_splits, refuse_shared
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
@@ -557,6 +558,25 @@ def test_kinds_that_were_not_learnt_are_scored_apart():
     scores = evaluate(made_up(), unknown=others, models=["six-logistic"]).document["models"]["six-logistic"]
     assert 0.3 < scores["unknown"]["cat"]["auc"] < 0.7
     assert sum(scores["unknown"]["cat"]["decided"].values()) > 0.5
+
+
+def test_models_are_adapted_to_own_recordings(tmp_path):
+    own = made_up(60, identity="own", seed=4)
+    own.index["feature_step_length_m"] += 1.5
+    found = evaluate(made_up(), own=own, models=["six-logistic"], keep=True)
+    curve = found.document["models"]["six-logistic"]["adaptation"]
+    assert [point["n"] for point in curve] == [0, 1, 2, 5, 10, 20]
+    assert curve[-1]["balanced_accuracy"] > curve[0]["balanced_accuracy"] + 0.1
+    assert found.models["six-logistic"].facts.n_own == 60
+    assert load_model(save_model(found.models["six-logistic"], tmp_path / "own.npz")).facts.n_own == 60
+    assert adaptation_table(found.document)[0]["own recordings of a class"] == "0"
+    page = write_report(found, tmp_path / "report")[-1].read_text()
+    assert "Adapted to own recordings" in page
+    assert (tmp_path / "report" / "adaptation.png").is_file()
+    with pytest.raises(ConfigError, match="--adapt and --test: take one of them"):
+        evaluate(made_up(), own=own, other=own, models=["six-logistic"])
+    with pytest.raises(ConfigError, match="--adapt: needs one model for all rows"):
+        evaluate(made_up(), own=own, n_folds=3, models=["six-logistic"])
 
 
 def test_unknown_kinds_need_a_further_class_and_one_model():

@@ -1,0 +1,102 @@
+"""Few own recordings move the place where a model decides, and never score themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.special import expit, logit
+from sklearn.linear_model import LogisticRegression
+
+from doppelgait.classify import adapt as adapting
+from doppelgait.classify.adapt import SHIFT_SD, SLOPE_SD, adapt, adaptation_curve, draw_own
+from doppelgait.classify.data import Rows
+from doppelgait.classify.learned import Linear
+from doppelgait.classify.model import Calibration, Facts, Model
+
+NONE = np.zeros(0)
+
+
+@pytest.fixture
+def model():
+    """Log odds of the second class are the feature itself."""
+    learned = Linear(np.zeros(1), np.zeros(0, dtype=np.int64), np.zeros(1), np.ones(1), np.array([[0.0], [1.0]]),
+                     np.zeros(2))  # fmt: skip
+    facts = Facts(
+        name="six-logistic", features="six", names=("step_length_m",), classes=("human", "dog"), dataset_id="x",
+        dataset_name="x", version="0", n_train=9, n_held=9, seed=0, analysis={}, conditions={},
+    )  # fmt: skip
+    return Model(facts, learned, Calibration(1.0, np.zeros(2), 9), NONE, NONE, NONE)
+
+
+def own_rows(n_movers=30, *, offset=3.0, seed=0, per_mover=4):
+    """Classes 4 apart in log odds, all of them shifted: ranked well, decided wrongly."""
+    rng = np.random.default_rng(seed)
+    groups = np.repeat([f"m{k}" for k in range(n_movers)], per_mover)
+    labels = np.repeat(np.arange(n_movers) % 2, per_mover)
+    values = (offset + 4.0 * (labels - 0.5) + rng.normal(size=labels.size))[:, None]
+    index = pd.DataFrame({"id": [f"e{k}" for k in range(labels.size)],
+                          "recording": [f"r{k // 2}" for k in range(labels.size)]})  # fmt: skip
+    nothing = np.zeros(labels.size, dtype=np.int64)
+    return Rows((), index, nothing, np.arange(labels.size), ("human", "dog"), labels, groups), values
+
+
+def test_nothing_seen_changes_nothing(model):
+    assert adapt(model, np.zeros((0, 1)), np.zeros(0, dtype=np.int64)) is model
+
+
+def test_many_rows_give_logistic_regression_and_few_stay_near_what_was_learnt(model):
+    rows, values = own_rows(4000)
+    found = adapt(model, values, rows.labels)
+    plain = LogisticRegression(C=1e9).fit(values, rows.labels)
+    odds = logit(found.probability(np.array([[-2.0], [5.0]]))[:, 1])
+    assert odds == pytest.approx(plain.decision_function([[-2.0], [5.0]]), rel=0.05)  # the prior still pulls
+    assert found.facts.n_own == rows.labels.size
+    few = adapt(model, values[:1], rows.labels[:1])
+    assert 0 < abs(few.calibration.shift[1]) < 2 * SHIFT_SD
+    assert abs(np.log(few.calibration.slope)) < SLOPE_SD
+
+
+def test_it_is_the_most_likely_slope_and_shift(model):
+    """Against a search of the posterior on a grid, on top of a calibration that was there."""
+    model = replace(model, calibration=Calibration(0.7, np.array([0.0, 0.4]), 9))
+    rows, values = own_rows(4, seed=2)
+    found = adapt(model, values, rows.labels)
+    before = 0.7 * values[:, 0] + 0.4
+    slopes, shifts = np.linspace(-1.5, 1.5, 601), np.linspace(-6, 6, 601)
+    odds = np.exp(slopes)[:, None, None] * before + shifts[None, :, None]
+    likely = np.log(expit(np.where(rows.labels == 1, odds, -odds))).sum(axis=2)
+    likely -= (slopes[:, None] / SLOPE_SD) ** 2 / 2 + (shifts / SHIFT_SD) ** 2 / 2
+    k, m = np.unravel_index(likely.argmax(), likely.shape)
+    assert found.calibration.slope == pytest.approx(0.7 * np.exp(slopes[k]), rel=0.01)
+    assert found.calibration.shift[1] == pytest.approx(np.exp(slopes[k]) * 0.4 + shifts[m], abs=0.03)
+
+
+def test_movers_who_are_drawn_are_not_scored():
+    rows, _ = own_rows(12)
+    rng = np.random.default_rng(0)
+    for n in (1, 3, 5):
+        own, scored = draw_own(rows, n, rng)
+        assert not set(rows.groups[own]) & set(rows.groups[scored])
+        names = rows.index["recording"].to_numpy()
+        for number in (0, 1):
+            mine = own[rows.labels[own] == number]
+            assert len(set(names[mine])) == n
+            assert len(set(rows.groups[mine])) == -(-n // 2)  # two recordings of each mover
+    assert draw_own(rows, 0, rng)[1].size == 48
+    assert draw_own(rows, 13, rng) is None  # there are 12
+    assert draw_own(rows, 12, rng) is None  # nobody would be left
+
+
+def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
+    monkeypatch.setattr(adapting, "REPEATS", 10)
+    rows, values = own_rows()
+    curve = adaptation_curve(model, rows, values, np.random.default_rng(1), counts=(0, 2, 10, 500))
+    assert [point["n"] for point in curve] == [0, 2, 10]
+    scores = [point["balanced_accuracy"] for point in curve]
+    assert scores[0] < 0.7
+    assert scores[0] + 0.15 < scores[1]
+    assert scores[2] > 0.95
+    errors = [point["expected_calibration_error"] for point in curve]
+    assert errors[2] < errors[0] / 3
+    assert curve[0]["low"] == curve[0]["high"] == scores[0]
