@@ -37,7 +37,7 @@ LONGEST_RESPONSE = 4096
 """Most samples and range bins, together, of sweeps that are synthesised without their samples."""
 LARGEST_BEND = 0.05
 """Largest phase, rad, by which the ends of a sweep lead its middle because a scatterer moves, for the way without
-samples. Measured, with all windows: the error grows with its fourth power, 4e-7 of the sum of amplitudes here."""
+samples. Measured, with all windows: the error grows with its fourth power, 6.4e-7 of the sum of amplitudes here."""
 VECTOR = 32
 """Rows of tables are long enough for whole vectors of so many bins."""
 COSINES = {

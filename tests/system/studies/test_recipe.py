@@ -1,0 +1,52 @@
+"""Plans and tables of the recipe's study."""
+
+from importlib import import_module
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait.dataset import load_plan
+from doppelgait.motion.vary import Variation
+
+
+@pytest.fixture(scope="module")
+def recipe():
+    return import_module("recipe")
+
+
+@pytest.mark.parametrize(
+    ("variant", "motion", "sensor"),
+    [("recipe", True, True), ("no motion variation", False, True), ("no sensor variation", True, False),
+     ("neither", False, False)],
+)  # fmt: skip
+def test_a_variant_lacks_what_it_says_for_both_classes_alike(recipe, variant, motion, sensor):
+    plan, _ = recipe.plan_of(variant, 3, 20)
+    evidence, _ = load_plan(recipe.PLAN)
+    assert plan.dataset.seed == 2021
+    assert ("vary" in plan.target) == motion
+    assert (plan.radar != evidence.radar) == sensor
+    assert (plan.impairments is not None) == (plan.environment is not None) == sensor
+    assert plan.classes[1] == evidence.classes[1]  # dogs are the same, people run more often
+    assert len(plan.classes[0].motion["choice"]) == len(evidence.classes[0].motion["choice"]) + motion
+    if motion:
+        assert set(plan.target["vary"]) == set(Variation.model_fields)
+
+
+def test_half_of_the_rows_wrong_is_a_wrong_recording(recipe):
+    rows = pd.DataFrame({
+        "label": "human", "half": "held", "truth_gait": ["run"] * 4 + ["walk"] * 2, "recording": list("aabbcd"),
+        "right:m": [True, False, True, True, False, True], "truth_gait_frequency_hz": 3.0, "observation_s": 4.0,
+        "truth_aspect_deg": 0.0, "quality_snr_mu_db": 20.0, "truth_ground_speed_mps": 3.0,
+    })  # fmt: skip
+    better = rows.assign(**{"right:m": True})
+    table = recipe.recordings_wrong([rows, better], "m")[2:]
+    assert table == ["| human run | 2 | 1, 0 | a |", "| human walk | 2 | 1, 0 | c |"]
+
+
+def test_words_for_shares_and_limited_odds(recipe):
+    assert recipe.mean_and_range([0.9, 1.0, 0.95]) == "95.0 (90.0-100.0)"
+    odds = recipe.log_odds(pd.Series([0.5, 0.0, 1.0]))
+    assert odds[0] == pytest.approx(0)
+    assert odds[2] == pytest.approx(np.log(1e6), rel=1e-3)
+    assert odds[1] == pytest.approx(-odds[2])
