@@ -1,13 +1,14 @@
-"""Models of the sim-to-real studies, trained on synthetic examples alone.
+"""Models of the X-band study, trained on synthetic examples alone.
 
-Learners, calibration and exact intervals are those of :mod:`doppelgait.classify`. Of the synthetic movers a fifth is
-held back; they stop the network's training, calibrate the probabilities and rank the models. Nothing else is chosen.
+Learners, calibration, ensemble and exact intervals are those of :mod:`doppelgait.classify`. Of the synthetic movers a
+fifth is held back; they stop the network's training, calibrate the probabilities and set the novelty threshold.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +16,12 @@ from sim_to_real_inputs import SIX, Inputs
 from xband_measures import FloatArray
 
 from doppelgait.classify.learned import Inputs as Values
-from doppelgait.classify.learned import Learned, Part
+from doppelgait.classify.learned import Learned, Linear, Network, Part, join_inputs, standardise
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.patches import Patch
-from doppelgait.classify.scores import auc, balanced_accuracy, clopper_pearson
-from doppelgait.classify.training import Kind, fit
+from doppelgait.classify.scores import auc, balanced_accuracy
+from doppelgait.classify.training import Kind, fit, join
 
 Bools = npt.NDArray[np.bool_]
 
@@ -28,7 +29,8 @@ PERSON = "human"
 REAL = "real/"
 """Begins the group of every real recording; no model is trained on such a row."""
 HELD_OF = 5
-FEW_SUBJECTS = 10
+SHRINKAGE = 0.1
+"""Of a covariance towards that of independent columns; a round number, assumed."""
 SETTINGS = Training(most_epochs=25, patience=6, gain_db=2.0, noise_db=3.0)
 """Gain and noise are varied by the images already; more would hide a picture of 20 dB."""
 MODELS = {
@@ -37,46 +39,49 @@ MODELS = {
     "extended, logistic": Kind("extended", "logistic"),
     "extended, boosting": Kind("extended", "boosting"),
     "network": Kind("signature", "network"),
+    "ensemble": Kind("all", "ensemble"),
     "speed alone": Kind("speed", "boosting"),
     "chance": Kind("nothing", "majority"),
 }
-BASELINES = ("speed alone", "chance")
+MEMBERS = ("extended, logistic", "extended, boosting", "network")
+"""Models whose calibrated log-odds the ensemble averages."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model that separates people from everything else.
+    """A trained model.
 
     Parameters
     ----------
     features : str
-        What it looks at.
+        Its inputs.
     names : tuple of str
         Features in their order; none for pictures.
+    classes : tuple of str
     learned : Learned
     calibration : Calibration
-    held_loss : float
-        Mean negative log-probability of the true class of the held movers.
     held_accuracy : float
-        Balanced, of the same.
+        Balanced, of the held movers.
     """
 
     features: str
     names: tuple[str, ...]
+    classes: tuple[str, ...]
     learned: Learned
     calibration: Calibration
-    held_loss: float
     held_accuracy: float
 
-    def of_person(self, inputs: Inputs) -> FloatArray:
-        """Return the calibrated probability of a person, shape (n,)."""
-        return self.calibration(self.learned.log_probability(values_of(inputs, self.features, self.names)))[:, 1]
+    def probability(self, inputs: Inputs) -> FloatArray:
+        """Return calibrated probabilities, shape (n, n_classes)."""
+        return self.calibration(self.learned.log_probability(values_of(inputs, self.features, self.names)))
 
 
 def values_of(inputs: Inputs, features: str, names: Sequence[str]) -> Values:
     """Return the inputs of a model with these features."""
     if features == "signature":
         return inputs.levels
+    if features == "all":
+        return join_inputs(inputs.matrix(names), inputs.levels)
     return inputs.matrix(names) if names else np.zeros((len(inputs), 0))
 
 
@@ -91,29 +96,19 @@ def told_names(inputs: Inputs, features: str) -> tuple[str, ...]:
 def names_of(inputs: Inputs, features: str) -> list[str]:
     """Return the features of a set.
 
-    The six, the speed, all of the analysis, or the Doppler profile.
+    The six, the speed, or all of the analysis.
     """
-    profile = [name for name in inputs.columns if name.startswith("profile_")]
-    sets = {
-        "six": list(SIX), "speed": [SIX[0]], "profile": profile,
-        "extended": [name for name in inputs.columns if name not in profile],
-    }  # fmt: skip
-    return sets[features]
+    everything = list(inputs.columns)
+    return {"six": list(SIX), "speed": [SIX[0]], "extended": everything, "all": everything}[features]
 
 
-def numbers_of(labels: npt.NDArray[np.str_]) -> npt.NDArray[np.int64]:
-    """Return 1 for people, 0 for all others."""
-    return np.asarray(labels == PERSON, dtype=np.int64)
+def numbers_of(labels: npt.NDArray[np.str_], classes: Sequence[str]) -> npt.NDArray[np.int64]:
+    """Return the number of the class of every label."""
+    return np.array([classes.index(label) for label in labels.tolist()], dtype=np.int64)
 
 
 def held_rows(inputs: Inputs) -> Bools:
-    """Hold out every fifth target.
-
-    Every fifth row where a class has too few targets (motion capture).
-    """
-    few = min(np.unique(inputs.groups[inputs.labels == label]).size for label in np.unique(inputs.labels))
-    if few < FEW_SUBJECTS:
-        return np.asarray(np.arange(len(inputs)) // 2 % HELD_OF == HELD_OF - 1)
+    """Hold out every fifth target."""
     _, first, number = np.unique(inputs.groups, return_index=True, return_inverse=True)
     order = np.argsort(np.argsort(first))
     return np.asarray(order[number] // 2 % HELD_OF == HELD_OF - 1)
@@ -126,17 +121,21 @@ def refuse_real(inputs: Inputs) -> None:
         raise ValueError(f"{real[0]} is a real recording; models learn from synthetic examples alone")
 
 
-def train(kind: Kind, inputs: Inputs, patch: Patch, *, seed: int = 0) -> Fitted:
-    """Train a model on synthetic examples.
+def train_all(
+    inputs: Inputs, patch: Patch, *, classes: tuple[str, ...], seed: int = 0, network: bool = True
+) -> dict[str, Fitted]:  # fmt: skip
+    """Train every model on the same synthetic examples.
 
     Parameters
     ----------
-    kind : Kind
     inputs : Inputs
-        Synthetic, of both classes.
+        Synthetic, of all classes.
     patch : Patch
         What the levels were made with.
+    classes : tuple of str
     seed : int
+    network : bool
+        Without it the ensemble has its two other members.
 
     Raises
     ------
@@ -144,55 +143,82 @@ def train(kind: Kind, inputs: Inputs, patch: Patch, *, seed: int = 0) -> Fitted:
         If a real recording is among them.
     """
     refuse_real(inputs)
-    held = held_rows(inputs)
-    names = told_names(inputs, kind.features)
-    values, labels = values_of(inputs, kind.features, names), numbers_of(inputs.labels)
-    learn, kept = Part(values[~held], labels[~held]), Part(values[held], labels[held])
-    if kind.learner == "network":
-        learned: Learned = train_network(learn, kept, n_classes=2, seed=seed, spec=patch, settings=SETTINGS)
-    else:
-        learned = fit(kind, learn, kept, n_classes=2, seed=seed)
-    raw = learned.log_probability(kept.values)
-    flat = Calibration(1.0, np.zeros(2), 0)
-    calibration = flat if kind.learner == "majority" else calibrate(raw, kept.labels)
-    told = calibration(raw)
-    loss = float(-np.log(np.maximum(told[np.arange(kept.labels.size), kept.labels], 1e-12)).mean())
-    right = told.argmax(axis=1) == kept.labels
-    return Fitted(kind.features, names, learned, calibration, loss, balanced_accuracy(kept.labels, right, 2))
+    held, n_classes = held_rows(inputs), len(classes)
+    labels, found = numbers_of(inputs.labels, classes), {}
+    members: list[Learned] = []
+    for name, kind in MODELS.items():
+        if kind.learner == "network" and not network:
+            continue
+        features = "extended" if kind.features == "all" and not network else kind.features
+        names = told_names(inputs, features)
+        values = values_of(inputs, features, names)
+        learn, kept = Part(values[~held], labels[~held]), Part(values[held], labels[held])
+        if kind.learner == "network":
+            learned: Learned = train_network(learn, kept, n_classes=n_classes, seed=seed, spec=patch, settings=SETTINGS)
+        elif kind.learner == "ensemble":
+            learned = join([[member] for member in members], kept, n_classes=n_classes)
+        else:
+            learned = fit(kind, learn, kept, n_classes=n_classes, seed=seed)
+        members += [learned] if name in MEMBERS else []
+        raw = learned.log_probability(kept.values)
+        flat = Calibration(1.0, np.zeros(n_classes), 0)
+        calibration = flat if kind.learner == "majority" else calibrate(raw, kept.labels)
+        right = calibration(raw).argmax(axis=1) == kept.labels
+        accuracy = balanced_accuracy(kept.labels, right, n_classes)
+        found[name] = Fitted(features, names, classes, learned, calibration, accuracy)
+    return found
 
 
-def select_kinds(kinds: Mapping[str, Kind], names: Iterable[str] | None = None, *, network: bool) -> dict[str, Kind]:
-    """Select models by name, without the networks unless they are wanted."""
-    chosen = {name: kinds[name] for name in (kinds if names is None else names)}
-    return {name: kind for name, kind in chosen.items() if network or kind.learner != "network"}
+def novelty_of(fitted: Mapping[str, Fitted], learn: Inputs, held: Inputs) -> Callable[[Inputs], FloatArray]:
+    """Return a novelty score, fitted to synthetic rows alone.
+
+    Squared Mahalanobis distance of the standardised features from the nearest class, and the same of the network's
+    last layer. The larger of both counts, each by the share of held rows that are as far, as -log of that share.
+    """
+    linear = fitted["extended, logistic"]
+    views: list[Callable[[Inputs], FloatArray]] = [
+        lambda inputs: standardise(inputs.matrix(linear.names), cast(Linear, linear.learned))
+    ]
+    if "network" in fitted:
+        views.append(lambda inputs: last_layer(cast(Network, fitted["network"].learned), inputs.levels))
+    labels = numbers_of(learn.labels, linear.classes)
+    distances = [class_distance(view(learn), labels) for view in views]
+    known = [np.sort(distance(view(held))) for view, distance in zip(views, distances, strict=True)]
+
+    def judge(inputs: Inputs) -> FloatArray:
+        parts = []
+        for view, distance, far in zip(views, distances, known, strict=True):
+            found = distance(view(inputs))
+            beyond = far.size - np.searchsorted(far, found)
+            tail = (1.0 + beyond) / (1.0 + far.size)
+            parts.append(-np.log(tail) + 1e-6 * found / far[-1])
+        return np.asarray(np.max(parts, axis=0))
+
+    return judge
 
 
-def train_all(kinds: Mapping[str, Kind], inputs: Inputs, patch: Patch, *, seed: int = 0) -> dict[str, Fitted]:
-    """Train every model on the same examples."""
-    return {name: train(kind, inputs, patch, seed=seed) for name, kind in kinds.items()}
+def class_distance(columns: FloatArray, labels: npt.NDArray[np.int64]) -> Callable[[FloatArray], FloatArray]:
+    """Return the squared Mahalanobis distance from the nearest class mean, by the covariance within classes."""
+    means = np.array([columns[labels == number].mean(axis=0) for number in range(labels.max() + 1)])
+    rest = columns - means[labels]
+    covariance = rest.T @ rest / len(rest)
+    size = covariance.shape[0]
+    ridge = SHRINKAGE * float(np.trace(covariance)) / size * np.eye(size)
+    inverse = np.linalg.inv((1.0 - SHRINKAGE) * covariance + ridge)
+
+    def distance(found: FloatArray) -> FloatArray:
+        apart = found[:, None] - means
+        return np.asarray(np.einsum("nkd,de,nke->nk", apart, inverse, apart).min(axis=1))
+
+    return distance
 
 
-def best_of(models: Mapping[str, Fitted]) -> str:
-    """Return the best model on held-out synthetic targets."""
-    return min((name for name in models if name not in BASELINES), key=lambda name: models[name].held_loss)
-
-
-@dataclass(frozen=True)
-class Share:
-    """A share with its exact 95 % interval."""
-
-    hits: int
-    count: int
-
-    def __str__(self) -> str:
-        low, high = clopper_pearson(self.hits, self.count)
-        return f"{self.hits}/{self.count} ({100 * low:.0f} to {100 * high:.0f} %)"
-
-
-def right_of(probability: FloatArray, labels: npt.NDArray[np.str_], wanted: Sequence[str]) -> Share:
-    """Count right decisions of some classes at probability one half."""
-    chosen = np.isin(labels, list(wanted))
-    return Share(int(((probability > 0.5) == (labels == PERSON))[chosen].sum()), int(chosen.sum()))
+def last_layer(network: Network, levels: npt.NDArray[Any]) -> FloatArray:
+    """Return what the last linear layer of a network sees, shape (n, n_last)."""
+    count = network.weight.shape[1]
+    weight = np.eye(count + 1, count, dtype=np.float32)  # one score that is 0 undoes the normalisation of the others
+    scores = replace(network, weight=weight, bias=np.zeros(count + 1, dtype=np.float32)).log_probability(levels)
+    return np.asarray(scores[:, :-1] - scores[:, -1:])
 
 
 def domain_auc(synthetic: Inputs, real: Inputs, *, features: str, most: int = 400, seed: int = 0) -> float:

@@ -1,4 +1,4 @@
-"""Random people, dogs and larger animals of the sim-to-real studies.
+"""Random people, dogs, horses and cows of the sim-to-real studies.
 
 One law for every class in all that is not the motion: speed, direction, place, cross section, noise. A speed is drawn
 first and sizes are drawn until the gait exists at it, so that the classes share the law of speeds.
@@ -24,18 +24,23 @@ from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import fit_spline, travel_speed_mps
+from doppelgait.motion.vary import Variation, vary
 from doppelgait.scene.rcs import RcsSpec
 
 CLASSES = ("human", "dog")
+LARGE = "large"
+"""Class of horses and cows."""
 ATTEMPTS = 40
 SPARE = 1.6
 """A motion is made longer by this factor, for it is run faster or slower on the way."""
 USUAL_DOG_M = 0.4
 """Without variation; a larger one cannot walk at 0.4 m/s."""
-LARGE_M, SMALL_M = (1.2, 1.7), 0.6
-"""Withers of a cow or a horse, and of the dog that is made so large at equal Froude number."""
-SLOWEST_LARGE_MPS = 0.85
-"""Nothing so large walks slower by the model; below it dogs stand in, so that the law of speeds stays."""
+LARGE_BUILDS, LARGE_M = ("horse", "cow"), (1.2, 1.7)
+"""Builds of large quadrupeds and the heights of their withers."""
+SLOWEST_LARGE_MPS = 0.9
+"""Not every such animal of the model can walk slower. A slower one is this walk, slowed, so that the law of speeds
+stays."""
+WAVING_HZ, WAVING_DEG = (0.8, 2.0), (20.0, 60.0)
 RATE_HZ = 150.0
 
 
@@ -48,7 +53,7 @@ class Mover:
     motion : Motion
         Motion (time, marker, space).
     label : str
-        ``human`` or ``dog``; a larger animal counts as ``dog``.
+        ``human``, ``dog`` or ``large``; of a kind that no model is trained on, its name.
     subject : str
         Empty for a model: every sample is its own subject.
     """
@@ -82,9 +87,7 @@ def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied
     return human_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
 
 
-def dog(
-    speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool, withers_m: float | None = None
-) -> Motion:
+def dog(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
     """Sample a dog in a gait that suits its speed.
 
     With ``varied`` of any possible size, build and gait.
@@ -98,12 +101,47 @@ def dog(
             "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
             "tail_frequency_hz": float(rng.uniform(0, 3)), "tail_sweep_deg": float(rng.uniform(0, 45)),
         }  # fmt: skip
-    style |= {} if withers_m is None else {"withers_m": withers_m}
     return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
 
 
+def large(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
+    """Sample a horse or a cow in a gait that suits its speed."""
+    slower = min(speed_mps / SLOWEST_LARGE_MPS, 1.0)
+    style: dict[str, Any] = {
+        "start_phase": float(rng.random()), "build": LARGE_BUILDS[rng.integers(2)], "gait": "auto",
+        "withers_m": float(rng.uniform(*LARGE_M)),
+    }  # fmt: skip
+    if varied:
+        style |= {
+            "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
+            "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
+            "tail_frequency_hz": float(rng.uniform(0, 1.5)), "tail_sweep_deg": float(rng.uniform(0, 30)),
+        }  # fmt: skip
+    motion = quadruped_gait(speed_mps=speed_mps / slower, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
+    return motion if slower == 1 else hurried(motion, seconds, lambda times_s: np.full_like(times_s, slower))
+
+
+def waving(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
+    """Sample a person who stands and waves; the speed plays no part."""
+    walk = person(1.2, 2.0, rng, varied=varied)
+    frame = walk.position_m[150] - np.array([*walk.position_m[150].mean(axis=0)[:2], 0.0])
+    times_s = np.arange(0.0, seconds, 1.0 / RATE_HZ)
+    position_m = np.tile(frame, (times_s.size, 1, 1))
+    side = ("left", "right")[rng.integers(2)]
+    shoulder = frame[walk.markers.index(f"{side}_shoulder")]
+    hz, degrees = rng.uniform(*WAVING_HZ), rng.uniform(*WAVING_DEG)
+    angle_rad = math.radians(90.0) + math.radians(degrees) * np.sin(2 * np.pi * hz * times_s + rng.uniform(0, 6.28))
+    for name in (f"{side}_elbow", f"{side}_hand"):
+        length_m = float(np.linalg.norm(frame[walk.markers.index(name)] - shoulder))
+        arm_m = np.stack([np.cos(angle_rad), 0 * angle_rad, np.sin(angle_rad)], axis=-1)
+        position_m[:, walk.markers.index(name)] = shoulder + length_m * arm_m
+    sway_m = rng.uniform(0.005, 0.02) * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * times_s)
+    position_m[:, :, 0] += sway_m[:, None]
+    return _copy_with(walk, position_m)
+
+
 Maker = Callable[..., Motion]
-MAKERS: dict[str, Maker] = {"human": person, "dog": dog}
+MAKERS: dict[str, Maker] = {"human": person, "dog": dog, LARGE: large, "waving": waving}
 
 
 def until_possible(make: Callable[[], Motion]) -> Motion:
@@ -122,46 +160,41 @@ def until_possible(make: Callable[[], Motion]) -> Motion:
     return make()
 
 
+def draw_variation(rng: np.random.Generator) -> Variation:
+    """Sample how a body moves otherwise than its model, by one law for all classes."""
+    return Variation(
+        limb_swing=float(rng.uniform(0.6, 1.5)), arm_swing=float(rng.uniform(0.2, 1.8)),
+        trunk_ripple=float(rng.uniform(0.2, 2.5)), ripple_once_m=float(rng.uniform(0, 0.015)),
+        ripple_twice_m=float(rng.uniform(0, 0.015)), pitch_deg=float(rng.uniform(0, 6)),
+        yaw_deg=float(rng.uniform(0, 6)), pace=float(rng.uniform(0.8, 1.25)),
+        swing_timing=float(rng.uniform(-0.08, 0.08)), fore_timing=float(rng.uniform(-0.08, 0.08)),
+        phase_noise=float(rng.uniform(0, 0.03)),
+    )  # fmt: skip
+
+
 def model_mover(
-    label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True, large: bool = False
-) -> Mover:
+    label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True,
+    moved: bool = False,
+) -> Mover:  # fmt: skip
     """Sample a model target that lasts long enough for :func:`hurried`.
 
     Parameters
     ----------
     label : str
+        A key of :data:`MAKERS`.
     speed_mps : float
     seconds : float
         Wanted at the end.
     rng : numpy.random.Generator
     varied : bool
         Sizes, gaits and unevenness at random.
-    large : bool
-        A dog as large as a cow or a horse, where such a one can be so slow.
+    moved : bool
+        The motion is varied too (:func:`doppelgait.motion.vary`), where it has strides.
     """
-    if not (large and speed_mps > SLOWEST_LARGE_MPS):
-        motion = until_possible(lambda: MAKERS[label](speed_mps, SPARE * seconds, rng, varied=varied))
-        return Mover(motion, label)
-
-    def animal() -> Motion:
-        withers_m = float(rng.uniform(*LARGE_M))
-        factor = withers_m / SMALL_M
-        slow_mps = speed_mps / math.sqrt(factor)
-        return _enlarge(dog(slow_mps, SPARE * seconds, rng, varied=varied, withers_m=SMALL_M), factor)
-
-    return Mover(until_possible(animal), label)
-
-
-def _enlarge(motion: Motion, factor: float) -> Motion:
-    """Scale a motion to a dynamically similar one.
-
-    Lengths by the factor, times by its square root, at the same frame rate.
-    """
-    slower = math.sqrt(factor)
-    times_s = motion.time_s
-    wanted_s = np.arange(0.0, float(times_s[-1]), 1.0 / RATE_HZ)
-    position_m = factor * _interpolate(motion, wanted_s / slower)
-    return _copy_with(motion, position_m, height_m=motion.facts.height_m * factor)
+    change = draw_variation(rng) if moved else Variation()
+    needed_s = change.needed_s(SPARE * seconds) if moved else SPARE * seconds
+    motion = until_possible(lambda: MAKERS[label](speed_mps, needed_s, rng, varied=varied))
+    return Mover(vary(motion, change, rng) if moved and label != "waving" else motion, label)
 
 
 def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
@@ -169,11 +202,12 @@ def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
     return np.asarray(found.reshape(times_s.size, *motion.positions.shape[1:]))
 
 
-def _copy_with(motion: Motion, position_m: FloatArray, *, height_m: float) -> Motion:
+def _copy_with(motion: Motion, position_m: FloatArray, *, size: float = 1.0, pace: float = 1.0) -> Motion:
     facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg")}
+    height_m, stride_hz = size * motion.facts.height_m, pace * motion.facts.stride_frequency_hz
     return make_motion(
         position_m, rate_hz=RATE_HZ, markers=motion.markers, parts=motion.parts,
-        facts={**facts, "height_m": height_m},
+        facts={**facts, "height_m": height_m, "stride_frequency_hz": stride_hz},
     )  # fmt: skip
 
 
@@ -196,7 +230,7 @@ def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatAr
     own_s = np.concatenate([[0.0], np.cumsum(pace(times_s)[:-1])]) / RATE_HZ
     if own_s[-1] > float(motion.time_s[-1]):
         raise ConfigError(f"a motion of {float(motion.time_s[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
-    return _copy_with(motion, _interpolate(motion, own_s), height_m=motion.facts.height_m)
+    return _copy_with(motion, _interpolate(motion, own_s), pace=float(own_s[-1] / times_s[-1]))
 
 
 def drifting(
@@ -251,9 +285,7 @@ def recorded_mover(movers: Sequence[Mover], rng: np.random.Generator) -> Mover:
     chosen = movers[int(rng.integers(len(movers)))]
     size = float(rng.uniform(0.9, 1.1))
     times_s = np.arange(0.0, float(chosen.motion.time_s[-1]), 1.0 / RATE_HZ)
-    scaled = _copy_with(
-        chosen.motion, size * _interpolate(chosen.motion, times_s), height_m=size * chosen.motion.facts.height_m
-    )
+    scaled = _copy_with(chosen.motion, size * _interpolate(chosen.motion, times_s), size=size)
     return Mover(scaled, chosen.label, chosen.subject)
 
 
@@ -288,6 +320,6 @@ def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2:
 
 def fitting_rcs(rcs: RcsSpec, mover: Mover) -> RcsSpec:
     """Place points around recorded markers without known joints."""
-    if rcs.kind != "ellipsoids" or mover.subject.startswith("model-"):
+    if rcs.kind != "ellipsoids" or not mover.subject or mover.subject.startswith("model-"):
         return rcs
     return rcs.model_copy(update={"kind": "auto", "occlusion": False})

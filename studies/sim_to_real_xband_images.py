@@ -54,15 +54,24 @@ class Plan:
     Parameters
     ----------
     motion : str
-        ``models``, ``recorded`` (motion capture) or ``large`` (half of the dogs as large as cows and horses).
+        ``models`` or ``recorded`` (motion capture of people and dogs).
+    kinds : tuple of str
+        Classes in turn. ``pair`` is a person with a dog.
+    groups : float
+        Share of examples with one to three companions of the same class.
     gait_variation : bool
         Sizes, gaits, unevenness and changes of speed.
+    motion_variation : bool
+        Motions of all classes are varied by one law (:func:`sim_to_real_movers.draw_variation`).
     rcs_random, speckle, bounce : bool
     seed : int
     """
 
     motion: str = "models"
+    kinds: tuple[str, ...] = (*movers.CLASSES, movers.LARGE)
+    groups: float = 0.25
     gait_variation: bool = True
+    motion_variation: bool = True
     rcs_random: bool = True
     speckle: bool = True
     bounce: bool = True
@@ -110,27 +119,45 @@ def draw_place(rng: np.random.Generator) -> Place:
     )  # fmt: skip
 
 
-def label_of(number: int) -> str:
-    """Return the class of an example: classes alternate."""
-    return movers.CLASSES[number % 2]
-
-
-def draw_mover(plan: Plan, number: int, rng: np.random.Generator, mocap: Path | None) -> movers.Mover:
-    """Sample the target of an example with a drifting pace.
-
-    As long as the images.
-    """
-    seconds, label = twin.OBSERVATION_S + 0.1, label_of(number)
+def draw_mover(
+    plan: Plan, label: str, speed_mps: float, rng: np.random.Generator, mocap: Path | None
+) -> movers.Mover:  # fmt: skip
+    """Sample a target with a drifting pace, as long as the images."""
+    seconds = twin.OBSERVATION_S + 0.1
     pace = movers.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
-    speed_mps = movers.draw_speed_mps(rng, *SPEEDS_MPS)
     if plan.motion == "recorded":
         if mocap is None:
             raise SystemExit("motion capture is asked for: give its folder, --mocap FOLDER")
         found = movers.recorded_mover(movers.recorded_stretches(mocap, seconds)[label], rng)
     else:
-        large = plan.motion == "large" and label == "dog" and number % 4 == 1
-        found = movers.model_mover(label, speed_mps, seconds, rng, varied=plan.gait_variation, large=large)
-    return movers.Mover(movers.hurried(found.motion, seconds, pace), label, found.subject or f"model-{number}")
+        varied, moved = plan.gait_variation, plan.motion_variation
+        found = movers.model_mover(label, speed_mps, seconds, rng, varied=varied, moved=moved)
+    return movers.Mover(movers.hurried(found.motion, seconds, pace), label, found.subject)
+
+
+def draw_company(
+    plan: Plan, number: int, rng: np.random.Generator, mocap: Path | None
+) -> tuple[list[movers.Mover], list[float]]:
+    """Sample the target of an example and its companions.
+
+    Returns
+    -------
+    movers : list of Mover
+        The first is the one that the range gate follows.
+    behind_m : list of float
+        How far behind it they are.
+    """
+    label = plan.kinds[number % len(plan.kinds)]
+    speed_mps = movers.draw_speed_mps(rng, *SPEEDS_MPS)
+    labels = ["human", "dog"] if label == "pair" else [label]
+    if plan.groups and rng.random() < plan.groups:
+        labels += [labels[0]] * int(rng.integers(1, 4))
+    found, behind_m = [], []
+    for place, one in enumerate(labels):
+        like_mps = speed_mps if place == 0 else float(np.clip(speed_mps * rng.uniform(0.9, 1.1), *SPEEDS_MPS))
+        found.append(draw_mover(plan, one, like_mps, rng, mocap))
+        behind_m.append(0.0 if place == 0 else float(rng.uniform(-2.0, 2.0)))
+    return found, behind_m
 
 
 def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, Any]:
@@ -154,25 +181,31 @@ def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, A
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     place = draw_place(streams[0])
     rcs = movers.draw_rcs(streams[1], random=plan.rcs_random, speckle=plan.speckle, total_m2=TYPICAL_M2)
-    mover = draw_mover(plan, number, streams[2], mocap)
+    company, behind_m = draw_company(plan, number, streams[2], mocap)
     drawn = streams[3].spawn(2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
-        signal, bins = _mover_echo(mover, place, rcs, bounce=plan.bounce, rng=drawn[0])
-        ground = _ground_echo(place, bins, movers.speed_of(mover, twin.OBSERVATION_S), drawn[1])
+        signal, bins = _mover_echo(company, behind_m, place, rcs, bounce=plan.bounce, rng=drawn[0])
+        ground = _ground_echo(place, bins, movers.speed_of(company[0], twin.OBSERVATION_S), drawn[1])
     return {
-        "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": mover.label, "group": mover.subject,
+        "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": plan.kinds[number % len(plan.kinds)],
+        "group": company[0].subject or f"model-{plan.seed}-{number}",
     }  # fmt: skip
 
 
 def _mover_echo(
-    mover: movers.Mover, place: Place, rcs: RcsSpec, *, bounce: bool, rng: np.random.Generator
-) -> tuple[ComplexArray, list[int]]:
+    company: list[movers.Mover], behind_m: list[float], place: Place, rcs: RcsSpec, *, bounce: bool,
+    rng: np.random.Generator,
+) -> tuple[ComplexArray, list[int]]:  # fmt: skip
     field = ({**twin.FIELD[0], "roughness_m": place.roughness_m},) if bounce and place.reflects else ()
-    target = Target(
-        mover.motion, rcs=movers.fitting_rcs(rcs, mover), range_m=place.range_m, aspect_deg=place.aspect_deg
-    )
-    scene = Scene([target], radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
+    targets = [
+        Target(
+            mover.motion, rcs=movers.fitting_rcs(rcs, mover), range_m=place.range_m + more_m,
+            aspect_deg=place.aspect_deg,
+        )
+        for mover, more_m in zip(company, behind_m, strict=True)
+    ]  # fmt: skip
+    scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
     recording = simulate(
         scene,
         RADAR,

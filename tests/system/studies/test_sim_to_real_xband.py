@@ -1,0 +1,99 @@
+"""The quick form of the X-band study on the real images: what its protocol promises."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.shared
+COUNT = 30
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("sim-to-real-xband")
+
+
+@pytest.fixture(scope="module")
+def study() -> ModuleType:
+    return import_module("sim_to_real_xband")
+
+
+def quick_size(study: ModuleType, **more: Any) -> Any:
+    return study.Size(COUNT, seeds=(1, 2), unknown=20, network=False, **more)
+
+
+@pytest.fixture(scope="module")
+def run(shared: Path, out: Path, study: ModuleType) -> tuple[dict[str, list[Any]], list[str], str]:
+    """Answers of the study, the groups of all rows that models were trained on, and the report."""
+    teachers: list[str] = []
+    original = study.models.train_all
+
+    def watched(inputs: Any, patch: Any, **options: Any) -> Any:
+        teachers.extend(inputs.groups.tolist())
+        return original(inputs, patch, **options)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(study.models, "train_all", watched)
+        scored = study.main(shared / "data" / "radar", out, quick_size(study, ablations=("nothing", "noise")))
+    return scored, teachers, (out / "sim-to-real-xband.md").read_text(encoding="utf-8")
+
+
+def test_every_image_is_scored_by_every_seed(study: ModuleType, run: tuple[Any, Any, str]) -> None:
+    scored, _, text = run
+    rows = [
+        line
+        for line in text.splitlines()
+        if line.split(" ")[1:2] and line.split(" ")[1] in ("human", "dog", "cow", "horse")
+    ]
+    assert len(rows) == 21
+    for protocol, classes in study.PROTOCOLS.items():
+        assert [one.parts["real"].shape for one in scored[protocol]] == [(21, len(classes) + 1)] * 2
+    assert not np.array_equal(*(one.parts["real"] for one in scored["people and dogs"]))
+    assert text.count("| ensemble |") == 2
+
+
+def test_no_model_is_trained_on_anything_real(run: tuple[Any, list[str], Any]) -> None:
+    _, teachers, _ = run
+    assert len(teachers) == 2 * (COUNT * 2 // 3 + COUNT)
+    assert {"-".join(group.split("-")[:2]) for group in teachers} == {"model-1", "model-2"}
+
+
+def test_other_real_images_change_no_model(
+    study: ModuleType, run: tuple[Any, Any, Any], out: Path, tmp_path: Path
+) -> None:
+    """With noise for real images, what the study answers to synthetic ones and its thresholds are the same."""
+    scored, _, _ = run
+    rng = np.random.default_rng(0)
+    folder = tmp_path / study.DATA_FILE.parent
+    folder.mkdir()
+    levels = {
+        f"{label}__{n}": rng.integers(0, 256, (256, 624), dtype=np.uint8) for label in ("human", "dog") for n in "ab"
+    }
+    np.savez(tmp_path / study.DATA_FILE, **levels, cow__a=np.tile(np.uint8(9), (256, 624)))
+    again = study.main(tmp_path, out, quick_size(study))
+    for protocol, seeds in scored.items():
+        for one, other in zip(seeds, again[protocol], strict=True):
+            assert one.held_accuracy == other.held_accuracy
+            assert len(other.parts["real"]) == 5
+            for name in set(one.parts) - {"real"}:
+                assert np.array_equal(one.parts[name], other.parts[name]), name
+
+
+def test_real_and_synthetic_are_of_one_form(study: ModuleType, run: Any, shared: Path, out: Path) -> None:
+    found = study.real_images(shared / "data" / "radar")
+    real = study.real_inputs({key: found[key] for key in list(found)[:2]})
+    made = study.images.dataset(study.Plan(seed=1), COUNT, out)
+    assert list(real.columns) == list(made.columns)
+    assert real.levels[0].shape == made.levels[0].shape
+    assert all(group.startswith("real/") for group in real.groups)
+
+
+def test_missing_images_are_named(study: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"decoded_levels\.npz: not there"):
+        study.main(tmp_path, tmp_path / "out", quick_size(study))
