@@ -253,6 +253,8 @@ def main(
 
 
 if __name__ == "__main__":
-    arguments = tables.make_parser(__doc__, CW_FOLDER, COUNT, "recordings").parse_args()
+    parser = tables.make_parser(__doc__, CW_FOLDER, COUNT, "recordings")
+    parser.add_argument("--mocap", type=Path, help="folder with human and dog motion capture")
+    arguments = parser.parse_args()
     size = {"count": 4, "seeds": 1, "real": 6} if arguments.quick else {"count": arguments.count, "seeds": SEEDS}
     print(main(arguments.data, arguments.out, arguments.mocap, **size))

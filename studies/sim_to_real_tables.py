@@ -20,7 +20,6 @@ def make_parser(doc: str | None, data: str, count: int, things: str) -> argparse
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help=f"folder with {data}")
     parser.add_argument("out", type=Path, help="folder for tables, figures and what is kept for the next run")
-    parser.add_argument("--mocap", type=Path, help="folder with human and dog motion capture")
     parser.add_argument("--count", type=int, default=count, help=f"synthetic {things} of the main set")
     parser.add_argument("--quick", action="store_true", help=f"a few {things}, no networks: only to see that it runs")
     return parser

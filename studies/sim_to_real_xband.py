@@ -6,9 +6,9 @@ RADAR_DATA holds ``fmcw_xband_manga/decoded_levels.npz`` (:mod:`xband_measures`)
 
 Protocol, written down before any model of it was tested on a real image:
 
-1. Each of five seeds makes its own synthetic images, by :class:`sim_to_real_xband_images.Plan` with all its switches
-   on, and trains on them. One law for all classes in speed, direction, range, cross section, noise, ground, companions
-   and variation of the motion. A fifth of the movers is held back. Scores are ranges over the seeds.
+1. Each of five seeds makes its own synthetic images, by :class:`sim_to_real_xband_images.Plan` as it stands, and
+   trains on them. One law for all classes in speed, direction, range, cross section, noise and ground. A fifth of the
+   movers is held back. Scores are ranges over the seeds.
 2. A real image enters whole and as it is. Real and synthetic images pass the same functions.
 3. The model is the package's ensemble: the mean of the calibrated log-odds of extended-logistic, extended-boosting and
    the network. Its members, six features, speed alone and chance are reported next to it. The network's settings are
@@ -67,15 +67,15 @@ REPORT = "sim-to-real-xband.md"
 ABLATED, ABLATED_SEEDS = 150, (1, 2, 3)
 ABLATIONS: dict[str, tuple[Plan, Display]] = {
     "nothing": (Plan(), Display()),
-    "variation of the motion": (Plan(motion_variation=False), Display()),
     "sizes, gaits, changes of speed": (Plan(gait_variation=False), Display()),
-    "companions": (Plan(groups=0.0), Display()),
     "speckle": (Plan(speckle=False), Display()),
     "reflection from the ground": (Plan(bounce=False), Display()),
     "variety of cross sections": (Plan(rcs_random=False), Display()),
     "ground echo": (Plan(), Display(ground=False)),
     "noise": (Plan(), Display(noise=False)),
     "noise and clipping of levels": (Plan(), Display(noise=False, clipped=False)),
+    "added: variation of the motion": (Plan(motion_variation=True), Display()),
+    "added: companions": (Plan(groups=0.25), Display()),
 }
 
 
@@ -295,10 +295,10 @@ def ablation_table(size: Size, real: Inputs, out: Path) -> str:
         found = []
         for seed in size.seeds[: len(ABLATED_SEEDS)]:
             made = images.dataset(replace(plan, seed=seed), min(ABLATED, size.count), out, display=display)
-            made = made.take(made.labels != "large")
+            made = made.take(np.isin(made.labels, PROTOCOLS["people and dogs"]))
             found.append(models.domain_auc(made, ours, features="extended"))
         rows.append([name, spread(found)])
-    return tables.markdown(("left out", "domain AUC, people and dogs"), rows)
+    return tables.markdown(("left out or added", "domain AUC, people and dogs"), rows)
 
 
 def main(data: Path, out: Path, size: Size) -> dict[str, list[Scored]]:

@@ -69,9 +69,9 @@ class Plan:
 
     motion: str = "models"
     kinds: tuple[str, ...] = (*movers.CLASSES, movers.LARGE)
-    groups: float = 0.25
+    groups: float = 0.0
     gait_variation: bool = True
-    motion_variation: bool = True
+    motion_variation: bool = False
     rcs_random: bool = True
     speckle: bool = True
     bounce: bool = True
