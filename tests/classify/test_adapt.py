@@ -9,7 +9,7 @@ from scipy.special import expit, logit
 from sklearn.linear_model import LogisticRegression
 
 from doppelgait.classify import adapt as adapting
-from doppelgait.classify.adapt import SHIFT_SD, SLOPE_SD, adapt, adaptation_curve, draw_own
+from doppelgait.classify.adapt import SHIFT_SD, SLOPE_SD, adapt, adapt_unlabelled, adaptation_curve, draw_own
 from doppelgait.classify.data import Rows
 from doppelgait.classify.learned import Linear
 from doppelgait.classify.model import Calibration, Facts, Model
@@ -72,6 +72,28 @@ def test_it_is_the_most_likely_slope_and_shift(model):
     assert found.calibration.shift[1] == pytest.approx(np.exp(slopes[k]) * 0.4 + shifts[m], abs=0.03)
 
 
+def test_without_labels_the_mean_probability_comes_to_the_shares(model):
+    """Against a search on a grid; with many rows the prior no longer counts."""
+    rows, values = own_rows(6, seed=3)
+    names = rows.index["recording"].to_numpy(dtype=str)
+    found = adapt_unlabelled(model, values, names)
+    shifts = np.linspace(-6, 6, 12001)
+    mean = expit(values + shifts).mean(axis=0)
+    loss = -len(set(names)) * (0.5 * np.log(mean) + 0.5 * np.log(1 - mean)) + (shifts / SHIFT_SD) ** 2 / 2
+    assert found.calibration.shift[1] == pytest.approx(shifts[loss.argmin()], abs=0.003)
+    assert found.calibration.slope == 1.0
+    assert found.facts.n_own == len(values)
+    repeated = np.concatenate([values, np.repeat(values[:2], 9, axis=0)])  # a long recording counts once
+    again = adapt_unlabelled(model, repeated, np.concatenate([names, np.repeat(names[:2], 9)]))
+    assert again.calibration.shift == pytest.approx(found.calibration.shift, abs=1e-6)
+    assert adapt_unlabelled(model, values[:0], names[:0]) is model
+    rows, many = own_rows(2000)
+    names = rows.index["recording"].to_numpy(dtype=str)
+    assert adapt_unlabelled(model, many, names).probability(many).mean(axis=0) == pytest.approx([0.5, 0.5], abs=0.003)
+    rare = adapt_unlabelled(model, many, names, shares=[0.9, 0.1])
+    assert rare.probability(many).mean(axis=0) == pytest.approx([0.9, 0.1], abs=0.003)
+
+
 def test_movers_who_are_drawn_are_not_scored():
     rows, _ = own_rows(12)
     rng = np.random.default_rng(0)
@@ -99,4 +121,5 @@ def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
     assert scores[2] > 0.95
     errors = [point["expected_calibration_error"] for point in curve]
     assert errors[2] < errors[0] / 3
-    assert curve[0]["low"] == curve[0]["high"] == scores[0]
+    assert curve[0]["low"] == curve[0]["high"] == scores[0] == curve[0]["unlabelled"]
+    assert curve[2]["unlabelled"] > 0.94

@@ -1,7 +1,8 @@
 """Adaptation of a trained model to a few own recordings.
 
 A model learnt from simulation often ranks real targets well and decides at the wrong place: its probabilities are
-shifted. Two numbers move that place, and a handful of recordings is enough for them.
+shifted. Two numbers move that place, and a handful of recordings is enough for them; without labels one number does,
+where it is known how frequent the classes are among the recordings.
 """
 
 from __future__ import annotations
@@ -61,11 +62,66 @@ def adapt(model: Model, values: Inputs, labels: IntArray) -> Model:
         return float(-(weights * found).sum() + prior / 2.0)
 
     best = minimize(loss, np.zeros(log_p.shape[1]), method="L-BFGS-B").x
-    slope, before = float(np.exp(best[0])), model.calibration
-    shift = slope * before.shift + np.concatenate([[0.0], best[1:]])
-    calibration = Calibration(slope * before.slope, shift - shift[0], before.n_rows)
-    facts = model.facts.model_copy(update={"n_own": model.facts.n_own + int(labels.size)})
+    return _moved(model, float(np.exp(best[0])), best[1:], labels.size)
+
+
+def adapt_unlabelled(
+    model: Model, values: Inputs, recordings: npt.NDArray[np.str_], shares: npt.ArrayLike | None = None
+) -> Model:
+    """Adapt a model's probabilities to recordings without labels.
+
+    p' = softmax(log p + shift), so that the mean of p' over the recordings comes to the shares of the classes: the
+    shift minimises n times the cross-entropy of the mean against the shares, with the normal prior of :func:`adapt`.
+    Each of the n recordings counts once, however many rows it has.
+    Without the shares nobody can tell a model that is off from classes that are rare: wrong shares move the decision to
+    a wrong place.
+
+    Parameters
+    ----------
+    model : Model
+    values : ndarray
+        Inputs of the rows of own recordings.
+    recordings : ndarray of str
+        Recording of every row.
+    shares : array_like, shape (n_classes,), optional
+        Of the classes among the recordings, summing to 1; by default all alike.
+
+    Returns
+    -------
+    Model
+        The same one where there are no rows.
+    """
+    from scipy.optimize import minimize
+
+    log_p = np.log(np.maximum(model.probability(values), 1e-12))
+    if not len(log_p):
+        return model
+    count = log_p.shape[1]
+    share = np.full(count, 1.0 / count) if shares is None else np.asarray(shares, dtype=np.float64)
+
+    _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
+    weights = 1.0 / counts[number] / len(counts)
+
+    def loss(parameters: FloatArray) -> float:
+        mean = weights @ np.exp(log_softmax(log_p + np.concatenate([[0.0], parameters])))
+        return float(-len(counts) * (share @ np.log(mean)) + ((parameters / SHIFT_SD) ** 2).sum() / 2.0)
+
+    best = minimize(loss, np.zeros(count - 1), method="L-BFGS-B").x
+    return _moved(model, 1.0, best, len(log_p))
+
+
+def _moved(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
+    """Put slope and shift on top of a model's calibration."""
+    before = model.calibration
+    moved = slope * before.shift + np.concatenate([[0.0], shift])
+    calibration = Calibration(slope * before.slope, moved - moved[0], before.n_rows)
+    facts = model.facts.model_copy(update={"n_own": model.facts.n_own + int(n_own)})
     return replace(model, calibration=calibration, facts=facts)
+
+
+def recordings_of(rows: Rows) -> npt.NDArray[np.str_]:
+    """Return the recording of every row; its id where none is named."""
+    return rows.index["recording" if "recording" in rows.index else "id"].to_numpy(dtype=str)
 
 
 def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
@@ -77,7 +133,7 @@ def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, In
         Rows of those recordings, and the rows of all movers who are in none of them, which may be scored; None where
         not every class has so many recordings and somebody left.
     """
-    names = rows.index["recording" if "recording" in rows.index else "id"].to_numpy(dtype=str)
+    names = recordings_of(rows)
     own: list[int] = []
     for number in range(len(rows.classes)):
         candidates = np.flatnonzero(rows.labels == number)
@@ -106,13 +162,14 @@ def adaptation_curve(
     -------
     list of dict
         By count: ``n``; mean ``balanced_accuracy``, with ``low`` and ``high`` between which 80 % of the draws lie;
-        ``reliability`` and ``expected_calibration_error`` of all draws together. A count that leaves nobody to score is
-        left out.
+        ``reliability`` and ``expected_calibration_error`` of all draws together; ``unlabelled``, the mean balanced
+        accuracy where the same recordings are used without their labels. A count that leaves nobody to score is left
+        out.
     """
-    curve = []
+    curve, recordings = [], recordings_of(rows)
     for n in counts:
         found = [draw_own(rows, n, rng) for _ in range(REPEATS if n else 1)]
-        accuracies, sure, hits, shares = [], [], [], []
+        accuracies, unlabelled, sure, hits, shares = [], [], [], [], []
         for drawn in found:
             if drawn is None:
                 break
@@ -121,6 +178,8 @@ def adaptation_curve(
             probability: npt.NDArray[np.float64] = adapted.probability(values[scored])
             right = probability.argmax(axis=1) == rows.labels[scored]
             accuracies.append(balanced_accuracy(rows.labels[scored], right, len(rows.classes)))
+            blind = adapt_unlabelled(model, values[own], recordings[own]).probability(values[scored]).argmax(axis=1)
+            unlabelled.append(balanced_accuracy(rows.labels[scored], blind == rows.labels[scored], len(rows.classes)))
             sure.append(probability.max(axis=1))
             hits.append(right)
             shares.append(class_weights(rows.labels[scored], len(rows.classes)))
@@ -130,6 +189,7 @@ def adaptation_curve(
             bins = reliability(drawn_rows[0], drawn_rows[1], drawn_rows[2], 1.0 / len(rows.classes))
             curve.append({
                 "n": n, "balanced_accuracy": float(np.mean(accuracies)), "low": float(low), "high": float(high),
+                "unlabelled": float(np.mean(unlabelled)),
                 "expected_calibration_error": expected_calibration_error(bins), "reliability": bins,
             })  # fmt: skip
     return curve

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.classify.adapt import adapt, adaptation_curve
+from doppelgait.classify.adapt import adapt, adapt_unlabelled, adaptation_curve, recordings_of
 from doppelgait.classify.data import Rows, Table, rows_of, table_of, take_rows
 from doppelgait.classify.learned import join_inputs
 from doppelgait.classify.model import (
@@ -40,6 +40,9 @@ from doppelgait.classify.validate import Fold, cross_validation, hold_back, leav
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.open import Dataset
+
+UNLABELLED = "unlabelled"
+"""Label of own recordings of which nobody knows what they show."""
 
 
 def document_of(
@@ -183,8 +186,10 @@ def evaluate(
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
     own : Dataset, optional
-        Labelled recordings of one's own, to test on and to adapt the models to
-        (:func:`doppelgait.classify.adapt.adaptation_curve`); the models returned are adapted to all of them.
+        Recordings of one's own, to test on and to adapt the models to
+        (:func:`doppelgait.classify.adapt.adaptation_curve`); the models returned are adapted to all of them. Where all
+        are labelled :data:`UNLABELLED`, nothing of them is tested, and the models are adapted as if every class were
+        as frequent among them (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
     unknown : Dataset, optional
         Rows of further classes, which the models should abstain from: scored beside the tested rows.
     motion_folder : Path, optional
@@ -210,9 +215,7 @@ def evaluate(
     ConfigError
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
-    if own is not None and other is not None:
-        raise ConfigError("--adapt and --test: take one of them; --adapt tests on what it does not adapt to")
-    rows = rows_of(dataset, own if other is None else other)
+    rows, nameless = _rows_to_test(dataset, other, own)
     strangers = None if unknown is None else unknown_rows(unknown, rows)
     for option, given in (("--adapt", own), ("--unknown", unknown)):
         if given is not None and (n_folds or left_out):
@@ -248,6 +251,11 @@ def evaluate(
         f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
         for name, part in outside.items()
     ]
+    if nameless is not None:
+        said.append(
+            f"kept models are adapted to {len(nameless)} rows without labels, as if as many recordings showed each "
+            "class ; the scores are of the models before that"
+        )
     document = document_of(rows, folds, answers, said, seed=seed)
     for name, run in runs.items():
         document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
@@ -258,13 +266,31 @@ def evaluate(
     document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     if own is not None or strangers is not None:
+        labelled = own is not None and nameless is None
         for name in trained:
             further, kept[name] = _score_further(
                 kept[name], take_rows(rows, folds[0].test), tables[name].values[folds[0].test], strangers,
-                seed=seed, adapted=own is not None,
+                seed=seed, adapted=labelled, nameless=nameless,
             )  # fmt: skip
             document["models"][name] |= further
     return Evaluation(document, answers_table(rows, answers), best, kept)
+
+
+def _rows_to_test(dataset: Dataset, other: Dataset | None, own: Dataset | None) -> tuple[Rows, Rows | None]:
+    """Collect all rows, and separately own rows without labels."""
+    if own is None:
+        return rows_of(dataset, other), None
+    if other is not None:
+        raise ConfigError("--adapt and --test: take one of them; --adapt tests on what it does not adapt to")
+    blank = own.index["label"].to_numpy(dtype=str) == UNLABELLED
+    if not blank.any():
+        return rows_of(dataset, own), None
+    if not blank.all():
+        raise DatasetError(
+            f"--adapt {own.directory}: {blank.sum()} of {blank.size} rows are {UNLABELLED!r}; label all or none"
+        )
+    rows = rows_of(dataset)
+    return rows, unknown_rows(own, rows)
 
 
 def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
@@ -277,11 +303,11 @@ def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
 
 
 def _score_further(
-    model: Model, rows: Rows, values: Any, strangers: Rows | None, *, seed: int, adapted: bool
+    model: Model, rows: Rows, values: Any, strangers: Rows | None, *, seed: int, adapted: bool, nameless: Rows | None
 ) -> tuple[dict[str, Any], Model]:
     """Score adaptation to the tested rows and abstention from strangers.
 
-    The model is returned as adapted to all tested rows.
+    The model is returned as adapted to all tested rows, or to those without labels.
     """
     found: dict[str, Any] = {}
     if strangers is not None:
@@ -289,6 +315,9 @@ def _score_further(
     if adapted:
         found["adaptation"] = adaptation_curve(model, rows, values, np.random.default_rng(seed))
         model = adapt(model, values, rows.labels)
+    if nameless is not None:
+        values = table_of(nameless, model.facts.features).values
+        model = adapt_unlabelled(model, values, recordings_of(nameless))
     return found, model
 
 

@@ -174,6 +174,8 @@ def adaptation_curves(document: Document) -> Figure:
         counts, low, high = (np.array([point[key] for point in points]) for key in ("n", "low", "high"))
         axes.plot(counts, [point["balanced_accuracy"] for point in points], marker="o", label=name, **looks[name])
         axes.fill_between(counts, low, high, color=looks[name]["color"], alpha=0.12, lw=0)
+        axes.plot(counts, [point["unlabelled"] for point in points], color=looks[name]["color"], ls=":")
+    axes.plot([], [], color="black", ls=":", label="without labels")
     best = document["kept"] if document["kept"] in shown else next(iter(shown))
     lowest = 1.0 / len(document["classes"])
     calibrated.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0)
@@ -240,7 +242,8 @@ LISTING = "report.json"
 ADAPTATION_TEXT = (
     "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on movers of whom no "
     "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. A saved model is adapted to all of them.</p>"
+    "range. Without labels: the same recordings, as if nobody knew what they show, but that "
+    "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
     "<h2>Kinds that were not learnt</h2>"
@@ -438,6 +441,7 @@ def adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
             span = f"{number(point['low'])} to {number(point['high'])}"
             rows.append({"model": name, "own recordings of a class": str(point["n"]),
                          "balanced accuracy": f"{number(point['balanced_accuracy'])} ({span})",
+                         "without labels": number(point["unlabelled"]),
                          "ECE": number(point["expected_calibration_error"])})  # fmt: skip
     return rows
 

@@ -121,7 +121,9 @@ def evaluate(
     adapt: Annotated[
         Path | None,
         typer.Option(
-            "--adapt", help="A dataset of labelled recordings of your own to test on and to adapt the saved model to."
+            "--adapt",
+            help="A dataset of your own recordings to test on and to adapt the saved model to; all labelled, or all "
+            "of them called unlabelled.",
         ),
     ] = None,
     unknown: Annotated[

@@ -579,6 +579,24 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
         evaluate(made_up(), own=own, n_folds=3, models=["six-logistic"])
 
 
+def test_models_are_adapted_to_recordings_without_labels():
+    own = made_up(60, identity="own", seed=4)
+    own.index["feature_step_length_m"] += 1.5
+    rows = rows_of(own)
+    values, right = table_of(rows, "six").values, rows.labels
+    own.index["label"] = "unlabelled"
+    found = evaluate(made_up(), own=own, models=["six-logistic"], keep=True)
+    assert any("adapted to 60 rows without labels" in note for note in found.document["notes"])
+    assert "adaptation" not in found.document["models"]["six-logistic"]
+    adapted = found.models["six-logistic"]
+    plain = evaluate(made_up(), models=["six-logistic"], keep=True).models["six-logistic"]
+    after, before = (np.mean(model.probability(values).argmax(axis=1) == right) for model in (adapted, plain))
+    assert after > before + 0.1
+    own.index.loc[0, "label"] = "human"
+    with pytest.raises(DatasetError, match=r"59 of 60 rows are 'unlabelled'; label all or none"):
+        evaluate(made_up(), own=own, models=["six-logistic"])
+
+
 def test_unknown_kinds_need_a_further_class_and_one_model():
     with pytest.raises(DatasetError, match=r"--unknown .*: has only the classes human, dog, which were learnt"):
         evaluate(made_up(), unknown=made_up(identity="z"), models=["six-logistic"])

@@ -17,10 +17,10 @@ def recipe():
 
 @pytest.mark.parametrize(
     ("variant", "motion", "sensor"),
-    [("recipe", True, True), ("no motion variation", False, True), ("no sensor variation", True, False),
-     ("neither", False, False)],
+    [("plain", False, False), ("varied motion", True, False), ("varied sensors", False, True),
+     ("both varied", True, True)],
 )  # fmt: skip
-def test_a_variant_lacks_what_it_says_for_both_classes_alike(recipe, variant, motion, sensor):
+def test_a_variant_adds_what_it_says_to_both_classes_alike(recipe, variant, motion, sensor):
     plan, _ = recipe.plan_of(variant, 3, 20)
     evidence, _ = load_plan(recipe.PLAN)
     assert plan.dataset.seed == 2021
@@ -50,3 +50,20 @@ def test_words_for_shares_and_limited_odds(recipe):
     assert odds[0] == pytest.approx(0)
     assert odds[2] == pytest.approx(np.log(1e6), rel=1e-3)
     assert odds[1] == pytest.approx(-odds[2])
+
+
+def test_a_shifted_answer_is_adapted_in_the_table(recipe):
+    rng = np.random.default_rng(0)
+    human = np.arange(240) % 2 == 0
+    rows = pd.DataFrame({
+        "label": np.where(human, "human", "dog"), "subject": np.arange(240) // 2 % 20 * 2 + ~human,
+        "recording": [f"r{k // 2}" for k in range(240)], "truth_gait_frequency_hz": 3.0, "observation_s": 4.0,
+        "truth_aspect_deg": 0.0, "quality_snr_mu_db": 20.0, "truth_ground_speed_mps": 3.0,
+        "p:m": 1.0 / (1.0 + np.exp(-(np.where(human, 2.0, -2.0) + 3.0 + rng.normal(size=240)))),
+    })  # fmt: skip
+    lines = recipe.adaptation_table([rows, rows], "m")[2:]
+    numbers = [[float(cell.split()[0]) for cell in line.strip("| ").split("|")] for line in lines]
+    assert [line[0] for line in numbers] == [0, 1, 2, 5, 10, 20]
+    assert numbers[-1][1] > 95 > 70 > numbers[0][1]
+    assert numbers[-1][2] > 95
+    assert numbers[-1][3] < numbers[0][3] / 3
