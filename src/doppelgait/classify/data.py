@@ -30,7 +30,8 @@ from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, 
 VELOCITY, SPEED = "torso_velocity_mps", "torso_speed_mps"
 """Models use the magnitude of the torso velocity, so approaching and receding targets are equivalent."""
 BANDWIDTH, WIDTH = "doppler_bandwidth_hz", "doppler_bandwidth_mps"
-"""Models use the Doppler bandwidth as radial velocities, independent of the carrier."""
+ENVELOPE, ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_hz", "extended_doppler_bandwidth_envelope_mps"
+"""Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +189,8 @@ def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict
     Returns
     -------
     dict
-        Unknown and infinite values are NaN; the torso's velocity is its magnitude, ``torso_speed_mps``, and the
-        Doppler bandwidth a span of radial velocities, ``doppler_bandwidth_mps``.
+        Unknown and infinite values are NaN; the torso's velocity is its magnitude, ``torso_speed_mps``, and Doppler
+        bandwidths are spans of radial velocities, such as ``doppler_bandwidth_mps``.
     """
     found = {}
     for name, column in columns.items():
@@ -197,8 +198,8 @@ def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict
         values = np.where(np.isfinite(values), values, np.nan)
         if name == VELOCITY:
             found[SPEED] = np.abs(values)
-        elif name == BANDWIDTH:
-            found[WIDTH] = values * wavelength_m / 2.0  # E-05
+        elif name.endswith((BANDWIDTH, ENVELOPE.removeprefix("extended_"))):
+            found[f"{name.removesuffix('_hz')}_mps"] = values * wavelength_m / 2.0  # E-05
         else:
             found[name] = values
     return found

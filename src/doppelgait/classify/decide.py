@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from doppelgait.classify.data import feature_values, levels_of
+from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, feature_values, levels_of
 from doppelgait.classify.learned import Ensemble, Inputs, Network, join_inputs
 from doppelgait.classify.model import (
     BLOCKING,
@@ -166,7 +166,8 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         import pandas as pd
 
         columns = {**feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
-        columns |= {name: name for name in model.facts.names if name.startswith("extended_")}
+        extended = [name for name in model.facts.names if name.startswith("extended_")]
+        columns |= {name: name for name in (ENVELOPE if name == ENVELOPE_WIDTH else name for name in extended)}
         missing = [name for name in columns.values() if name not in seen.columns]
         if missing:
             raise AnalysisError(
@@ -175,6 +176,8 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
             )
         wavelength_m = np.array([wavelength_of(seen.signature)])
         features = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
+        if ENVELOPE in model.facts.names:  # a file of an older version
+            features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
         values = np.array([[features[name][0] for name in model.facts.names]])
         outside = model.outside(values[0])
         rank = float(model.rank(values)[0])

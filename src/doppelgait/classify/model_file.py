@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.data import BANDWIDTH, SPEED, VELOCITY, WIDTH
+from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY, WIDTH
 from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.novelty import Novelty
@@ -31,7 +31,7 @@ MOST_BYTES = 256_000_000
 """Limit of all arrays together; models of doppelgait are far smaller."""
 MOST_MEMBERS = 64
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
-FEATURES = {SPEED, WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
+FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
 INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
 

@@ -21,7 +21,7 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
 from threadpoolctl import threadpool_limits
 
-from doppelgait.classify.data import rows_of, table_of
+from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, rows_of, table_of
 from doppelgait.classify.decide import Seen, classify, decide
 from doppelgait.classify.evaluate import evaluate
 from doppelgait.classify.learned import Part
@@ -104,13 +104,16 @@ def test_who_comes_is_who_goes():
 
 
 def test_another_carrier_changes_nothing():
-    """At 24 GHz the same body has a Doppler bandwidth 24 / 7.29 times as wide, in hertz."""
-    one, other = made_up(), made_up()
-    other.index["feature_doppler_bandwidth_hz"] *= 24.0 / 7.29
+    """At 24 GHz the same body has Doppler bandwidths 24 / 7.29 times as wide, in hertz."""
+    one, other = (made_up(**{ENVELOPE: np.linspace(100, 400, 240)}) for _ in range(2))
+    for column in ("feature_doppler_bandwidth_hz", ENVELOPE):
+        other.index[column] *= 24.0 / 7.29
     other.index["carrier_hz"] = 24e9
-    tables = [table_of(rows_of(dataset), "six").values for dataset in (one, other)]
-    assert np.allclose(*tables, equal_nan=True, rtol=1e-12)
-    assert tables[0][0, 1] == pytest.approx(one.index["feature_doppler_bandwidth_hz"][0] * C / 7.29e9 / 2)
+    tables = [table_of(rows_of(dataset), "extended") for dataset in (one, other)]
+    assert np.allclose(*(table.values for table in tables), equal_nan=True, rtol=1e-12)
+    for name in ("doppler_bandwidth", ENVELOPE.removesuffix("_hz")):
+        in_hz = one.index[ENVELOPE if "envelope" in name else f"feature_{name}_hz"]
+        assert np.allclose(tables[0].values[:, tables[0].names.index(f"{name}_mps")], in_hz * C / 7.29e9 / 2)
 
 
 @pytest.mark.parametrize("classes", [("human", "dog"), ("human", "dog", "cat")])
@@ -650,6 +653,21 @@ def test_a_test_on_another_radar_is_said_and_not_decided():
     assert any("carrier_hz: 240 of 240 tested rows have 2.41e+10, outside" in note for note in document["notes"])
     assert document["models"]["six-logistic"]["decided"]["n"] == 0
     assert not evaluate(made_up(), models=["six-logistic"]).document["outside_conditions"]
+
+
+def test_bandwidths_are_decided_on_in_metres_per_second_and_by_older_files_in_hertz(tmp_path):
+    model = evaluate(made_up(**{ENVELOPE: np.linspace(100, 400, 240)}), models=["extended-logistic"]).models[
+        "extended-logistic"
+    ]
+    names = tuple(ENVELOPE if name == ENVELOPE_WIDTH else name for name in model.facts.names)
+    assert names != model.facts.names
+    older = replace(model, facts=model.facts.model_copy(update={"names": names}))
+    wide_hz, rest = 300.0, {"extended_swing_duty": 0.0, "feature_step_length_m": 1.6}
+    found = decide(a_target(**{ENVELOPE: wide_hz}, **rest), load_model(save_model(model, tmp_path / "m.npz")), 0)
+    in_hz = decide(a_target(**{ENVELOPE: wide_hz * C / 7.29e9 / 2}, **rest), older, 0)  # its numbers taken for hertz
+    narrow = decide(a_target(**{ENVELOPE: 100.0}, **rest), model, 0)
+    assert found.probabilities == pytest.approx(in_hz.probabilities, rel=1e-9)
+    assert found.probabilities != pytest.approx(narrow.probabilities, rel=1e-3)
 
 
 def test_an_unknown_feature_is_no_error_and_a_missing_column_is(found):
