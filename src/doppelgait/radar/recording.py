@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
@@ -67,6 +68,22 @@ class TargetTruth:
         """
         values = velocity_to_doppler_hz(self.scatterers["radial_velocity"].values, wavelength_m)
         return np.asarray(values, dtype=np.float64)
+
+    def during(self, pulses: slice, start_s: float, stop_s: float) -> TargetTruth:
+        """Return the truth at some pulses; means stay as they are."""
+        arrays = {name: getattr(self, name)[pulses] for name in CENTRE_ARRAYS}
+        body = self.body
+        if body is not None:
+            times_s = axis(body, "time")
+            body = body.isel(time=np.flatnonzero((times_s >= start_s) & (times_s < stop_s)))
+            body = body if body.sizes["time"] else None
+        return replace(self, scatterers=self.scatterers.isel(slow_time=pulses), body=body, **arrays)
+
+
+CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
+"""Values of a target's truth at every pulse."""
+SLACK_S = 1e-9
+"""Times of pulses may be off by rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +173,53 @@ class Recording:
         for name in ("samples", "radar", "slow_time_s", "range_m", "facts"):
             del kept[name]
         return Recording.from_baseband(baseband, self.radar, **{**kept, **changes})
+
+    def between(self, start_s: float, stop_s: float) -> Recording:
+        """Return the part of the recording between two times.
+
+        Parameters
+        ----------
+        start_s, stop_s : float
+            The part has the pulses with start_s <= time < stop_s; the rest of the recording is ignored where they lie
+            outside it. Of a recording whose ``facts`` state ``burst_pulses``, only whole bursts are taken.
+
+        Returns
+        -------
+        Recording
+            The times of its pulses are those of the recording. The truth is cut as well, but its means over the
+            observation (ground speed, frequencies) stay those of the whole, and the SNR of the part is not known.
+
+        Raises
+        ------
+        ConfigError
+            If the times do not rise, or fewer than two pulses lie between them.
+
+        Examples
+        --------
+        >>> import doppelgait as dg
+        >>> scene = dg.Scene(targets=[dg.Target(motion=dg.motion.generate("human", duration_s=2.0))])
+        >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=500.0))
+        >>> part = recording.between(0.5, 1.5)
+        >>> part.n_pulses, float(part.slow_time_s[0])
+        (500, 0.5)
+        """
+        where = f"{self.source or 'recording'}: between {start_s:g} and {stop_s:g} s"
+        if not start_s < stop_s:
+            raise ConfigError(f"{where}: give two rising times in s, for example 2 and 6")
+        first, stop = (int(np.searchsorted(self.slow_time_s, time_s - SLACK_S)) for time_s in (start_s, stop_s))
+        burst = int(self.facts.get("burst_pulses", 1))
+        first, stop = -(-first // burst) * burst, stop // burst * burst if stop < self.n_pulses else stop
+        if stop - first < 2:
+            raise ConfigError(
+                f"{where} are {max(stop - first, 0)} pulses, at least 2 are needed; the recording has "
+                f"{self.n_pulses} from {self.slow_time_s[0]:g} to {self.slow_time_s[-1]:g} s"
+            )
+        pulses = slice(first, stop)
+        return self.with_baseband(
+            self.baseband.isel(slow_time=pulses),
+            truth=[truth.during(pulses, start_s, stop_s) for truth in self.truth],
+            **({"snr_frame_db": NAN} if stop - first < self.n_pulses else {}),
+        )
 
     @cached_property
     def baseband(self) -> xr.DataArray:

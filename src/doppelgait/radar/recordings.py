@@ -26,7 +26,7 @@ from doppelgait.core.own_hdf5 import check_own
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import read_recording
-from doppelgait.radar.recording import NAN, Recording, TargetTruth, baseband_facts, further_facts
+from doppelgait.radar.recording import CENTRE_ARRAYS, NAN, Recording, TargetTruth, baseband_facts, further_facts
 
 __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
@@ -41,7 +41,6 @@ TRUTH_FACTS = (
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
 POSE = ("radar_position_m", "radar_azimuth_deg", "radar_tilt_deg")
-CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
 OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
