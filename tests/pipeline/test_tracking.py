@@ -14,9 +14,11 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import analyze, describe_results, simulate
+from doppelgait.pipeline.analyze import flag_overlaps
 from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.tracking import _link
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingTarget
 from doppelgait.processing.clutter import without_clutter
 from doppelgait.processing.detect import Detector, find_scans
@@ -81,6 +83,45 @@ def test_two_who_pass_each_other_are_two():
 
 
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_who_passes_another_is_analysed_while_alone():
+    """The true ranges say when that is; before, all of a result counted as shared for a moment of it."""
+    walk = boulic_walk(speed_mps=0.9, duration_s=9.0)
+    radar = Radar.preset("x4", prf_hz=500.0)
+    scene = Scene([Target(walk, range_m=5.0), Target(walk, range_m=5.0, aspect_deg=172.0, bearing_deg=6.0)])
+    told = simulate(scene, radar, rng=rng(3), snr_db=25.0)
+    apart_m = np.abs(told.truth[0].centre_range_m - told.truth[1].centre_range_m)
+    found = [result for result in analyze(told) if result.segments]
+    assert len(found) >= 2
+    for result in found:
+        assert "gates_overlap" not in result.flags
+        assert result.verdict == "body"
+        inside = (told.slow_time_s > result.quality["start_s"]) & (told.slow_time_s < result.quality["stop_s"])
+        assert apart_m[inside].min() > 1.3  # gates of 1.6 m about ranges that err by a decimetre or two
+
+
+def result_at(range_m, *flags, times_s=(0.0, 4.0)):
+    gate = Gate.around(np.linspace(*times_s, 41), np.full(41, range_m), span_m=1.6, source="track")
+    return Result(Analysis(), gate_limits=gate, flags=flags)
+
+
+def test_an_echo_in_the_gate_of_its_own_body_is_no_other_target():
+    body, echo, other = flag_overlaps([result_at(3.0), result_at(3.5, "reflection_of:0"), result_at(9.0)])
+    assert body.flags == ("own_echo_in_gate",)
+    assert echo.flags == ("reflection_of:0", "gates_overlap")
+    assert other.flags == ()
+    body, echo, other = flag_overlaps([result_at(3.0), result_at(3.5, "reflection_of:2"), result_at(9.0)])
+    assert body.flags == ("gates_overlap",)
+
+
+def test_the_overlap_of_a_tracked_target_is_that_of_its_longest_segment():
+    other = result_at(3.0, times_s=(2.0, 4.0))
+    early = replace(result_at(3.0), segments=(result_at(3.0),), quality={"start_s": 0.0, "stop_s": 1.9})
+    late = replace(early, quality={"start_s": 1.0, "stop_s": 3.0})
+    assert flag_overlaps([early, other])[0].flags == ()
+    assert flag_overlaps([late, other])[0].flags == ("gates_overlap",)
+
+
 def test_an_empty_room_holds_nobody():
     empty = Scene([], duration_s=12.0)
     for seed in range(2):

@@ -15,6 +15,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_signature, with_parts
 from doppelgait.pipeline.tracking import Tracking, track_targets
+from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
@@ -129,10 +130,17 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:
-    """Flag results with ``gates_overlap`` where gates of two targets share range."""
-    return [
-        replace(result, flags=(*result.flags, "gates_overlap"))
-        if any(other is not result and result.gate.overlaps(other.gate) for other in results)
-        else result
-        for result in results
-    ]
+    """Flag results with ``gates_overlap`` where another target shares range.
+
+    Of a tracked target the time of its result counts, the longest segment, and not what happens before or after it. Its
+    own echo, by a wall or folded, has the same Doppler and is only noted: ``own_echo_in_gate``.
+    """
+    flagged = []
+    for number, result in enumerate(results):
+        own = result.gate
+        if result.segments:
+            own = own.during(result.quality["start_s"], result.quality["stop_s"])
+        near = [other for other in results if other is not result and own.overlaps(other.gate)]
+        found = {"own_echo_in_gate" if is_echo(other, number) else "gates_overlap" for other in near}
+        flagged.append(replace(result, flags=(*result.flags, *sorted(found))))
+    return flagged

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from doppelgait.features.ground_motion import piece_motion
 from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
-from doppelgait.pipeline.verdicts import judge
+from doppelgait.pipeline.verdicts import is_echo, judge
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.bursts import burst_means
@@ -123,14 +124,31 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         nothing_moves = _why_no_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no bin breathes steadily for 12 s'}")
     tracks = _link(tracks, persons, axis(raw, "range"))
-    moving = [_analyze_track(raw, clean, wavelength_m, found, persons, analysis, tracking) for found in tracks]
+    analyze = partial(_analyze_track, raw, clean, wavelength_m, persons, analysis, tracking)
+    moving = [_flag_lost_frames(analyze(found), baseband) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
-    moving = [_flag_lost_frames(one, baseband) for one in moving]
-    return TargetList(judge([*moving, *still], clean, analysis, recording.radar))
+    judged = judge([*moving, *still], clean, analysis, recording.radar)
+    for number, (found, before) in enumerate(zip(tracks, moving, strict=True)):
+        others = [one for n, one in enumerate(judged) if n != number and not is_echo(one, number)]
+        taken = np.zeros(before.gate.time_s.size, dtype=bool)
+        for other in others:
+            taken |= before.gate.shares(other.gate)
+        if before.segments and taken.any():
+            alone = _flag_lost_frames(analyze(found, taken=taken), baseband)
+            judged[number] = _with_verdict_of(judged[number], before, alone)
+    return TargetList(judged)
+
+
+def _with_verdict_of(judged: Result, before: Result, alone: Result) -> Result:
+    """Add to a result anew what its verdict added to the one before."""
+    flags = (*alone.flags, *judged.flags[len(before.flags) :])
+    quality = {**alone.quality, **{name: judged.quality[name] for name in judged.quality.keys() - before.quality}}
+    segments = tuple(_with_verdict_of(judged, before, segment) for segment in alone.segments)
+    return replace(alone, flags=flags, quality=quality, segments=segments)
 
 
 def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
@@ -284,10 +302,13 @@ def _breath_quality(person: BreathingTarget) -> dict[str, float]:
 
 
 def _analyze_track(
-    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, persons: Sequence[BreathingTarget],
-    analysis: Analysis, tracking: Tracking,
+    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, persons: Sequence[BreathingTarget],
+    analysis: Analysis, tracking: Tracking, found: Track, *, taken: npt.NDArray[np.bool_] | None = None,
 ) -> Result:  # fmt: skip
-    """Analyse every segment of a track; return the longest with all."""
+    """Analyse every segment of a track; return the longest with all.
+
+    Segments are cut where the gate is ``taken`` by another target too, if anything long enough is left of them.
+    """
     gate = Gate.from_track(
         found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
@@ -295,6 +316,15 @@ def _analyze_track(
     range_sd_m = float(np.quantile(found.range_sd_m, TRACK_SD_QUANTILE))
     segments = find_pieces(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
     usable = [segment for segment in segments if segment.usable]
+    if taken is not None:
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], taken, [True]]).astype(np.int8)))
+        free = [(gate.time_s[first], gate.time_s[stop - 1]) for first, stop in edges.reshape(-1, 2)]
+        cut = [
+            replace(segment, start_s=max(segment.start_s, start_s), stop_s=min(segment.stop_s, stop_s))
+            for segment in usable
+            for start_s, stop_s in free
+        ]
+        usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
     results = [
         _analyze_segment(raw, clean, wavelength_m, found, gate.during(segment.start_s, segment.stop_s), analysis)
         for segment in usable

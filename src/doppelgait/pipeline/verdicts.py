@@ -142,6 +142,11 @@ def _marked(result: Result, verdict: Verdict) -> Result:
     return replace(result, quality=quality, flags=flags, segments=segments)
 
 
+def is_echo(result: Result, number: int) -> bool:
+    """Return True for the echo, by a wall or folded, of a numbered target."""
+    return not {f"reflection_of:{number}", f"folded_echo_of:{number}"}.isdisjoint(result.flags)
+
+
 def _rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
     """Return both gait frequencies where both are sure."""
     both = (ghost, body)

@@ -290,12 +290,15 @@ class Gate:
         middle = (self.low_m + self.high_m) / 2
         return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, middle))
 
+    def shares(self, other: Gate) -> npt.NDArray[np.bool_]:
+        """Mark the times of the gate at which another one shares ranges."""
+        inside = (self.time_s >= other.start_s) & (self.time_s <= other.stop_s)
+        other_low, other_high = (np.interp(self.time_s, other.time_s, limit) for limit in (other.low_m, other.high_m))
+        return np.asarray(inside & (self.low_m < other_high) & (other_low < self.high_m))
+
     def overlaps(self, other: Gate) -> bool:
         """Return True if two gates share ranges at some time."""
-        both = self.time_s[(self.time_s >= other.start_s) & (self.time_s <= other.stop_s)]
-        low, high = (np.interp(both, self.time_s, limit) for limit in (self.low_m, self.high_m))
-        other_low, other_high = (np.interp(both, other.time_s, limit) for limit in (other.low_m, other.high_m))
-        return bool(((low < other_high) & (other_low < high)).any())
+        return bool(self.shares(other).any())
 
     # What it takes out of data ---------------------------------------------------------------------------------------
 
