@@ -144,7 +144,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
 
 
 def _with_verdict_of(judged: Result, before: Result, alone: Result) -> Result:
-    """Add to a result anew what its verdict added to the one before."""
+    """Add what the verdict added to the result before."""
     flags = (*alone.flags, *judged.flags[len(before.flags) :])
     quality = {**alone.quality, **{name: judged.quality[name] for name in judged.quality.keys() - before.quality}}
     segments = tuple(_with_verdict_of(judged, before, segment) for segment in alone.segments)

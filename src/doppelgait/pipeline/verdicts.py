@@ -143,7 +143,7 @@ def _marked(result: Result, verdict: Verdict) -> Result:
 
 
 def is_echo(result: Result, number: int) -> bool:
-    """Return True for the echo, by a wall or folded, of a numbered target."""
+    """Return True for the echo of a numbered target."""
     return not {f"reflection_of:{number}", f"folded_echo_of:{number}"}.isdisjoint(result.flags)
 
 
