@@ -17,6 +17,7 @@ from doppelgait.cli import (
     dataset,
     demo,
     listen,
+    model,
     motion,
     plugins,
     radar,
@@ -40,6 +41,7 @@ app = typer.Typer(
 app.add_typer(motion.app, name="motion")
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(radar.app, name="radar")
+app.add_typer(model.app, name="model")
 dataset.app.command("status")(dataset.status)
 dataset.app.command("verify")(dataset.verify)
 dataset.app.command("card")(dataset.card)

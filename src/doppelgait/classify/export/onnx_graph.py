@@ -1,0 +1,250 @@
+"""Models as ONNX graphs, from features and pictures to calibrated probabilities."""
+
+from __future__ import annotations
+
+import json
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from doppelgait import __version__
+from doppelgait.classify.learned import Columns, Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
+from doppelgait.classify.model import Model
+from doppelgait.core.errors import ConfigError
+
+NO_ONNX = "onnx is not installed, which the form onnx needs: pip install 'doppelgait[export]'"
+OPSET, TREES_OPSET, IR_VERSION = 18, 3, 9
+"""Of 2022 and 2023, so that older runtimes read the graph."""
+FEATURES, PICTURES, PROBABILITY = "features", "pictures", "probability"
+
+
+def onnx_model(model: Model) -> Any:
+    """Build the ONNX graph of a model.
+
+    Inputs are ``features`` (n, d), float32, NaN for unknown, and ``pictures`` (n, m, n_velocity, n_time), float32: m
+    pictures of every signature (:func:`doppelgait.classify.patches.covering`), NaN where there is no signature. Each is
+    there only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of features and
+    everything after a member are computed in double precision.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    onnx.ModelProto
+        Checked; its metadata hold the facts of the model as JSON.
+
+    Raises
+    ------
+    ConfigError
+        If onnx is not installed.
+    """
+    try:
+        import onnx
+    except ImportError:
+        raise ConfigError(NO_ONNX) from None
+    graph = _Graph(onnx, model)
+    log_probability = graph.calibrated(
+        graph.member(model.learned, "model"), model.calibration.slope, model.calibration.shift, "calibration"
+    )
+    graph.add("Cast", [graph.add("Exp", [log_probability])], out=PROBABILITY, to=onnx.TensorProto.FLOAT)
+    return graph.finish()
+
+
+def float_threshold(threshold: Any) -> Any:
+    """Round thresholds of trees down to float32.
+
+    Every float32 value then goes the way it goes in double precision.
+    """
+    rounded = np.asarray(threshold, dtype=np.float64).astype(np.float32)
+    return np.where(rounded > threshold, np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)
+
+
+class _Graph:
+    """Nodes and constants of one graph."""
+
+    def __init__(self, onnx: ModuleType, model: Model) -> None:
+        self.onnx, self.model = onnx, model
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+        self.inputs: dict[str, list[int | str]] = {}
+        self.doubles: str | None = None
+
+    def add(self, kind: str, inputs: list[str], out: str | None = None, **attributes: Any) -> str:
+        """Add a node and return the name of its output."""
+        out = out or f"{kind.lower()}_{len(self.nodes)}"
+        self.nodes.append(self.onnx.helper.make_node(kind, inputs, [out], name=f"make_{out}", **attributes))
+        return out
+
+    def constant(self, values: Any, name: str, dtype: Any = np.float64) -> str:
+        """Add a constant array and return its name."""
+        name = f"{name}_{len(self.constants)}"
+        self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(values, dtype=dtype), name))
+        return name
+
+    def member(self, learned: Learned, name: str) -> str:
+        """Add a trained model; return its log-probabilities in double precision."""
+        makers: dict[type, Any] = {
+            Constant: self.shares, Linear: self.linear, Kernel: self.kernel, Trees: self.trees,
+            Network: self.network, Ensemble: self.ensemble,
+        }  # fmt: skip
+        made: str = makers[type(learned)](learned, name)
+        return made
+
+    def calibrated(self, log_probability: str, slope: float, shift: Any, name: str) -> str:
+        scaled = self.add("Mul", [log_probability, self.constant(slope, f"{name}_slope")])
+        return self.add("LogSoftmax", [self.add("Add", [scaled, self.constant(shift, f"{name}_shift")])], axis=1)
+
+    def features(self) -> str:
+        if not self.model.facts.names:
+            raise ConfigError(f"the model {self.model.facts.name} has no inputs; there is nothing to export")
+        self.inputs[FEATURES] = ["n", len(self.model.facts.names)]
+        return FEATURES
+
+    def shares(self, learned: Constant, name: str) -> str:
+        used = self.features()
+        count = self.add("Slice", [self.add("Shape", [used]), *(self.constant([k], "at", np.int64) for k in (0, 1))])
+        shape = self.add("Concat", [count, self.constant([learned.log_share.size], "classes", np.int64)], axis=0)
+        return self.add("Expand", [self.constant(learned.log_share, name), shape])
+
+    def ensemble(self, learned: Ensemble, name: str) -> str:
+        parts = []
+        joined = zip(learned.members, learned.weights, learned.slopes, learned.shifts, strict=True)
+        for number, (member, weight, slope, shift) in enumerate(joined):
+            own = f"{name}_{number}"
+            answer = self.calibrated(self.member(member, own), slope, shift, own)
+            parts.append(self.add("Mul", [answer, self.constant(weight, f"{own}_weight")]))
+        return self.add("LogSoftmax", [self.add("Sum", parts)], axis=1)
+
+    def standardised(self, learned: Columns, name: str) -> str:
+        double = self.onnx.TensorProto.DOUBLE
+        values = self.doubles = self.doubles or self.add("Cast", [self.features()], to=double)
+        unknown = self.add("IsNaN", [values])
+        filled = values
+        if learned.floor.size:
+            has = learned.floor > 0
+            raised = self.add("Max", [values, self.constant(np.where(has, learned.floor, 1.0), f"{name}_floor")])
+            log = self.add("Log", [raised])
+            filled = self.add("Where", [self.constant(has, f"{name}_has_floor", np.bool_), log, values])
+        columns = self.add("Where", [unknown, self.constant(learned.median, f"{name}_median"), filled])
+        if learned.told.size:
+            told = self.add("Gather", [unknown, self.constant(learned.told, f"{name}_told", np.int64)], axis=1)
+            columns = self.add("Concat", [columns, self.add("Cast", [told], to=double)], axis=1)
+        centred = self.add("Sub", [columns, self.constant(learned.mean, f"{name}_mean")])
+        return self.add("Div", [centred, self.constant(learned.scale, f"{name}_scale")])
+
+    def scored(self, columns: str, weight: Any, bias: Any, name: str) -> str:
+        product = self.add("MatMul", [columns, self.constant(weight.T, f"{name}_weight")])
+        scores = self.add("Add", [product, self.constant(bias, f"{name}_bias")])
+        return self.log_softmax(scores, len(bias))
+
+    def log_softmax(self, scores: str, n_scores: int) -> str:
+        """Normalise scores; one score stands for the second of two classes."""
+        if n_scores == 1:
+            zero = self.add("Mul", [scores, self.constant(0.0, "zero")])
+            scores = self.add("Concat", [zero, scores], axis=1)
+        return self.add("LogSoftmax", [scores], axis=1)
+
+    def linear(self, learned: Linear, name: str) -> str:
+        return self.scored(self.standardised(learned, name), learned.weight, learned.bias, name)
+
+    def kernel(self, learned: Kernel, name: str) -> str:
+        rows = self.standardised(learned, name)
+        norm = self.constant((learned.support**2).sum(axis=1), f"{name}_norm")
+        own = self.add("ReduceSumSquare", [rows, self.constant([1], "axis", np.int64)], keepdims=1)
+        product = self.add("MatMul", [rows, self.constant(-2.0 * learned.support.T, f"{name}_support")])
+        squared = self.add("Relu", [self.add("Sum", [own, norm, product])])
+        near = self.add("Exp", [self.add("Neg", [squared])])
+        return self.scored(near, learned.weight, learned.bias, name)
+
+    def trees(self, learned: Trees, name: str) -> str:
+        """Add boosted trees: the nodes that a root reaches are its tree."""
+        modes, rows, thresholds = [], [], []
+        leaves: dict[str, list[Any]] = {"treeids": [], "nodeids": [], "ids": [], "weights": []}
+        for tree, root in enumerate(learned.root.ravel().tolist()):
+            order = reached(learned, root)
+            place = {node: number for number, node in enumerate(order)}
+            thresholds += learned.threshold[order].tolist()
+            for node in order:
+                modes.append("BRANCH_LEQ" if learned.feature[node] >= 0 else "LEAF")
+                rows.append((tree, place[node], max(learned.feature[node], 0), place.get(learned.left[node], 0),
+                             place.get(learned.right[node], 0), learned.unknown_left[node]))  # fmt: skip
+                if learned.feature[node] < 0:
+                    leaf = (tree, place[node], tree % learned.root.shape[1], learned.value[node])
+                    for key, value in zip(leaves, leaf, strict=True):
+                        leaves[key].append(value)
+        integers = np.array(rows, dtype=np.int64).T.tolist()
+        names = ("treeids", "nodeids", "featureids", "truenodeids", "falsenodeids", "missing_value_tracks_true")
+        attributes = {f"nodes_{key}": values for key, values in zip(names, integers, strict=True)}
+        attributes |= {f"target_{key}": values for key, values in leaves.items()}
+        scores = self.add(
+            "TreeEnsembleRegressor", [self.features()], domain="ai.onnx.ml", aggregate_function="SUM",
+            n_targets=learned.root.shape[1], nodes_modes=modes, post_transform="NONE",
+            base_values=learned.start.astype(np.float32).tolist(),
+            nodes_values=float_threshold(thresholds).tolist(), **attributes,
+        )  # fmt: skip
+        scores = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
+        return self.log_softmax(scores, learned.root.shape[1])
+
+    def network(self, learned: Network, name: str) -> str:
+        """Add a network, its mean over pictures and their mirror images.
+
+        Classes are equal where a picture is unknown.
+        """
+        spec, n_classes = learned.patch, learned.bias.size
+        pictures, self.inputs[PICTURES] = PICTURES, ["n", "m", spec.n_velocity, spec.n_time]
+        shape = self.constant([-1, 1, spec.n_velocity, spec.n_time], "shape", np.int64)
+        flat = self.add("Reshape", [pictures, shape])
+        flip = [self.constant([value], "flip", np.int64) for value in (-1, -(2**62), 2, -1)]
+        mirrored = self.add("Slice", [flat, *flip])
+        layer = self.add("Concat", [flat, mirrored], axis=0)
+        for number, (kernel, scale, bias) in enumerate(
+            zip(learned.kernels, learned.scales, learned.biases, strict=True)
+        ):
+            weights = self.constant(kernel, f"{name}_kernel_{number}", np.float32)
+            layer = self.add("Conv", [layer, weights], kernel_shape=[3, 3], pads=[1, 1, 1, 1])
+            layer = self.add("MaxPool", [layer], kernel_shape=[2, 2], strides=[2, 2])
+            for kind, values in (("Mul", scale), ("Add", bias)):
+                layer = self.add(kind, [layer, self.constant(values[:, None, None], f"{name}_{number}", np.float32)])
+            layer = self.add("Relu", [layer])
+        mean = self.add("Reshape", [self.add("GlobalAveragePool", [layer]), self.constant([0, -1], "shape", np.int64)])
+        product = self.add("MatMul", [mean, self.constant(learned.weight.T, f"{name}_weight", np.float32)])
+        scores = self.add("Add", [product, self.constant(learned.bias, f"{name}_bias", np.float32)])
+        double = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
+        answers = self.add("LogSoftmax", [double], axis=1)
+        # (2, n, m, classes): the mean over mirror images and pictures
+        ends = [self.constant([k], "at", np.int64) for k in (0, 2)]
+        leading = self.add("Slice", [self.add("Shape", [pictures]), *ends])
+        parts = [self.constant([2], "two", np.int64), leading, self.constant([n_classes], "classes", np.int64)]
+        split = self.add("Reshape", [answers, self.add("Concat", parts, axis=0)])
+        found = self.add("ReduceMean", [split, self.constant([0, 2], "axes", np.int64)], keepdims=0)
+        total = self.add("ReduceSum", [pictures, self.constant([1, 2, 3], "axes", np.int64)], keepdims=0)
+        unknown = self.add("Unsqueeze", [self.add("IsNaN", [total]), self.constant([1], "axes", np.int64)])
+        return self.add("LogSoftmax", [self.add("Where", [unknown, self.constant(0.0, "equal"), found])], axis=1)
+
+    def finish(self) -> Any:
+        helper, single = self.onnx.helper, self.onnx.TensorProto.FLOAT
+        inputs = [helper.make_tensor_value_info(name, single, shape) for name, shape in self.inputs.items()]
+        output = helper.make_tensor_value_info(PROBABILITY, single, ["n", len(self.model.facts.classes)])
+        graph = helper.make_graph(self.nodes, "doppelgait", inputs, [output], self.constants)
+        opsets = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", TREES_OPSET)]
+        made = helper.make_model(
+            graph, opset_imports=opsets, ir_version=IR_VERSION, producer_name="doppelgait", producer_version=__version__
+        )
+        facts = self.model.facts.model_dump(mode="json")
+        helper.set_model_props(made, {"doppelgait": json.dumps(facts, sort_keys=True)})
+        self.onnx.checker.check_model(made, full_check=True)
+        return made
+
+
+def reached(learned: Trees, root: int) -> list[int]:
+    """Return the nodes of one tree, parents before children, left before right."""
+    stack, order = [root], []
+    while stack:
+        node = stack.pop()
+        order.append(node)
+        if learned.feature[node] >= 0:
+            stack += [int(learned.right[node]), int(learned.left[node])]
+    return order

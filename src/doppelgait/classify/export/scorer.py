@@ -1,0 +1,249 @@
+"""Score a model file of doppelgait with NumPy alone.
+
+``doppelgait model export --form numpy`` copies this file next to a model. It imports nothing of doppelgait. Features
+and pictures go in, probabilities come out; :func:`signature` and :func:`levels` make the pictures from samples.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+NEWEST_FORMAT = 3
+
+Array = npt.NDArray[Any]
+Arrays = Mapping[str, Array]
+
+
+class Scorer:
+    """Model of one file.
+
+    Parameters
+    ----------
+    path : path
+        Model file (``.npz``).
+
+    Attributes
+    ----------
+    classes : list of str
+    features : list of str
+        Names of the features in their order; empty for a model of signatures alone.
+    patch : dict or None
+        Format of the pictures; None for a model of features alone.
+    facts : dict
+        Training data, conditions, thresholds and so on.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        with np.load(Path(path), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        document = json.loads(arrays.pop("model").tobytes().decode())
+        if document["format"] != "doppelgait-model" or document["format_version"] > NEWEST_FORMAT:
+            raise ValueError(f"{path}: this scorer reads format doppelgait-model up to version {NEWEST_FORMAT}")
+        self.facts = document["facts"]
+        self.classes, self.features = self.facts["classes"], self.facts["names"]
+        self._arrays = arrays
+        if document["learned"] == "ensemble":
+            forms = document["members"]
+            self._members = [(form, _part(arrays, f"member.{number}.")) for number, form in enumerate(forms)]
+        else:
+            self._members = [(document, arrays)]
+        self._joined = document["learned"] == "ensemble"
+        self.patch = next((form["patch"] for form, _ in self._members if form["learned"] == "network"), None)
+
+    def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
+        """Return calibrated probabilities for equally frequent classes.
+
+        Parameters
+        ----------
+        features : array_like, shape (n, d), optional
+            In the order of ``features``; NaN for unknown.
+        whole : sequence of ndarray (n_velocity, any) or None, optional
+            Levels of every signature, of :func:`levels`.
+
+        Returns
+        -------
+        ndarray, shape (n, n_classes)
+        """
+        table = None if features is None else np.asarray(features, dtype=np.float64)
+        answers = [self._member(form, own, table, whole) for form, own in self._members]
+        if self._joined:
+            joined = zip(self._arrays["weights"], self._arrays["slopes"], self._arrays["shifts"], answers, strict=True)
+            found = log_softmax(sum(w * log_softmax(slope * each + shift) for w, slope, shift, each in joined))
+        else:
+            found = answers[0]
+        slope, shift = self._arrays["calibration.slope"][0], self._arrays["calibration.shift"]
+        return np.asarray(np.exp(log_softmax(slope * found + shift)))
+
+    def decide(self, probability: Array) -> list[str | None]:
+        """Return a class per row, None where no probability is high enough.
+
+        doppelgait abstains for more reasons: flags of the analysis, another radar, features unlike the training data.
+        """
+        sure = probability.max(axis=1) >= self.facts["abstain_below"]
+        return [self.classes[best] if ok else None for best, ok in zip(probability.argmax(axis=1), sure, strict=True)]
+
+    def _member(self, form: Mapping[str, Any], own: Arrays, features: Array | None, whole: Any) -> Array:
+        kind = form["learned"]
+        if kind == "network":
+            if whole is None:
+                raise ValueError("this model needs levels of signatures")
+            return network(own, form["patch"], whole)
+        if kind == "constant":
+            n = len(features) if features is not None else len(whole)
+            return np.tile(own["log_share"], (n, 1))
+        if features is None:
+            raise ValueError(f"this model needs {len(self.features)} features")
+        return {"linear": linear, "kernel": kernel, "trees": trees}[kind](own, features)
+
+
+def _part(arrays: Arrays, start: str) -> Arrays:
+    return {name[len(start) :]: values for name, values in arrays.items() if name.startswith(start)}
+
+
+def log_softmax(scores: Array) -> Array:
+    """Convert scores (n, n_classes) to log-probabilities."""
+    shifted = scores - scores.max(axis=1, keepdims=True)
+    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
+
+
+def standardise(own: Arrays, values: Array) -> Array:
+    """Convert features (n, d) to columns: logarithm, median for unknown, marks of unknown, mean 0, deviation 1."""
+    floor = own["floor"] if own["floor"].size else np.zeros(values.shape[1])
+    raised = np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
+    unknown = np.isnan(values)
+    columns = np.hstack([np.where(unknown, own["median"], raised), unknown[:, own["told"].astype(int)]])
+    return np.asarray((columns - own["mean"]) / own["scale"])
+
+
+def linear(own: Arrays, values: Array) -> Array:
+    """Return log-probabilities of logistic regression."""
+    return log_softmax(standardise({"floor": np.zeros(0), **own}, values) @ own["weight"].T + own["bias"])
+
+
+def kernel(own: Arrays, values: Array) -> Array:
+    """Return log-probabilities of support vector machines with the kernel exp(-distance²)."""
+    apart = standardise(own, values)[:, None, :] - own["support"]
+    scores = np.exp(-(apart**2).sum(axis=2)) @ own["weight"].T + own["bias"]
+    return log_softmax(scores if scores.shape[1] > 1 else np.hstack([0.0 * scores, scores]))
+
+
+def trees(own: Arrays, values: Array) -> Array:
+    """Return log-probabilities of boosted trees."""
+    node, rows = np.tile(own["root"].astype(int).ravel(), (len(values), 1)), np.arange(len(values))[:, None]
+    while (inner := own["feature"][node] >= 0).any():
+        seen = values[rows, np.maximum(own["feature"][node], 0)]
+        goes_left = np.where(np.isnan(seen), own["unknown_left"][node] > 0, seen <= own["threshold"][node])
+        node = np.where(inner, np.where(goes_left, own["left"][node], own["right"][node]), node)
+    scores = own["start"] + own["value"][node].reshape(len(values), *own["root"].shape).sum(axis=1)
+    return log_softmax(scores if scores.shape[1] > 1 else np.hstack([0.0 * scores, scores]))
+
+
+def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]) -> Array:
+    """Return mean log-probabilities of the pictures that cover a signature, and of their mirror images."""
+    answers = np.zeros((len(whole), own["bias"].size))
+    for row, signature_levels in enumerate(whole):
+        if signature_levels is not None:
+            pictures = covering(signature_levels, patch)
+            answers[row] = of_pictures(own, np.concatenate([pictures, pictures[:, ::-1]])).mean(axis=0)
+    return log_softmax(answers)
+
+
+def of_pictures(own: Arrays, pictures: Array) -> Array:
+    """Return log-probabilities of pictures (n, n_velocity, n_time)."""
+    layer = np.asarray(pictures, dtype=np.float32)[:, None]
+    for number in range(sum(name.startswith("kernel.") for name in own)):
+        weights, scale, bias = (own[f"{part}.{number}"] for part in ("kernel", "scale", "bias"))
+        padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
+        layer = np.einsum("nchwij,ocij->nohw", windows, weights, optimize=True)
+        n, channels, height, width = layer.shape
+        layer = layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5))
+        layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
+    return log_softmax((layer.mean(axis=(2, 3)) @ own["weight"].T + own["bias"]).astype(np.float64))
+
+
+def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
+    """Cut pictures (n, n_velocity, n_time) that cover all levels, overlapping by half or more."""
+    n_time, spare = patch["n_time"], whole.shape[1] - patch["n_time"]
+    if spare < 0:
+        before = -(spare // 2)
+        return np.pad(whole, ((0, 0), (before, -spare - before)))[None]
+    starts = np.linspace(0, spare, 1 + -(-2 * spare // n_time)).round().astype(int)
+    return np.stack([whole[:, start : start + n_time] for start in starts])
+
+
+def signature(
+    samples: Array, *, prf_hz: float, cpi_s: float = 0.1, window_steepness: float = 0.4
+) -> tuple[Array, float, Array]:
+    """Compute the power of the short-time transform of one gate (E-24, E-27).
+
+    Parameters
+    ----------
+    samples : ndarray of complex, shape (n_pulses, n_bins)
+        Range bins of the gate, without static echoes.
+    prf_hz, cpi_s, window_steepness : float
+        Pulse rate, and the model's analysis (``facts["analysis"]``; the defaults are those of doppelgait).
+
+    Returns
+    -------
+    power : ndarray, shape (n_columns, n_doppler)
+    column_s : float
+        Time from column to column.
+    doppler_hz : ndarray, shape (n_doppler,)
+    """
+    cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
+    half, hop = (cpi - 1) / 2.0, max(1, cpi // 12)
+    n_doppler = min(base << max(0, int(np.ceil(np.log2(cpi / base)))) for base in (1, 3, 5) if base <= cpi)
+    window = np.exp(-0.5 * ((np.arange(cpi) - half) / (window_steepness * half)) ** 2)
+    frames = np.lib.stride_tricks.sliding_window_view(samples, cpi, axis=0)[::hop] * window
+    spectrum = np.fft.fftshift(np.fft.fft(frames, n_doppler, axis=2), axes=2)
+    doppler_hz = prf_hz * (np.arange(n_doppler) - n_doppler // 2) / n_doppler
+    return (np.abs(spectrum) ** 2).sum(axis=1), hop / prf_hz, doppler_hz
+
+
+def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
+    """Convert the power of a signature to levels, 0 to 1.
+
+    Parameters
+    ----------
+    power : ndarray, shape (n_columns, n_doppler)
+    patch : dict
+        Of the model.
+    column_s : float
+        Time from column to column.
+    velocity_mps : ndarray, shape (n_doppler,)
+        ``doppler_hz * wavelength_m / 2``, rising; approaching is positive.
+
+    Returns
+    -------
+    ndarray of float32, shape (n_velocity, any)
+    """
+    rows = np.sort(power.mean(axis=0, dtype=np.float64))
+    rows = rows[rows > 0]
+    floor = rows[: max(1, int(rows.size / 3))].mean() if rows.size else 0.0
+    width = (velocity_mps[-1] - velocity_mps[0]) / (velocity_mps.size - 1)
+    edges = np.linspace(-patch["velocity_mps"], patch["velocity_mps"], patch["n_velocity"] + 1)
+    rows_of = _average(np.asarray(power, dtype=np.float64), (edges - velocity_mps[0]) / width + 0.5)
+    count = max(1, int(len(power) * column_s / patch["column_s"] + 1e-6))
+    cells = np.nan_to_num(_average(rows_of.T, np.arange(count + 1) * patch["column_s"] / column_s))
+    lowest = max(floor, np.median(cells.max(axis=0)) * 10.0 ** (-patch["range_db"] / 10.0))
+    if not lowest > 0:
+        return np.zeros(cells.shape, dtype=np.float32)
+    with np.errstate(divide="ignore"):
+        return np.clip(10.0 * np.log10(cells / lowest) / patch["range_db"], 0.0, 1.0).astype(np.float32)
+
+
+def _average(values: Array, edges: Array) -> Array:
+    """Average cells along the last axis between edges, in cells from the first one's edge; NaN without cells."""
+    edges = np.clip(edges, 0.0, values.shape[-1])
+    summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+    below = np.minimum(edges.astype(int), values.shape[-1] - 1)
+    total, covered = summed[..., below] + (edges - below) * values[..., below], np.diff(edges)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(covered > 1e-9, np.diff(total, axis=-1) / covered, np.nan))

@@ -1,0 +1,111 @@
+"""Small models of every kind, trained on random numbers, and inputs for them."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+
+from doppelgait.classify.learned import Ensemble, Network, Part, join_inputs
+from doppelgait.classify.model import Calibration, Facts, Model
+from doppelgait.classify.patches import Patch, covering
+from doppelgait.classify.training import train_boosting, train_logistic, train_svm
+
+NAMES = (
+    "torso_speed_mps", "doppler_bandwidth_mps", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3",
+    "limb_torso_ratio", "gait_frequency_hz",
+)  # fmt: skip
+KINDS = ("linear", "trees", "kernel", "network", "ensemble")
+
+
+def random_features(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Rows of positive and of signed values, large and small, some unknown; exact in float32."""
+    values = np.exp(rng.normal(0.0, 1.0, (n, len(NAMES)))) * np.geomspace(0.01, 1e4, len(NAMES))
+    values[:, 1] -= np.median(values[:, 1])
+    values[:, 4:][rng.random((n, len(NAMES) - 4)) < 0.2] = np.nan
+    return values.astype(np.float32).astype(np.float64)
+
+
+def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, channels: tuple[int, ...]) -> Network:
+    kernels, scales, biases, n_in = [], [], [], 1
+    for n_out in channels:
+        kernels.append(rng.normal(0.0, (2.0 / (9 * n_in)) ** 0.5, (n_out, n_in, 3, 3)).astype(np.float32))
+        scales.append(rng.choice([-1.0, 1.0], n_out, p=[0.2, 0.8]).astype(np.float32) * np.float32(1.3))
+        biases.append(rng.normal(0.0, 0.1, n_out).astype(np.float32))
+        n_in = n_out
+    weight = rng.normal(0.0, 2.0, (n_classes, n_in)).astype(np.float32)
+    return Network(tuple(kernels), tuple(scales), tuple(biases), weight, np.zeros(n_classes, np.float32), patch)
+
+
+def random_levels(rng: np.random.Generator, patch: Patch, n_time: int) -> np.ndarray:
+    """A noisy line and its surroundings."""
+    rows = np.arange(patch.n_velocity)[:, None]
+    line = patch.n_velocity * (0.5 + 0.3 * np.sin(np.arange(n_time) * rng.uniform(0.1, 0.6) + rng.uniform(0, 6)))
+    height = rng.uniform(0.3, 1.2) * np.exp(-(((rows - line) / rng.uniform(1, 6)) ** 2))
+    return np.clip(height + rng.normal(0, 0.1, (patch.n_velocity, n_time)), 0, 1).astype(np.float32)
+
+
+def export_model_of(
+    kind: str, n_classes: int = 2, *, patch: Patch | None = None, channels: tuple[int, ...] = (4, 8), seed: int = 0,
+    **facts: Any,
+) -> Model:  # fmt: skip
+    """A model of a kind, with a calibration that changes something."""
+    rng = np.random.default_rng(seed)
+    values = random_features(rng, 300)
+    labels = np.digitize(np.nan_to_num(values[:, 4]), np.nanquantile(values[:, 4], np.arange(1, n_classes) / n_classes))
+    part, nothing = Part(values, labels), Part(values[:0], labels[:0])
+    train = {"linear": train_logistic, "trees": train_boosting, "kernel": train_svm}
+    net = random_network(rng, n_classes, patch or Patch(n_velocity=16, n_time=16), channels)
+    if kind == "ensemble":
+        members = [train[name](part, nothing, n_classes=n_classes, seed=0) for name in train]
+        shifts = np.hstack([np.zeros((4, 1)), rng.normal(0, 0.5, (4, n_classes - 1))])
+        slopes = rng.uniform(0.3, 0.8, 4)
+        learned: Any = Ensemble((*members, net), np.array([0.3, 0.2, 0.1, 0.4]), slopes, shifts)
+    elif kind == "network":
+        learned = net
+    else:
+        learned = train[kind](part, nothing, n_classes=n_classes, seed=0)
+    names = () if kind == "network" else NAMES
+    stated = {
+        "name": kind, "features": "six", "names": names, "classes": tuple("abcd"[:n_classes]), "dataset_id": "0",
+        "dataset_name": "random", "version": "0", "n_train": 300, "n_held": 0, "seed": 0, "analysis": {},
+        "conditions": {"carrier_hz": (7.29e9, 7.29e9), "prf_hz": (500.0, 500.0), "observation_s": (2.0, 2.0)},
+    }  # fmt: skip
+    shift = np.concatenate([[0.0], rng.normal(0, 0.3, n_classes - 1)])
+    span = (np.nanmin(values, axis=0), np.nanmax(values, axis=0), np.isnan(values).mean(axis=0))
+    return Model(
+        Facts(**{**stated, **facts}), learned, Calibration(1.3, shift, 9), *(each[: len(names)] for each in span)
+    )
+
+
+def network_of(model: Model) -> Network | None:
+    members = getattr(model.learned, "members", (model.learned,))
+    return next((member for member in members if isinstance(member, Network)), None)
+
+
+def inputs_of(model: Model, n: int, n_time: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Features, levels (every tenth unknown), and both as the model takes them."""
+    rng, net = np.random.default_rng(seed), network_of(model)
+    features, levels = random_features(rng, n), np.empty(n, dtype=object)
+    for row in range(n if net else 0):
+        levels[row] = None if row % 10 == 3 else random_levels(rng, net.patch, n_time)
+    joined = levels if not model.facts.names else features if net is None else join_inputs(features, levels)
+    return features, levels, joined
+
+
+def pictures_of(model: Model, levels: np.ndarray) -> np.ndarray:
+    """Pictures (n, m, n_velocity, n_time) of levels of one length, NaN for unknown ones."""
+    patch = network_of(model).patch
+    known = next(whole for whole in levels if whole is not None)
+    unknown = np.full((len(covering(known, patch)), patch.n_velocity, patch.n_time), np.nan, np.float32)
+    return np.stack([unknown if whole is None else covering(whole, patch) for whole in levels])
+
+
+def require(found: object, what: str) -> None:
+    """Skip a test where something is not installed; fail it in CI."""
+    if not found:
+        if os.environ.get("CI", "").lower() == "true":
+            pytest.fail(f"CI needs {what}")
+        pytest.skip(f"needs {what}")
