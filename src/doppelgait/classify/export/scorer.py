@@ -113,7 +113,10 @@ def log_softmax(scores: Array) -> Array:
 
 
 def standardise(own: Arrays, values: Array) -> Array:
-    """Convert features (n, d) to columns: logarithm, median for unknown, marks of unknown, mean 0, deviation 1."""
+    """Convert features (n, d) to columns of mean 0 and deviation 1.
+
+    Some are logarithms; unknown ones are medians, and further columns mark them.
+    """
     floor = own["floor"] if own["floor"].size else np.zeros(values.shape[1])
     raised = np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
     unknown = np.isnan(values)
@@ -145,7 +148,10 @@ def trees(own: Arrays, values: Array) -> Array:
 
 
 def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]) -> Array:
-    """Return mean log-probabilities of the pictures that cover a signature, and of their mirror images."""
+    """Return mean log-probabilities of covering pictures.
+
+    Their mirror images in velocity count as much; classes are equal where there is no signature.
+    """
     answers = np.zeros((len(whole), own["bias"].size))
     for row, signature_levels in enumerate(whole):
         if signature_levels is not None:
@@ -169,7 +175,10 @@ def of_pictures(own: Arrays, pictures: Array) -> Array:
 
 
 def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
-    """Cut pictures (n, n_velocity, n_time) that cover all levels, overlapping by half or more."""
+    """Cut pictures (n, n_velocity, n_time) that cover all levels.
+
+    They overlap by half or more; one that is too short is in the middle.
+    """
     n_time, spare = patch["n_time"], whole.shape[1] - patch["n_time"]
     if spare < 0:
         before = -(spare // 2)
@@ -236,11 +245,15 @@ def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_
     if not lowest > 0:
         return np.zeros(cells.shape, dtype=np.float32)
     with np.errstate(divide="ignore"):
-        return np.clip(10.0 * np.log10(cells / lowest) / patch["range_db"], 0.0, 1.0).astype(np.float32)
+        level = 10.0 * np.log10(cells / lowest) / patch["range_db"]
+    return np.asarray(np.clip(level, 0.0, 1.0), dtype=np.float32)
 
 
 def _average(values: Array, edges: Array) -> Array:
-    """Average cells along the last axis between edges, in cells from the first one's edge; NaN without cells."""
+    """Average cells along the last axis between edges.
+
+    Edges are in cells from the first one's edge; NaN where there are no cells.
+    """
     edges = np.clip(edges, 0.0, values.shape[-1])
     summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
     below = np.minimum(edges.astype(int), values.shape[-1] - 1)
