@@ -11,7 +11,8 @@ Protocol, written down before any score:
 3. Trained on one radar, or on the three others together with the same number of movers, a third of them by each; tested
    on movers that no training has. A fifth of the training movers stops the training and calibrates.
 4. With the recipe: the default ensemble, its network with stretched velocities, gain and noise on a widening
-   curriculum. Without: the same with a network that has none of the three (:data:`PLAIN`). Single members are reported.
+   curriculum. Without: the same with a plain network that has none of the three; between them one that has the stretch
+   alone. Single members are reported.
 5. Every seed draws other movers and trains again. Tables show the mean over seeds and the range.
 6. RADAR_DATA holds the real X-band images of :mod:`sim_to_real_xband`. They are asked once by models of each radar, in
    that study's picture and with its network settings. They choose nothing.
@@ -32,7 +33,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import sim_to_real_models as real_models
 import sim_to_real_xband as xband
@@ -42,12 +42,21 @@ from sim_to_real_inputs import SIX
 from sklearn.metrics import f1_score
 
 from doppelgait.classify.data import feature_values
-from doppelgait.classify.learned import Inputs, Learned, Part, features_in, join_inputs, levels_in
+from doppelgait.classify.learned import (
+    FloatArray,
+    Inputs,
+    Learned,
+    Part,
+    features_in,
+    join_inputs,
+    levels_in,
+    log_softmax,
+)
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.patches import Patch, levels
 from doppelgait.classify.scores import auc, balanced_accuracy
-from doppelgait.classify.training import MEMBERS, fit, join, kind_of
+from doppelgait.classify.training import MEMBERS, fit, kind_of
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -71,15 +80,12 @@ TRAINED, TESTED = 120, 60
 """Movers of a class."""
 HELD_OF = 5
 PLAIN = Training(stretch=1.0, gain_db=0.0, noise_db=0.0)
-SETTINGS = {"recipe": Training(), "plain": PLAIN}
+SETTINGS = {"recipe": Training(), "stretch alone": Training(gain_db=0.0, noise_db=0.0), "plain": PLAIN}
+FEATURES = MEMBERS[:2]
 OTHERS = "the three others"
 SAME = ("label", "truth_ground_speed_mps", "truth_gait_frequency_hz", "truth_aspect_deg", "truth_range_m",
         "truth_height_m", "rcs_total_m2", "gate_error_m", "radar_height_m")  # fmt: skip
 """Columns that must be the same for all radars, up to rounding and the raster of time."""
-VARIANTS = ("same resolution", "preset's rate")
-"""Of the tested rows: a window with the velocity resolution of the X4; the preset's own pulse rate."""
-VARIED = ("24 GHz", "77 GHz")
-"""Their presets see +-3.1 m/s; those of the X4 and at 60 GHz 10.3 and 6.6."""
 
 
 def radar_of(sensor: str) -> Radar:
@@ -88,32 +94,30 @@ def radar_of(sensor: str) -> Radar:
     return Radar.preset(changes.pop("preset"), **changes)
 
 
-def plan_of(sensor: str, seed: int, variant: str = "") -> tuple[PlanConfig, Path]:
+def plan_of(sensor: str, seed: int) -> tuple[PlanConfig, Path]:
     """Return the plan of a radar."""
     plan, base = load_plan("home-alarm-wide")
     table = plan.model_dump(mode="python", exclude={"background", "environment", "impairments"})
     radar, wavelength_m = {**SENSORS[sensor], "range_stop_m": FRAME_M}, radar_of(sensor).wavelength_m
-    if variant != "preset's rate":
-        radar["prf_hz"] = float(round(4.0 * SPAN_MPS / wavelength_m))
-    scale = wavelength_m / radar_of("X4, 7.29 GHz").wavelength_m
+    radar["prf_hz"] = float(round(4.0 * SPAN_MPS / wavelength_m))
     table["dataset"]["seed"] = seed
     table["radar"] = radar
-    table["analysis"] = {"cpi_s": CPI_S * (scale if variant == "same resolution" else 1.0)}
+    table["analysis"] = {"cpi_s": CPI_S}
     table["scene"] = {"duration_s": 4.0, "radar_position_m": [0.0, 0.0, {"uniform": [0.8, 1.6]}]}
     table["target"].pop("vary", None)
     table["target"] |= {"range_m": {"uniform": [8.5, 9.5]}, "rcs": {"total_m2": {"log_uniform": [0.1, 1.6]}}}
     return validate(PlanConfig, table, where=sensor), base
 
 
-def examples(sensor: str, seed: int, n_movers: int, out: Path, variant: str = "") -> pd.DataFrame:
+def examples(sensor: str, seed: int, n_movers: int, out: Path) -> pd.DataFrame:
     """Simulate movers, or take them from OUT_FOLDER.
 
     Rows with ``number``, ``levels`` and ``xband`` (levels); classes alternate.
     """
-    target = out / f"rows-{sensor}-{variant}-{n_movers}-{seed}.pkl"
+    target = out / f"rows-{sensor}-{n_movers}-{seed}.pkl"
     if target.is_file():
         return pd.read_pickle(target)
-    plan, base = plan_of(sensor, seed, variant)
+    plan, base = plan_of(sensor, seed)
     rows = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # aliasing is counted from the rows
@@ -142,7 +146,7 @@ def check_same(parts: Mapping[str, pd.DataFrame]) -> None:
                 raise ValueError(f"{name}: {column} is not that of the other radars")
 
 
-def features_of(rows: pd.DataFrame) -> dict[str, npt.NDArray[np.float64]]:
+def features_of(rows: pd.DataFrame) -> dict[str, FloatArray]:
     """Return all features as model inputs, in units without the carrier."""
     names = [*SIX, *sorted(name for name in rows if name.startswith("extended_"))]
     wavelength_m = SPEED_OF_LIGHT_MPS / rows["carrier_hz"].to_numpy(dtype=np.float64)
@@ -157,24 +161,48 @@ def inputs_of(rows: pd.DataFrame, names: Sequence[str], pictures: str) -> Inputs
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """A calibrated model with the names of its features."""
+    """Members and ensembles of one training, all calibrated.
 
-    learned: Learned
-    calibration: Calibration
+    Parameters
+    ----------
+    names : tuple of str
+        Features in their order.
+    members : dict
+        By name: model and calibration.
+    ensembles : dict
+        By name: its members and its calibration.
+    """
+
     names: tuple[str, ...]
     pictures: str
-    view: Any
+    members: Mapping[str, tuple[Learned, Calibration]]
+    ensembles: Mapping[str, tuple[tuple[str, ...], Calibration]]
 
-    def of_person(self, rows: pd.DataFrame) -> npt.NDArray[np.float64]:
-        """Return the probability of a person, shape (n,)."""
-        values = self.view(inputs_of(rows, self.names, self.pictures))
-        return self.calibration(self.learned.log_probability(values))[:, 1]
+    def of_person(self, rows: pd.DataFrame) -> dict[str, FloatArray]:
+        """Return the probability of a person by every model, shape (n,)."""
+        raw = log_probabilities(
+            {name: model for name, (model, _) in self.members.items()}, inputs_of(rows, self.names, self.pictures)
+        )
+        found = {name: calibration(raw[name]) for name, (_, calibration) in self.members.items()}
+        joined = {name: calibration(mean_of(found, own)) for name, (own, calibration) in self.ensembles.items()}
+        return {name: values[:, 1] for name, values in {**found, **joined}.items()}
+
+
+def log_probabilities(models: Mapping[str, Learned], inputs: Inputs) -> dict[str, FloatArray]:
+    """Return log-probabilities of every member, (n, 2), not calibrated."""
+    views = {True: features_in(inputs), False: levels_in(inputs)}
+    return {name: model.log_probability(views[name in FEATURES]) for name, model in models.items()}
+
+
+def mean_of(found: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
+    """Return the mean of calibrated log-probabilities, as an ensemble does."""
+    return log_softmax(np.mean([np.log(np.maximum(found[name], 1e-300)) for name in names], axis=0))
 
 
 def train(
     rows: pd.DataFrame, settings: Mapping[str, Training], seed: int, *, pictures: str = "levels",
     spec: Patch | None = None,
-) -> dict[str, Trained]:  # fmt: skip
+) -> Trained:  # fmt: skip
     """Train the members and one ensemble per network.
 
     Every fifth pair of movers is held back.
@@ -183,22 +211,20 @@ def train(
     names = tuple(name for name, column in values.items() if np.unique(column[np.isfinite(column)]).size > 1)
     inputs, labels = inputs_of(rows, names, pictures), (rows["label"] == "human").to_numpy(dtype=np.int64)
     held = (rows["number"] // 2 % HELD_OF == HELD_OF - 1).to_numpy()
-    learn, kept = Part(inputs[~held], labels[~held]), Part(inputs[held], labels[held])
-    views: dict[str, tuple[Any, Learned]] = {}
-    for name in MEMBERS[:2]:
-        parts = (Part(features_in(part.values), part.labels) for part in (learn, kept))
-        views[name] = features_in, fit(kind_of(name), *parts, n_classes=2, seed=seed)
+    models: dict[str, Learned] = {}
+    for name in FEATURES:
+        learn, kept = (Part(features_in(inputs[part]), labels[part]) for part in (~held, held))
+        models[name] = fit(kind_of(name), learn, kept, n_classes=2, seed=seed)
     for label, own in settings.items():
-        parts = (Part(levels_in(part.values), part.labels) for part in (learn, kept))
-        network = train_network(*parts, n_classes=2, seed=seed, spec=spec, settings=own)
-        views[f"network, {label}"] = levels_in, network
-        members = [[views[name][1]] for name in MEMBERS[:2]]
-        views[f"ensemble, {label}"] = (lambda given: given), join([*members, [network]], kept, n_classes=2)
-    found = {}
-    for name, (view, learned) in views.items():
-        calibration = calibrate(learned.log_probability(view(kept.values)), kept.labels)
-        found[name] = Trained(learned, calibration, names, pictures, view)
-    return found
+        learn, kept = (Part(levels_in(inputs[part]), labels[part]) for part in (~held, held))
+        models[f"network, {label}"] = train_network(learn, kept, n_classes=2, seed=seed, spec=spec, settings=own)
+    raw = log_probabilities(models, inputs[held])
+    members = {name: (model, calibrate(raw[name], labels[held])) for name, model in models.items()}
+    found, ensembles = {name: calibration(raw[name]) for name, (_, calibration) in members.items()}, {}
+    for label in settings:
+        of = (*FEATURES, f"network, {label}")
+        ensembles[f"ensemble, {label}"] = of, calibrate(mean_of(found, of), labels[held])
+    return Trained(names, pictures, members, ensembles)
 
 
 def shared_out(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -207,14 +233,14 @@ def shared_out(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(turns, ignore_index=True)
 
 
-def answers_of(seed: int, out: Path, real: pd.DataFrame | None, *, share: float) -> dict[str, pd.DataFrame]:
+def results_of(seed: int, out: Path, real: pd.DataFrame | None, *, share: float) -> dict[str, pd.DataFrame]:
     """Simulate, train and test with one seed, or take what OUT_FOLDER holds.
 
     Returns
     -------
     dict of DataFrame
-        ``sensors``: facts of every radar. ``tested``: answers to simulated rows (trained, tested, variant, model,
-        label, p). ``real``: answers to real images.
+        ``sensors``: facts of every radar. ``tested``: answers to simulated rows (trained, tested, model, label,
+        p). ``real``: answers to real images.
     """
     target = out / f"cross-sensor-{share:g}-{seed}.pkl"
     if target.is_file():
@@ -222,26 +248,23 @@ def answers_of(seed: int, out: Path, real: pd.DataFrame | None, *, share: float)
     began = time.process_time()
     n_trained, n_tested = (max(int(share * size), 10) for size in (TRAINED, TESTED))
     learnt = {sensor: examples(sensor, 100 + seed, n_trained, out) for sensor in SENSORS}
-    cases = [*((sensor, "") for sensor in SENSORS), *itertools.product(VARIED, VARIANTS)]
-    tested = {case: examples(case[0], 900 + seed, n_tested, out, case[1]) for case in cases}
+    tested = {sensor: examples(sensor, 900 + seed, n_tested, out) for sensor in SENSORS}
     check_same(learnt)
-    check_same({" ".join(case): rows for case, rows in tested.items()})
+    check_same(tested)
     print(f"seed {seed}: simulated in {time.process_time() - began:.0f} s of processor time", flush=True)
     lines, shown = [], []
     for source, goal in [(sensor, "") for sensor in SENSORS] + [(OTHERS, sensor) for sensor in SENSORS]:
         rows = learnt[source] if not goal else shared_out([part for name, part in learnt.items() if name != goal])
-        models = train(rows, SETTINGS, seed)
-        for (sensor, variant), (name, model) in itertools.product(tested, models.items()):
+        models = train(rows, {name: SETTINGS[name] for name in ("recipe", "plain")} if goal else SETTINGS, seed)
+        for sensor, rows in tested.items():
             if goal in ("", sensor):
-                rows = tested[sensor, variant]
-                facts = {"trained": source, "tested": sensor, "variant": variant, "model": name}
-                lines.append(pd.DataFrame({**facts, "label": rows["label"], "p": model.of_person(rows)}))
+                facts = {"trained": source, "tested": sensor, "label": rows["label"]}
+                lines += [pd.DataFrame({**facts, "model": name, "p": p}) for name, p in models.of_person(rows).items()]
     for source in (*SENSORS, "all four") if real is not None else ():
         rows = shared_out(list(learnt.values())) if source == "all four" else learnt[source]
         models = train(rows, {"recipe": real_models.SETTINGS}, seed, pictures="xband", spec=images.PATCH)
-        for name, model in models.items():
-            facts = {"trained": source, "model": name, "image": real["image"], "label": real["label"]}
-            shown.append(pd.DataFrame({**facts, "p": model.of_person(real)}))
+        facts = {"trained": source, "image": real["image"], "label": real["label"]}
+        shown += [pd.DataFrame({**facts, "model": name, "p": p}) for name, p in models.of_person(real).items()]
     sensors = pd.DataFrame([facts_of(sensor, tested) for sensor in SENSORS])
     found = {"sensors": sensors, "tested": pd.concat(lines, ignore_index=True)}
     found["real"] = pd.concat(shown, ignore_index=True) if shown else pd.DataFrame()
@@ -250,15 +273,14 @@ def answers_of(seed: int, out: Path, real: pd.DataFrame | None, *, share: float)
     return found
 
 
-def facts_of(sensor: str, tested: Mapping[tuple[str, str], pd.DataFrame]) -> dict[str, Any]:
+def facts_of(sensor: str, tested: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
     """Return rate, resolutions, SNR and aliased rows of a radar."""
-    radar = radar_of(sensor)
-    rows = tested[sensor, ""]
+    radar, rows = radar_of(sensor), tested[sensor]
     return {
-        "radar": sensor, "pulses/s": rows["prf_hz"].iloc[0] if "prf_hz" in rows else np.nan,
-        "preset's pulses/s": radar.prf_hz, "cell, cm": 100.0 * radar.range_resolution_m,
+        "radar": sensor, "pulses/s": rows["prf_hz"].iloc[0], "preset's pulses/s": radar.prf_hz,
+        "preset's span, m/s": radar.unambiguous_velocity_mps, "range cell, cm": 100.0 * radar.range_resolution_m,
         "velocity cell, m/s": radar.wavelength_m / (2.0 * CPI_S), "SNR_mu, dB": rows["quality_snr_mu_db"].median(),
-        "aliased": aliased(rows), "aliased at the preset's rate": aliased(tested.get((sensor, "preset's rate"), rows)),
+        "aliased": aliased(rows),
     }  # fmt: skip
 
 
@@ -288,13 +310,13 @@ def scores(rows: pd.DataFrame) -> dict[str, float]:
 def cell(parts: Sequence[pd.DataFrame], score: str) -> str:
     """Format the mean over seeds and the range.
 
-    A seed counts by the mean over its pairs of radars.
+    A seed counts by the mean over its pairs of radars; empty where no seed has any.
     """
     values = []
     for rows in parts:
-        pairs = [scores(pair)[score] for _, pair in rows.groupby(["trained", "tested", "variant"])]
-        values.append(float(np.mean(pairs)))
-    return mean_and_range(values)
+        pairs = [scores(pair)[score] for _, pair in rows.groupby(["trained", "tested"])]
+        values.append(float(np.mean(pairs)) if pairs else np.nan)
+    return mean_and_range(values) if np.isfinite(values).all() else ""
 
 
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
@@ -308,15 +330,14 @@ def report(found: Sequence[Mapping[str, pd.DataFrame]]) -> list[str]:
     sensors = pd.concat([each["sensors"] for each in found]).groupby("radar", sort=False).mean()
     facts = [[str(name), *(f"{value:.3g}" for value in row)] for name, row in sensors.iterrows()]
     lines = [f"# Between sensors, {len(found)} seeds", "", *markdown(["radar", *sensors.columns], facts)]
-    answers = [each["tested"] for each in found]
-    usual = [rows[rows["variant"] == ""] for rows in answers]
-    for name, score in itertools.product([f"ensemble, {label}" for label in SETTINGS], ("accuracy", "f1")):
+    tested = [each["tested"] for each in found]
+    for name, score in itertools.product([f"ensemble, {label}" for label in ("recipe", "plain")], ("accuracy", "f1")):
         table = []
         for source in (*SENSORS, OTHERS):
-            own = [rows[(rows["trained"] == source) & (rows["model"] == name)] for rows in usual]
+            own = [rows[(rows["trained"] == source) & (rows["model"] == name)] for rows in tested]
             table.append([source, *(cell([r[r["tested"] == goal] for r in own], score) for goal in SENSORS)])
         lines += [f"{name}, {score}, %:", "", *markdown(["trained on", *SENSORS], table)]
-    names = list(dict.fromkeys(answers[0]["model"]))
+    names = list(dict.fromkeys(tested[0]["model"]))
     kinds = {
         "same radar": lambda rows: rows["trained"] == rows["tested"],
         "another radar": lambda rows: (rows["trained"] != rows["tested"]) & (rows["trained"] != OTHERS),
@@ -325,16 +346,9 @@ def report(found: Sequence[Mapping[str, pd.DataFrame]]) -> list[str]:
     for score in ("accuracy", "f1", "auc"):
         table = []
         for name in names:
-            own = [rows[rows["model"] == name] for rows in usual]
+            own = [rows[rows["model"] == name] for rows in tested]
             table.append([name, *(cell([rows[take(rows)] for rows in own], score) for take in kinds.values())])
         lines += [f"Mean over pairs of radars, {score}, %:", "", *markdown(["model", *kinds], table)]
-    table = []
-    for name, variant in itertools.product(names, ("", *VARIANTS)):
-        own = [rows[(rows["model"] == name) & (rows["variant"] == variant)] for rows in answers]
-        own = [rows[rows["tested"].isin(VARIED)] for rows in own]
-        cells = [cell([rows[take(rows)] for rows in own], "accuracy") for take in kinds.values()]
-        table.append([name, variant or "as trained", *cells])
-    lines += [f"Tested on {' and '.join(VARIED)}, accuracy, %:", "", *markdown(["model", "tested rows", *kinds], table)]
     if len(found[0]["real"]):
         table = []
         for (source, name), _ in found[0]["real"].groupby(["trained", "model"], sort=False):
@@ -357,7 +371,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     real = None if options.real is None else real_rows(options.real)
-    lines = report([answers_of(seed, options.out, real, share=options.share) for seed in range(options.seeds)])
+    lines = report([results_of(seed, options.out, real, share=options.share) for seed in range(options.seeds)])
     (options.out / "cross-sensor.md").write_text("\n".join(lines) + "\n")
     print("\n".join(lines))
 
