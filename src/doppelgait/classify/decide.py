@@ -49,6 +49,9 @@ class Decision:
         True where no decision is made.
     reason : str
         Reason of an abstention; empty for a decision.
+    blocked : bool
+        True where a flag, the conditions or features outside the training range keep it from deciding, so that its
+        probabilities mean nothing; False where they are only not sure enough.
     alarm : bool or None
         True where it triggers the alarm that detects 95 % of people; None where the model has no alarm or was not
         trained on such a radar, for which no threshold holds. An abstention by a flag or by features outside the
@@ -65,6 +68,7 @@ class Decision:
     probabilities: Mapping[str, float]
     abstained: bool
     reason: str
+    blocked: bool
     alarm: bool | None
     flags: tuple[str, ...]
     quality: Mapping[str, Any]
@@ -190,7 +194,8 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
     elsewhere = outside_conditions(seen.conditions, model.facts.conditions)
     flag = blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
-    if not reasons and not probability[best] >= model.facts.abstain_below:
+    blocked = bool(reasons)
+    if not blocked and not probability[best] >= model.facts.abstain_below:
         reasons = [f"probability {probability[best]:.2f} is below {model.facts.abstain_below:g}"]
     threshold = model.facts.alarm_threshold
     alarm = None
@@ -206,6 +211,7 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         probabilities={name: float(p) for name, p in zip(model.facts.classes, probability, strict=True)},
         abstained=bool(reasons),
         reason="; ".join(reasons),
+        blocked=blocked,
         alarm=alarm,
         flags=seen.flags,
         quality={name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)},

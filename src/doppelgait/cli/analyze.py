@@ -11,7 +11,10 @@ import typer
 from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
-    from doppelgait.pipeline import Result
+    from doppelgait.pipeline import Result, Tracking
+    from doppelgait.processing import Analysis
+    from doppelgait.processing.gate import GateChoice
+    from doppelgait.radar import Recording
 
 OPTION_HELP = "What the file does not store, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
 
@@ -20,6 +23,12 @@ Changes = Annotated[
     typer.Option("--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."),
 ]
 ReaderOptions = Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)]
+WindowS = Annotated[
+    float | None, typer.Option("--window-s", help="Work in windows of this length, s; tracks are linked.")
+]
+HopS = Annotated[
+    float | None, typer.Option("--hop-s", help="From window to window, s; by default a quarter of the window.")
+]
 
 SHOWN_QUALITY = {
     "track_range_m": "m", "start_s": "s", "stop_s": "s", "n_pieces": "1", "ground_speed_mps": "m/s",
@@ -38,17 +47,23 @@ def analyze(
     changes: Changes = None,
     options: ReaderOptions = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
+    window_s: WindowS = None,
+    hop_s: HopS = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Analyse a recording: signature, cadence-velocity diagram and features per target.
 
-    The six gait features of every target are printed, or all results written with -o.
+    The six gait features of every target are printed, or all results written with -o. With --window-s or --hop-s there
+    is one row per window and target.
 
     Example: doppelgait analyze walk.h5 -o result.h5 --figures figures
 
     Example: doppelgait analyze xethru_recording_20170913_150437_x --gate 0.4:1.0
+
+    Example: doppelgait analyze evening.h5 --window-s 4 --hop-s 1
     """
     from doppelgait.core.config import apply_overrides, validate
+    from doppelgait.core.errors import ConfigError
     from doppelgait.pipeline import Tracking, describe_results, write_results
     from doppelgait.pipeline import analyze as run_analysis
     from doppelgait.processing import Analysis, Gate
@@ -64,6 +79,12 @@ def analyze(
     for note in loaded.notes:
         say(f"note: {note}")
     choice = Gate.parse(gate, where="--gate")
+    if window_s is not None or hop_s is not None:
+        refused = [name for name, value in (("-o", output), ("--figures", figures)) if value is not None]
+        if refused:
+            raise ConfigError(f"{', '.join(refused)}: not with --window-s or --hop-s; take --json for all values")
+        _analyze_windows(loaded, window_s, hop_s, choice, settings, tracking, as_json=as_json)
+        return
     results = run_analysis(loaded, gate=choice, analysis=settings, tracking=tracking)
     if output is not None:
         write_results(output, loaded, results)
@@ -76,6 +97,34 @@ def analyze(
         print_json(describe_results(loaded, results))
     else:
         print_features(results)
+
+
+def _analyze_windows(
+    recording: Recording, window_s: float | None, hop_s: float | None, gate: GateChoice, analysis: Analysis,
+    tracking: Tracking, *, as_json: bool,
+) -> None:  # fmt: skip
+    """Print the features of every window, one row per target."""
+    from doppelgait.classify.timeline import Links, analyze_window, check_window, windows_of
+    from doppelgait.core.config import json_value
+
+    window_s, hop_s = check_window(window_s, hop_s)
+    links, rows, documents = Links(), [], []
+    for window in windows_of(recording, window_s, hop_s):
+        results = analyze_window(window, analysis, tracking, gate)
+        times = {"start_s": window.start_s, "stop_s": window.stop_s}
+        for track, result in zip(links.add(window, results), results, strict=True):
+            documents.append(json_value({**times, "track": track, **result.to_json(arrays=False)}))
+            values = {**result.features.as_dict(), "gait_frequency_hz": result.gait_frequency_hz}
+            rows.append({
+                "start (s)": number(window.start_s, 2), "stop (s)": number(window.stop_s, 2), "track": track,
+                **{name: number(value) for name, value in values.items()}, "flags": ", ".join(result.flags),
+            })  # fmt: skip
+    if as_json:
+        print_json({"recording": recording.source, "window_s": window_s, "hop_s": hop_s, "targets": documents})
+    elif rows:
+        print_table(rows)
+    else:
+        print("no target found")
 
 
 def print_features(results: Sequence[Result]) -> None:

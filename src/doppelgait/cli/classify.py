@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import ReaderOptions
+from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import number, print_json, print_table, progress, reader_options, say
+
+if TYPE_CHECKING:
+    from doppelgait.classify.model import Model
+    from doppelgait.classify.timeline import TrackDecision
 
 
 def classify(
@@ -25,25 +29,33 @@ def classify(
         typer.Option("--set", help="Change a parameter of the model's analysis, or tracking...; repeatable."),
     ] = None,
     options: ReaderOptions = None,
+    window_s: WindowS = None,
+    hop_s: HopS = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Classify every target of a recording, with a calibrated probability.
 
-    Where the model does not decide, the reason is printed.
+    Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording is classified in
+    windows: a table of tracks, and a timeline of the decisions about them.
 
     Example: doppelgait classify walk.h5 --model home-alarm-model.npz
+
+    Example: doppelgait classify evening.h5 --model home-alarm-model.npz --window-s 4 --hop-s 1
     """
     from doppelgait.classify.decide import classify as run_classification
-    from doppelgait.classify.model import rests_on
     from doppelgait.classify.model_file import load_model
     from doppelgait.pipeline.result import is_result_file
 
     loaded = load_model(model)
     facts = loaded.facts
+    about = {"file": str(model), "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
+             "calibrated": loaded.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
+             "alarm_people": facts.alarm_people}  # fmt: skip
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
-        refused = [name for name, value in (("--set", changes), ("--option", options)) if value]
+        given = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
+        refused = [name for name, value in given if value]
         if gate != "track":
             refused.append("--gate")
         if refused:
@@ -67,11 +79,20 @@ def classify(
         for note in read.notes:
             say(f"note: {note}")
         choice = Gate.parse(gate, where="--gate")
+        if window_s is not None or hop_s is not None:
+            from doppelgait.classify.timeline import check_window, classify_over_time
+
+            window_s, hop_s = check_window(window_s, hop_s, loaded)
+            over_time = classify_over_time(
+                read, loaded, window_s=window_s, hop_s=hop_s, gate=choice, analysis=settings, tracking=tracking
+            )
+            head = {"file": str(recording), "model": about, "window_s": window_s, "hop_s": hop_s}
+            _print_over_time(over_time, head, as_json=as_json)
+            if over_time and not as_json:
+                _say_about(loaded, str(model))
+            return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
-        about = {"file": str(model), "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
-                 "calibrated": loaded.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
-                 "alarm_people": facts.alarm_people}  # fmt: skip
         print_json({"file": str(recording), "model": about, "targets": [decision.as_dict() for decision in decisions]})
     else:
         rows: list[dict[str, Any]] = [
@@ -81,16 +102,82 @@ def classify(
                 "decision": "none" if found.abstained else found.label,
                 "likeliest": found.label,
                 "probability": number(found.probability),
-                "alarm": {None: "-", True: "yes", False: "no"}[found.alarm],
+                "alarm": ALARM[found.alarm],
                 "why no decision": found.reason,
             }
             for found in decisions
         ]
         print_table(rows) if rows else print("no target found")
-        if decisions and not loaded.calibration.n_rows:
-            say(f"note: {model}: its probabilities are not calibrated")
-        if decisions and rests_on(facts):
-            say(f"note: {rests_on(facts)}")
+        if decisions:
+            _say_about(loaded, str(model))
+
+
+def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as_json: bool) -> None:
+    """Print the table of tracks and the timeline, or both and every window as JSON."""
+    from doppelgait.classify.timeline import decision_spans
+
+    spans = decision_spans(decisions)
+    by_track: dict[int, list[TrackDecision]] = {}
+    for found in decisions:
+        by_track.setdefault(found.track, []).append(found)
+    tracks: list[dict[str, Any]] = []
+    for track, ones in sorted(by_track.items()):
+        tracks.append({
+            "track": track,
+            "start_s": ones[0].start_s,
+            "stop_s": ones[-1].stop_s,
+            "decision": ones[-1].label,
+            "probability": ones[-1].probability,
+            "alarm": None if all(one.alarm is None for one in ones) else any(one.alarm for one in ones),
+            "windows": len(ones),
+            "evidence": sum(not one.window.blocked for one in ones),
+        })  # fmt: skip
+    if as_json:
+        print_json({
+            **head, "tracks": tracks, "timeline": [span._asdict() for span in spans],
+            "windows": [found.as_dict() for found in decisions],
+        })  # fmt: skip
+        return
+    if not tracks:
+        print("no target found")
+        return
+    times = {"start_s": "start (s)", "stop_s": "stop (s)"}
+    for rows in (tracks, [{**span._asdict(), "decision": span.label} for span in spans]):
+        shown = ("track", "start_s", "stop_s", "decision", "probability", "alarm", "windows", "evidence", "reason")
+        print_table([
+            {times.get(name, name): _cell(name, row[name]) for name in shown if name in row} for row in rows
+        ])  # fmt: skip
+        if rows is tracks:
+            print("\ntimeline")
+
+
+def _cell(name: str, value: Any) -> Any:
+    if name == "alarm":
+        return ALARM[value]
+    if name == "decision":
+        return value or "none"
+    return number(value, 3 if name == "probability" else 2) if isinstance(value, float) else value
+
+
+ALARM = {None: "-", True: "yes", False: "no"}
+
+
+def _say_about(model: Model, name: str) -> None:
+    """Explain the alarm, and the data that probabilities rest on."""
+    from doppelgait.classify.model import rests_on
+
+    facts = model.facts
+    if facts.alarm is None or facts.alarm_threshold is None:
+        say("note: alarm: this model has none")
+    else:
+        say(
+            f"note: alarm: yes from a probability of {facts.alarm_threshold:.2g} for {facts.alarm} on, which 95 % of "
+            "them reach; also without a decision; -: not known for this radar"
+        )
+    if not model.calibration.n_rows:
+        say(f"note: {name}: its probabilities are not calibrated")
+    if rests_on(facts):
+        say(f"note: {rests_on(facts)}")
 
 
 def evaluate(

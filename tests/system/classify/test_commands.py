@@ -8,15 +8,19 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from doppelgait.cli.analyze import analyze
 from doppelgait.cli.classify import classify, evaluate
+from doppelgait.classify import classify as run_classification
+from doppelgait.classify import load_model
 from doppelgait.core.errors import ConfigError, DatasetError, RecordingError
 from doppelgait.pipeline import parse_run, run_simulation
-from doppelgait.radar import write_recording
+from doppelgait.radar import read_recording, write_recording
 from tiny_dataset import built, tiny_plan
 
 APP = typer.Typer()
 APP.command("evaluate")(evaluate)
 APP.command("classify")(classify)
+APP.command("analyze")(analyze)
 
 
 def run(*arguments):
@@ -66,6 +70,37 @@ def test_a_recording_is_classified(folder):
     text = run("classify", folder / "walk.h5", "--model", folder / "m.npz", "--gate", "truth")
     assert target["label"] in text
     assert "likeliest" in text
+
+
+def test_a_recording_is_classified_in_windows(folder):
+    """A window is what the same part of the recording is alone; the last line says what an alarm is."""
+    arguments = ("classify", folder / "walk.h5", "--model", folder / "m.npz", "--window-s", 2.4, "--hop-s", 0.3)
+    found = json.loads(run(*arguments, "--json"))
+    assert (found["window_s"], found["hop_s"]) == (2.4, 0.3)
+    (track,) = found["tracks"]
+    assert [one["start_s"] for one in found["windows"]] == pytest.approx([0.0, 0.3, 0.6])
+    assert track["windows"] == 3
+    assert [found["timeline"][0]["start_s"], found["timeline"][-1]["stop_s"]] == pytest.approx([0.0, 3.0])
+    part = read_recording(folder / "walk.h5").between(0.0, 2.4)
+    (alone,) = run_classification(part, load_model(folder / "m.npz"))
+    assert found["windows"][0]["window"] == alone.as_dict()
+    text = run(*arguments)
+    assert text.index("evidence") < text.index("timeline") < text.index("reason")
+
+
+def test_features_of_windows_are_rows(folder):
+    arguments = ("analyze", folder / "walk.h5", "--window-s", 2.4, "--hop-s", 0.6)
+    found = json.loads(run(*arguments, "--json"))
+    assert [(one["track"], one["start_s"]) for one in found["targets"]] == [(0, 0.0), (0, 0.6)]
+    assert found["targets"][1]["features"]["torso_velocity_mps"] == pytest.approx(1.2, abs=0.1)
+    assert run(*arguments).count("\n") == 3
+    with pytest.raises(ConfigError, match="-o: not with --window-s"):
+        run(*arguments, "-o", folder / "r.h5")
+
+
+def test_an_alarm_is_explained(folder):
+    done = CliRunner().invoke(APP, ["classify", str(folder / "walk.h5"), "--model", str(folder / "m.npz")])
+    assert "note: alarm: " in done.stderr
 
 
 def test_mistakes_are_one_clear_error(folder, tmp_path_factory, tmp_path):

@@ -1,0 +1,209 @@
+"""Decisions over time: windows, links, fused evidence."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from doppelgait.classify import timeline
+from doppelgait.classify.decide import Decision
+from doppelgait.classify.timeline import (
+    CHANGE_PER_S,
+    Links,
+    Tracks,
+    Window,
+    _Belief,
+    analyze_window,
+    check_window,
+    decision_spans,
+    windows_of,
+)
+from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.rng import rng
+from doppelgait.motion import boulic_walk
+from doppelgait.pipeline import Result, simulate
+from doppelgait.processing import Analysis, Gate
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+MODEL = SimpleNamespace(
+    facts=SimpleNamespace(
+        classes=("human", "dog"), abstain_below=0.8, alarm="human", alarm_threshold=0.6,
+        conditions={"observation_s": (2.0, 4.0)},
+    ),
+    calibration=SimpleNamespace(n_rows=98),
+)  # fmt: skip
+
+
+def window(start_s, length_s=4.0):
+    return Window(start_s, start_s + length_s, None)
+
+
+def target(start_m, speed_mps, *, length_s=4.0, start_s=0.0, segment=None):
+    """A result whose range changes evenly; times from the start of its window."""
+    times_s = np.linspace(start_s, length_s, 50)
+    gate = Gate.around(times_s, start_m + speed_mps * (times_s - start_s), span_m=1.6, source="track")
+    quality = {} if segment is None else {"start_s": segment[0], "stop_s": segment[1]}
+    return Result(Analysis(), gate_limits=gate, arrays={"signature": None}, quality=quality)
+
+
+def said(human, *, blocked=False, alarm=None):
+    return Decision(
+        target=0, label="human" if human > 0.5 else "dog", probability=max(human, 1 - human),
+        probabilities={"human": human, "dog": 1 - human}, abstained=blocked, reason="flag x" if blocked else "",
+        blocked=blocked, alarm=alarm, flags=(), quality={},
+    )  # fmt: skip
+
+
+def decisions(monkeypatch, windows):
+    """Decisions about one standing target: (probability of human, further facts) per window of 4 s, hop 4 s."""
+    answers = iter(windows)
+    monkeypatch.setattr(timeline, "decide", lambda *_: next(answers))
+    tracks = Tracks(MODEL)
+    return [tracks.add(window(4.0 * n), [target(3.0, 0.0)])[0] for n in range(len(windows))]
+
+
+# Windows -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def walk():
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=5.0), range_m=5.0)])
+    return simulate(scene, Radar.preset("x4", prf_hz=700.0), rng=rng(3), snr_db=20.0)
+
+
+def test_windows_begin_every_hop_and_look_at_nothing_else(walk):
+    found = list(windows_of(walk, 3.0, 0.75))
+    assert [one.start_s for one in found] == [0.0, 0.75, 1.5]
+    part = walk.between(0.75, 3.75)
+    np.testing.assert_array_equal(found[1].recording.baseband.values, part.baseband.values)
+    assert found[1].recording.slow_time_s[0] == 0.0
+    assert not found[1].recording.truth
+
+
+def test_times_of_a_window_are_those_of_the_recording(walk):
+    first, _, last = (analyze_window(one, Analysis()) for one in windows_of(walk, 3.0, 0.75))
+    for name in ("start_s", "stop_s", "track_start_s", "track_confirmed_at_s"):
+        assert last[0].quality[name] == pytest.approx(first[0].quality[name] + 1.5, abs=0.3)
+    assert last[0].segments[0].quality["stop_s"] > 3.5
+
+
+def test_a_recording_shorter_than_a_window_says_so(walk):
+    with pytest.raises(AnalysisError, match=r"lasts 5 s, less than a window of 6 s"):
+        list(windows_of(walk, 6.0, 1.0))
+
+
+def test_window_and_hop_have_defaults_of_the_model():
+    assert check_window(None, None, MODEL) == (3.0, 0.75)
+    assert check_window(None, None) == (4.0, 1.0)
+    assert check_window(5.0, 1.0, MODEL) == (5.0, 1.0)
+
+
+@pytest.mark.parametrize(("window_s", "hop_s"), [(2.0, 3.0), (2.0, 0.0), (-1.0, None), (float("nan"), None)])
+def test_a_hop_is_above_zero_and_no_longer_than_the_window(window_s, hop_s):
+    with pytest.raises(ConfigError, match="0 < hop <= window"):
+        check_window(window_s, hop_s)
+
+
+# Links ---------------------------------------------------------------------------------------------------------------
+
+
+def test_who_pass_each_other_keep_their_numbers():
+    """Ranges 2 + t and 8 - t cross at t = 3."""
+    links, hop_s, numbers = Links(), 1.0, []
+    for n in range(5):
+        pair = [target(2.0 + n * hop_s, 1.0), target(8.0 - n * hop_s, -1.0)]
+        numbers.append(links.add(window(n * hop_s), pair[:: 1 if n % 2 else -1])[:: 1 if n % 2 else -1])
+    assert numbers == [[1, 0]] * 5
+
+
+def test_a_path_leads_across_a_gap_but_not_to_another_place_or_for_long():
+    links = Links()
+    assert links.add(window(0.0), [target(2.0, 1.0)]) == [0]  # at 6 m after 4 s
+    assert links.add(window(4.0), []) == []
+    later = target(7.5, 1.0, start_s=1.5)
+    assert Links.add(links, window(4.0), [later]) == [0]
+    assert links.add(window(4.0), [target(2.0, 1.0)]) == [1]
+    assert links.add(window(30.0), [target(7.5, 1.0)]) == [2]
+
+
+def test_memory_of_links_and_beliefs_does_not_grow(monkeypatch):
+    monkeypatch.setattr(timeline, "decide", lambda *_: said(0.9))
+    tracks = Tracks(MODEL)
+    for n in range(200):
+        tracks.add(window(n * 1.0), [target(1.0 + 3.0 * (n % 3), 0.0, length_s=0.5)])
+    assert len(tracks.links.kept) <= 10
+    assert set(tracks._beliefs) <= tracks.links.kept
+
+
+# Fusion --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_belief_is_that_of_all_histories():
+    """Sum over every sequence of three classes, with the transition matrix as a matrix exponential."""
+    rows = np.array([[0.7, 0.2, 0.1], [0.1, 0.6, 0.3], [0.5, 0.3, 0.2], [0.2, 0.2, 0.6]])
+    times_s = np.array([4.0, 8.0, 13.0, 30.0])
+    belief = _Belief(np.full(3, 1 / 3), 4.0)
+    for row, at_s in zip(rows, times_s, strict=True):
+        belief.pass_to(at_s)
+        belief.see(row, at_s - 4.0, at_s)
+    rates = CHANGE_PER_S / 2 * np.ones((3, 3))
+    np.fill_diagonal(rates, -CHANGE_PER_S)
+    steps = [expm(rates * dt) for dt in np.diff(times_s)]
+    total = np.zeros(3)
+    for states in itertools.product(range(3), repeat=4):
+        chance = np.prod([rows[n, state] for n, state in enumerate(states)]) / 3
+        total[states[-1]] += chance * np.prod([steps[n][states[n], states[n + 1]] for n in range(3)])
+    np.testing.assert_allclose(belief.probability, total / total.sum(), rtol=1e-12)
+
+
+def test_overlapping_windows_count_by_what_is_new():
+    """Ten windows of 4 s, hop 0.4 s, with the same log odds: 1 + 9 / 10 of one, without the passing of time."""
+    belief = _Belief(np.full(2, 0.5), 0.0)
+    for n in range(10):
+        belief.see(np.array([0.8, 0.2]), 0.4 * n, 0.4 * n + 4.0)
+    odds = belief.probability[0] / belief.probability[1]
+    assert np.log(odds) == pytest.approx(1.9 * np.log(4.0))
+
+
+def test_only_the_segment_that_was_looked_at_counts(monkeypatch):
+    answers = [said(0.7), said(0.7)]
+    monkeypatch.setattr(timeline, "decide", lambda *_: answers.pop())
+    tracks = Tracks(MODEL)
+    (first,) = tracks.add(window(0.0), [target(3.0, 0.0, segment=(1.0, 3.0))])
+    (second,) = tracks.add(window(1.0), [target(3.0, 0.0, segment=(1.0, 3.0))])  # the same two seconds again
+    assert first.probability == pytest.approx(0.7)
+    assert 0.69 < second.probability < 0.7
+
+
+def test_a_decision_stays_until_the_other_class_is_sure(monkeypatch):
+    found = decisions(monkeypatch, [said(0.7), said(0.7), said(0.3), said(0.3), said(0.1), said(0.4)])
+    assert [one.label for one in found] == [None, "human", "human", "human", "dog", "dog"]
+    assert found[0].reason == "probability 0.70 is below 0.8"
+    assert found[2].probability < 0.8
+    assert found[2].reason == ""
+    spans = decision_spans(found)
+    assert [(s.start_s, s.stop_s, s.label) for s in spans] == [(0, 4, None), (4, 16, "human"), (16, 24, "dog")]
+
+
+def test_what_may_not_be_decided_is_no_evidence_and_what_is_not_sure_is(monkeypatch):
+    found = decisions(monkeypatch, [said(0.9), said(0.01, blocked=True), said(0.01, blocked=True), said(0.6)])
+    assert [one.label for one in found] == ["human"] * 4
+    assert [one.reason for one in found] == ["", "flag x", "flag x", ""]
+    kept = np.exp(-2 * CHANGE_PER_S * 4.0)
+    assert found[2].probability == pytest.approx(0.5 + 0.4 * kept**2)
+    assert found[3].probability > found[2].probability
+
+
+def test_no_window_says_more_than_the_rows_of_its_calibration(monkeypatch):
+    (found,) = decisions(monkeypatch, [said(1.0)])
+    assert found.probability == pytest.approx(1 / 1.01)
+
+
+def test_the_alarm_is_that_of_the_window_before_there_is_evidence(monkeypatch):
+    windows = [said(0.5, blocked=True, alarm=True), said(0.7, alarm=True), said(0.01, blocked=True), said(0.2)]
+    assert [one.alarm for one in decisions(monkeypatch, windows)] == [True, True, True, False]
