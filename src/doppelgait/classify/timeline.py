@@ -1,4 +1,4 @@
-"""Decisions over time: windows of a recording, targets linked from window to window, evidence fused per track.
+"""Decisions over time: windows, linked targets, and evidence fused per track.
 
 A window is cut from the recording (:func:`windows_of`), or from a stream (:mod:`doppelgait.classify.live`), and is
 analysed and classified like a recording of its own: nothing outside it is looked at, so that a stream gives what its
@@ -175,7 +175,7 @@ def _later(result: Result, by_s: float) -> Result:
 
 
 class Path(NamedTuple):
-    """Ranges of a target in one window, every tenth of a second of the recording's time."""
+    """Ranges of a target in one window, every tenth of a second."""
 
     time_s: FloatArray
     range_m: FloatArray
@@ -195,7 +195,7 @@ class Path(NamedTuple):
         return -float((range_m[-1] - range_m[0]) / max(times_s[-1] - times_s[0], STEP_S))
 
     def distance_to(self, later: Path) -> float:
-        """Return the distance in m to a later path; inf beyond its limit."""
+        """Return the distance to a later path, m; inf beyond its limit."""
         common = later.time_s[(later.time_s >= self.time_s[0]) & (later.time_s <= self.time_s[-1])]
         if common.size * STEP_S >= LEAST_COMMON_S:
             apart = np.interp(common, self.time_s, self.range_m) - np.interp(common, later.time_s, later.range_m)
@@ -244,7 +244,7 @@ class Links:
 
 @dataclass
 class _Belief:
-    """What is known of the class of one track."""
+    """Probabilities of the class of one track, and its decision."""
 
     probability: FloatArray
     at_s: float
@@ -253,13 +253,13 @@ class _Belief:
     alarm: bool | None = None
 
     def pass_to(self, time_s: float) -> None:
-        """Let time pass: p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt), the forward equation."""
+        """Predict the belief: p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt)."""
         n = self.probability.size
         kept = math.exp(-CHANGE_PER_S * n / (n - 1) * max(time_s - self.at_s, 0.0))
         self.probability, self.at_s = 1.0 / n + (self.probability - 1.0 / n) * kept, time_s
 
     def see(self, probability: FloatArray, start_s: float, stop_s: float) -> None:
-        """Add the evidence of a time, by the part of it that is new."""
+        """Add evidence, weighted by the share of its time that is new."""
         new_s = stop_s - max(start_s, self.covered_s)
         weight = min(max(new_s / max(stop_s - start_s, 1e-9), 0.0), 1.0)
         self.covered_s = max(self.covered_s, stop_s)

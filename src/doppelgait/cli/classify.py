@@ -113,7 +113,7 @@ def classify(
 
 
 def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as_json: bool) -> None:
-    """Print the table of tracks and the timeline, or both and every window as JSON."""
+    """Print tracks and timeline, with every window as JSON."""
     from doppelgait.classify.timeline import decision_spans
 
     spans = decision_spans(decisions)

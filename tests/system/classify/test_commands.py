@@ -8,10 +8,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from doppelgait.cli.analyze import analyze
-from doppelgait.cli.classify import classify, evaluate
 from doppelgait.classify import classify as run_classification
 from doppelgait.classify import load_model
+from doppelgait.cli.analyze import analyze
+from doppelgait.cli.classify import classify, evaluate
 from doppelgait.core.errors import ConfigError, DatasetError, RecordingError
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import read_recording, write_recording
