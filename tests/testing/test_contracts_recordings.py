@@ -40,7 +40,7 @@ def _recording(n_bins=6, prf_hz=25.0):
 
 
 XETHRU = {"start_time": datetime(2020, 5, 1, 12, tzinfo=UTC), "session_id": "a"}
-WRITERS = {"doppelgait": {}, "arrays": {}, "sigmf": {}, "xethru": {**XETHRU, "rtol": 1e-5}}
+WRITERS = {"doppelgait": {}, "arrays": {}, "frames": {}, "sigmf": {}, "xethru": {**XETHRU, "rtol": 1e-5}}
 
 
 CHIRPS = {"device": "xwr18xx", "receivers": [0], "n_samples": 64, "sample_rate_hz": 2e6, "start_hz": 60e9,

@@ -45,6 +45,7 @@ RADAR_READERS: Group[Reader] = Group(
         "doppelgait.radar.recordings", "doppelgait.radar.xethru.convert", "doppelgait.radar.readers.matlab",
         "doppelgait.radar.readers.arrays", "doppelgait.radar.readers.acconeer", "doppelgait.radar.readers.cw_text",
         "doppelgait.radar.readers.sigmf", "doppelgait.radar.readers.glasgow", "doppelgait.radar.readers.dca1000",
+        "doppelgait.radar.frames",
     ),
 )  # fmt: skip
 """Readers of radar recordings by name."""
@@ -53,7 +54,7 @@ RADAR_WRITERS: Group[Writer] = Group(
     "radar_writer",
     built_in=(
         "doppelgait.radar.recordings", "doppelgait.radar.xethru.export", "doppelgait.radar.readers.arrays",
-        "doppelgait.radar.readers.sigmf",
+        "doppelgait.radar.readers.sigmf", "doppelgait.radar.frames",
     ),
 )  # fmt: skip
 """Writers of radar recordings by name."""

@@ -1,0 +1,360 @@
+"""The format of frames in live streams and their files.
+
+Everything is little endian. A stream is a sequence of records of one layout::
+
+    offset  bytes  content
+    0       4      magic "DGfr"
+    4       1      version, 1
+    5       1      kind: 1 header, 2 frame, 3 end
+    6       2      0
+    8       4      length of the payload
+    12      ...    payload
+    12 + length    4 bytes: CRC-32 (zlib) of the bytes from offset 4 to the payload's end
+
+The payload of a header is JSON in UTF-8, at most 64 KiB: ``carrier_hz``, ``prf_hz``, ``range_start_m``,
+``bin_spacing_m``, ``range_bins`` and ``radar``, a preset's name or all parameters of the radar. That of a frame is its
+counter (uint64), the sender's time in s (float64) and one complex64 value in V per range bin. That of an end is empty.
+A header comes first and may come again; a sender of datagrams repeats it, with whole records in each datagram.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
+from doppelgait.core.files import atomic_path
+from doppelgait.core.plugins import plugin
+from doppelgait.radar.measured import check_number, label_measured, preset_radar
+from doppelgait.radar.parameters import MAX_RANGE_BINS, Radar
+from doppelgait.radar.presets import preset_names
+from doppelgait.radar.recording import Recording
+
+MAGIC = b"DGfr"
+VERSION = 1
+HEADER, FRAME, END = 1, 2, 3
+HEAD = struct.Struct("<4sBBHI")
+STAMP = struct.Struct("<Qd")
+CHECK = struct.Struct("<I")
+MAX_HEADER_BYTES = 65_536
+CHUNK_BYTES = 1 << 16
+LARGEST_GAP = 1_000_000
+"""A counter that jumps further was restarted."""
+FACTS = ("carrier_hz", "prf_hz", "bin_spacing_m", "range_start_m", "range_bins")
+SAME = 1e-6
+"""Relative difference up to which two headers state the same value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """Radar of a stream, and its range bins.
+
+    Parameters
+    ----------
+    radar : Radar
+    range_m : ndarray, shape (N,)
+        Evenly spaced ranges of the bins.
+    """
+
+    radar: Radar
+    range_m: npt.NDArray[np.float64]
+
+    @property
+    def facts(self) -> dict[str, float]:
+        """Carrier, frame rate and range bins, by the keys of the format."""
+        spacing_m = self.range_m[1] - self.range_m[0] if self.range_m.size > 1 else self.radar.bin_spacing_m
+        values = (self.radar.carrier_hz, self.radar.prf_hz, spacing_m, self.range_m[0], self.range_m.size)
+        return {key: float(value) for key, value in zip(FACTS, values, strict=True)}
+
+    def difference(self, other: Header, *, keys: Iterable[str] = FACTS, tolerance: float = SAME) -> str:
+        """Return the first fact in which another header differs, with both values.
+
+        Empty where there is none.
+        """
+        for key in keys:
+            mine, theirs = self.facts[key], other.facts[key]
+            if not math.isclose(mine, theirs, rel_tol=tolerance, abs_tol=1e-9):
+                return f"{key} is {theirs:.9g}, expected is {mine:.9g}"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame as received: counter, the sender's time, samples in V.
+
+    Without a counter, the time is taken as it is.
+    """
+
+    counter: int | None
+    clock_s: float
+    row: npt.NDArray[np.complex64]
+
+
+def record(kind: int, payload: bytes) -> bytes:
+    """Return one record of the format."""
+    head = HEAD.pack(MAGIC, VERSION, kind, 0, len(payload))
+    return head + payload + CHECK.pack(zlib.crc32(payload, zlib.crc32(head[4:])))
+
+
+def header_record(header: Header) -> bytes:
+    """Return the record that opens a stream."""
+    facts = {**header.facts, "range_bins": header.range_m.size}
+    return record(HEADER, canonical_json({**facts, "radar": header.radar.model_dump(mode="json")}).encode())
+
+
+def frame_record(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
+    """Return the record of one frame.
+
+    Parameters
+    ----------
+    counter : int
+        Number of the frame, one more than the last.
+    clock_s : float
+        Time at the sender.
+    row : ndarray, shape (N,)
+        Samples, V.
+    """
+    return record(FRAME, STAMP.pack(counter, clock_s) + np.asarray(row, dtype="<c8").tobytes())
+
+
+END_RECORD = record(END, b"")
+"""The record that ends a stream on purpose; without it, the sender was killed."""
+
+
+def parse_header(payload: bytes, where: str) -> Header:
+    """Check the content of a header.
+
+    Raises
+    ------
+    RecordingError
+        If it is no JSON object with the keys of the format, or a value is not allowed.
+    """
+    try:
+        table = json.loads(payload.decode())
+    except (ValueError, RecursionError):
+        raise RecordingError(f"{where}: the header is no JSON in UTF-8") from None
+    keys = (*FACTS, "radar")
+    if not isinstance(table, dict) or set(table) != set(keys):
+        held = ", ".join(map(str, table)) if isinstance(table, dict) else type(table).__name__
+        raise RecordingError(f"{where}: the header must have the keys {', '.join(keys)}; it has {held[:200]}")
+    place = Path(where)
+    limits = {"carrier_hz": (0, 1e12), "prf_hz": (0, 1e6), "bin_spacing_m": (0, 1e6), "range_start_m": (-10, 1e6)}
+    facts = {
+        key: check_number(place, f"{key} of the header", table[key], above=above, most=most)
+        for key, (above, most) in limits.items()
+    }
+    n_bins = table["range_bins"]
+    if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= MAX_RANGE_BINS:
+        raise RecordingError(f"{where}: range_bins of the header = {n_bins!r} is not allowed; 1 to {MAX_RANGE_BINS:,}")
+    told: dict[str, Any] = {"carrier_hz": facts["carrier_hz"], "prf_hz": facts["prf_hz"]}
+    named = table["radar"]
+    if not isinstance(named, dict) and named not in preset_names():  # never the path of a file
+        raise RecordingError(
+            f"{where}: radar of the header = {str(named)[:80]!r} is neither a table nor one of the presets "
+            f"{', '.join(preset_names())}"
+        )
+    try:
+        radar = validate(Radar, named, where="radar") if isinstance(named, dict) else Radar.preset(named, **told)
+    except ConfigError as error:
+        raise RecordingError(f"{where}: {error}") from None
+    if isinstance(named, str) and radar.waveform.ranged:
+        radar = preset_radar(place, named, n_range_bins=n_bins, range_start_m=facts["range_start_m"], **told)
+    header = Header(radar, facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(n_bins, dtype=np.float64))
+    for key in ("carrier_hz", "prf_hz"):
+        if not math.isclose(facts[key], header.facts[key], rel_tol=SAME):
+            raise RecordingError(f"{where}: the header states {key} = {facts[key]:g}, its radar {header.facts[key]:g}")
+    return header
+
+
+class FrameParser:
+    """Cut bytes into headers and frames, whatever else is between them.
+
+    Attributes
+    ----------
+    header : Header or None
+        The last one; frames before the first are passed over.
+    malformed : int
+        Records that are cut off, of another length or of a wrong checksum, and runs of other bytes.
+    fault : str
+        What was wrong with the last of them.
+    ended : bool
+        Whether the end record has come.
+    """
+
+    def __init__(self, where: str) -> None:
+        self.where, self.malformed, self.fault, self.ended = where, 0, "", False
+        self.header: Header | None = None
+        self._buffer, self._lost = bytearray(), False
+
+    def feed(self, content: bytes) -> Iterator[Header | Frame]:
+        """Yield what is complete with further bytes.
+
+        Raises
+        ------
+        RecordingError
+            If a header is whole but not allowed, or the stream is of another version of the format.
+        """
+        self._buffer += content
+        at = 0
+        try:
+            while (start := self._buffer.find(MAGIC, at)) >= 0 and len(self._buffer) - start >= HEAD.size:
+                if start > at:
+                    self._count(f"{start - at} bytes that are no record")
+                at = start
+                _, version, kind, _, length = HEAD.unpack_from(self._buffer, start)
+                if version != VERSION and self.header is None and not self.malformed:
+                    raise RecordingError(f"{self.where}: is of version {version} of the format; {VERSION} is read")
+                if fault := self._implausible(version, kind, length):
+                    if self.header is not None or kind != FRAME:
+                        self._count(fault)
+                    at += 1
+                    continue
+                stop = start + HEAD.size + length
+                if len(self._buffer) < stop + CHECK.size:
+                    break
+                at += 1
+                payload = bytes(self._buffer[start + HEAD.size : stop])
+                if CHECK.unpack_from(self._buffer, stop)[0] != zlib.crc32(
+                    payload, zlib.crc32(self._buffer[start + 4 : start + HEAD.size])
+                ):
+                    self._count("a record of a wrong checksum")
+                    continue
+                at, self._lost = stop + CHECK.size, False
+                if kind == HEADER:
+                    self.header = parse_header(payload, self.where)
+                    yield self.header
+                elif kind == FRAME:
+                    row = np.frombuffer(payload, dtype="<c8", offset=STAMP.size)
+                    if np.isfinite(row).all():
+                        counter, clock_s = STAMP.unpack_from(payload)
+                        yield Frame(counter, clock_s, row)
+                    else:
+                        self._count("a frame with NaN or infinite values")
+                else:
+                    self.ended = True
+            else:
+                rest = len(self._buffer) - len(MAGIC) + 1
+                if start < 0 and rest > at:
+                    self._count(f"{rest - at} bytes that are no record")
+                    at = rest
+        finally:
+            del self._buffer[:at]
+
+    def finish(self) -> None:
+        """Count and forget a record that was begun: no more bytes come."""
+        if self._buffer:
+            self._count(f"a record that ends after {len(self._buffer)} bytes")
+            self._buffer.clear()
+
+    def _implausible(self, version: int, kind: int, length: int) -> str:
+        """Return what is wrong with the head of a record.
+
+        A length is believed only where it is the header's, or short.
+        """
+        if version != VERSION or kind not in (HEADER, FRAME, END):
+            return f"a record of version {version} and kind {kind}"
+        most = {HEADER: MAX_HEADER_BYTES, END: 0}.get(kind, 0)
+        if kind == FRAME:
+            n_bins = 0 if self.header is None else self.header.range_m.size
+            expected = STAMP.size + 8 * n_bins
+            return "" if n_bins and length == expected else f"a frame of {length} bytes, expected are {expected}"
+        return "" if length <= most else f"a header or end of {length:,} bytes, at most {most:,} are allowed"
+
+    def _count(self, fault: str) -> None:
+        """Count what is malformed; the rest of it is passed over uncounted."""
+        if not self._lost or not fault.endswith("no record"):
+            self.malformed, self.fault = self.malformed + 1, fault
+        self._lost = True
+
+
+def sniff_frames(path: Path) -> bool:
+    """Return whether a file starts as frames in our format."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+@plugin("radar_writer", "frames", suffix=".dgf")
+def write_frames(recording: Recording, path: str | Path) -> None:
+    """Write a recording as a stream of frames, without its truth.
+
+    Raises
+    ------
+    RecordingError
+        If its range bins are not evenly spaced.
+    OutputError
+        If the file cannot be written.
+    """
+    header = recording_header(recording)
+    with atomic_path(path) as partial, partial.open("wb") as file:
+        file.write(header_record(header))
+        for number, (time_s, row) in enumerate(zip(recording.slow_time_s, recording.samples.matrix, strict=True)):
+            file.write(frame_record(number, float(time_s), row))
+        file.write(END_RECORD)
+
+
+def recording_header(recording: Recording) -> Header:
+    """Return the header of a recording's frames."""
+    header = Header(recording.radar, recording.range_m)
+    facts = header.facts
+    even_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(recording.n_range_bins)
+    if not np.allclose(recording.range_m, even_m, rtol=0, atol=1e-3 * abs(facts["bin_spacing_m"])):
+        raise RecordingError(f"{recording.source}: its range bins are not evenly spaced; frames need that")
+    return header
+
+
+@plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
+def read_frames(path: Path) -> Recording:
+    """Read a stream of frames that was kept as a file.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, it has no header, another radar's header follows or fewer than two frames are in it.
+
+    Warns
+    -----
+    DoppelgaitWarning
+        If frames are malformed or missing.
+    """
+    if not path.is_file():
+        raise RecordingError(f"{path}: no such file")
+    parser, header, start_s = FrameParser(str(path)), None, 0.0
+    counters: list[int] = []
+    rows: list[npt.NDArray[np.complex64]] = []
+    with path.open("rb") as file:
+        while content := file.read(CHUNK_BYTES):
+            for item in parser.feed(content):
+                if isinstance(item, Frame):
+                    start_s = item.clock_s if not rows else start_s
+                    counters.append(item.counter or 0)
+                    rows.append(item.row)
+                elif header is None:
+                    header = item
+                elif said := header.difference(item):
+                    raise RecordingError(f"{path}: holds frames of two radars: {said}")
+    parser.finish()
+    if header is None or len(rows) < 2:
+        raise RecordingError(f"{path}: holds {'no header' if header is None else f'{len(rows)} frames, 2 are needed'}")
+    if parser.malformed:
+        warn_caller(f"{path}: {parser.malformed:,} malformed frames are left out, the last is {parser.fault}")
+    steps = np.diff(np.array(counters, dtype=np.uint64).astype(np.int64))
+    lost = steps[(steps > 1) & (steps <= LARGEST_GAP)] - 1
+    if lost.size:
+        warn_caller(
+            f"{path}: {lost.sum():,} frames are missing at {lost.size:,} places (frame counter); the {len(rows):,} "
+            "that are there are taken as if they followed each other"
+        )
+    slow_time_s = (start_s if math.isfinite(start_s) else 0.0) + np.arange(len(rows)) / header.radar.prf_hz
+    return label_measured(path, np.stack(rows), radar=header.radar, slow_time_s=slow_time_s, range_m=header.range_m)

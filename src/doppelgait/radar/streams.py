@@ -1,0 +1,463 @@
+"""Live frames of a radar from files, standard input and sockets.
+
+A thread receives; the consumer iterates. Between them is a queue of bounded length, so that memory and latency are
+bounded however slow the consumer is.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import socket
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Self
+from urllib.parse import urlsplit
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
+from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.readers import read_recording
+from doppelgait.radar.recordings import sniff_hdf5
+
+LOCAL = "127.0.0.1"
+CHUNK_BYTES = 1 << 16
+POLL_S = 0.05
+"""Time between looks at a file that does not grow, and at whether the stream was closed."""
+MAX_QUEUE_BYTES = 1 << 28
+FAR_S = 1.0
+"""A sender's clock that is this far ahead of its frame counter has jumped."""
+EXPECTED = ("carrier_hz", "prf_hz", "bin_spacing_m")
+EXPECTED_TOLERANCE = 5e-3
+"""Drivers count ranges with c = 3e8 m/s and measure their frame rates."""
+
+
+@dataclass
+class Counts:
+    """Frames of a stream by what became of them.
+
+    Parameters
+    ----------
+    received : int
+        Whole frames, those dropped later included.
+    missing : int
+        Frames that the counter passed over: lost before they came here.
+    dropped : int
+        The oldest of the queue, where the consumer was too slow.
+    malformed : int
+        Records cut off or damaged.
+    jumps : int
+        Jumps of the sender's clock, and restarts of its counter.
+    refused : int
+        Datagrams of other senders.
+    """
+
+    received: int = 0
+    missing: int = 0
+    dropped: int = 0
+    malformed: int = 0
+    jumps: int = 0
+    refused: int = 0
+
+
+class Stream:
+    """Iterate over frames as they arrive.
+
+    A frame is (time in s, complex64 row in V). :func:`open_stream` makes the stream; as a context manager it closes its
+    file or socket. The time is that of the frame counter, so that it is even, with a gap where frames are missing.
+
+    Attributes
+    ----------
+    source : str
+        What is read; of a socket with the port that was taken.
+    counts : Counts
+    """
+
+    def __init__(self, source: str, *, expect: Radar | None, timeout_s: float, queue_s: float) -> None:
+        self.source, self.counts, self.timeout_s = source, Counts(), timeout_s
+        self.closing = threading.Event()
+        self.expected = None if expect is None else Header(expect, expect.range_axis_m())
+        self._queue_s, self._size = queue_s, 1
+        self._header: Header | None = None
+        self._clock: _Clock | None = None
+        self._queue: deque[tuple[float, npt.NDArray[np.complex64]]] = deque()
+        self._changed = threading.Condition()
+        self._said: dict[str, str] = {}
+        self._unsaid: deque[str] = deque()
+        self._ended, self._error = False, ""
+
+    @property
+    def radar(self) -> Radar:
+        """Radar of the frames; waits for the header.
+
+        Raises
+        ------
+        RecordingError
+            If the stream ends without one, or is of another radar than expected.
+        """
+        return self._wait_for_header().radar
+
+    @property
+    def range_m(self) -> npt.NDArray[np.float64]:
+        """Ranges of the bins, shape (N,); waits for the header."""
+        return self._wait_for_header().range_m
+
+    def _wait_for_header(self) -> Header:
+        with self._changed:
+            while self._header is None and not self._ended:
+                self._changed.wait(POLL_S)
+            if self._header is None:
+                raise RecordingError(self._error or f"{self.source}: ended before a header came")
+            return self._header
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> tuple[float, npt.NDArray[np.complex64]]:
+        with self._changed:
+            while not self._queue and not self._ended:
+                self._changed.wait(POLL_S)
+            unsaid, item = list(self._unsaid), self._queue.popleft() if self._queue else None
+            self._unsaid.clear()
+            self._changed.notify_all()
+        for text in unsaid:
+            warn_caller(f"{self.source}: {text}")
+        if item is not None:
+            return item
+        if self._error:
+            error, self._error = self._error, ""
+            raise RecordingError(error)
+        raise StopIteration
+
+    def summary(self) -> str:
+        """Return the counts as one line."""
+        counts = {name: count for name, count in asdict(self.counts).items() if count or name == "received"}
+        return f"{self.source}: frames " + ", ".join(f"{name} {count:,}" for name, count in counts.items())
+
+    def close(self) -> None:
+        """Stop receiving; what is in the queue can still be read."""
+        self.closing.set()
+        with self._changed:
+            self._changed.notify_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def say(self, kind: str, text: str) -> None:
+        """Pass a message to the consumer, once of every kind."""
+        with self._changed:
+            if kind not in self._said:
+                self._said[kind] = text
+                self._unsaid.append(text)
+
+    def difference(self, header: Header) -> str:
+        """Return how a header differs from the stream's or the expected one."""
+        if self._header is not None:
+            return self._header.difference(header)
+        return self.expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE) if self.expected else ""
+
+    def receive(self, items: Iterator[Header | Frame], holds: bool) -> None:
+        """Move what a source yields into the queue.
+
+        The receiving thread runs this.
+        A source that ``holds`` waits where the queue is full; of others the oldest frames are dropped.
+        """
+        error = ""
+        try:
+            for item in items:
+                if isinstance(item, Frame):
+                    self._put(item, holds)
+                elif said := self.difference(item):
+                    raise RecordingError(f"{self.source}: frames of another radar are refused: {said}")
+                elif self._header is None:
+                    row_bytes = 8 * item.range_m.size
+                    with self._changed:
+                        self._size = max(
+                            2, min(math.ceil(self._queue_s * item.radar.prf_hz), MAX_QUEUE_BYTES // row_bytes)
+                        )
+                        self._clock = _Clock(item.radar.prf_hz)
+                        self._header = item
+                        self._changed.notify_all()
+                if self.closing.is_set():
+                    break
+        except RecordingError as found:
+            error = str(found)
+        except OSError as found:
+            error = f"{self.source}: cannot be read: {found.strerror or found}"
+        finally:
+            with self._changed:
+                self._error, self._ended = error, True
+                self._changed.notify_all()
+
+    def _put(self, frame: Frame, holds: bool) -> None:
+        assert self._clock is not None
+        time_s, missing, jump = self._clock.time_s(frame)
+        if missing:
+            self.say("missing", f"{missing:,} frames are missing before frame {frame.counter} (frame counter)")
+        if jump:
+            self.say("jump", jump)
+        with self._changed:
+            self.counts.received += 1
+            self.counts.missing += missing
+            self.counts.jumps += bool(jump)
+            while holds and len(self._queue) >= self._size and not self.closing.is_set():
+                self._changed.wait(POLL_S)
+            full = len(self._queue) >= self._size
+            if full:
+                self._queue.popleft()
+                self.counts.dropped += 1
+            self._queue.append((time_s, frame.row))
+            self._changed.notify_all()
+        if full:
+            self.say("dropped", f"the consumer is too slow: the oldest of {self._size:,} waiting frames are dropped")
+
+
+class _Clock:
+    """Times of frames from their counter; the sender's clock is only checked."""
+
+    def __init__(self, prf_hz: float) -> None:
+        self._prf_hz = prf_hz
+        self._start_s, self._first = 0.0, 0
+        self._last: tuple[int, float] | None = None
+
+    def time_s(self, frame: Frame) -> tuple[float, int, str]:
+        """Return time, frames missing before, and what jumped."""
+        if frame.counter is None:
+            return frame.clock_s, 0, ""
+        last, self._last = self._last, (frame.counter, frame.clock_s)
+        if last is None:
+            self._start_s = frame.clock_s if math.isfinite(frame.clock_s) else 0.0
+            self._first = frame.counter
+            return self._start_s, 0, ""
+        step, jump = frame.counter - last[0], ""
+        if not 0 < step <= LARGEST_GAP:
+            jump = f"the frame counter goes from {last[0]:,} to {frame.counter:,}; time goes on by one frame"
+            self._start_s += (last[0] - self._first + 1) / self._prf_hz
+            self._first, step = frame.counter, 1
+        elif not 0 < frame.clock_s - last[1] <= step / self._prf_hz + FAR_S:
+            jump = (
+                f"the sender's clock goes from {last[1]:.9g} to {frame.clock_s:.9g} s at frame {frame.counter:,}; "
+                "the frame counter is used"
+            )
+        return self._start_s + (frame.counter - self._first) / self._prf_hz, step - 1, jump
+
+
+def open_stream(
+    source: str | os.PathLike[str], *, expect: Radar | None = None, timeout_s: float = 10.0, queue_s: float = 5.0
+) -> Stream:
+    """Open a live source of radar frames.
+
+    Parameters
+    ----------
+    source : str or path-like
+        ``-`` (standard input), ``tcp://HOST:PORT`` or ``udp://HOST:PORT`` (listens there; without HOST on 127.0.0.1,
+        port 0 takes a free one), each with frames in the format of :mod:`doppelgait.radar.frames`; or a file with such
+        frames, which may still grow, or a doppelgait recording.
+    expect : Radar, optional
+        Frames of a radar with another carrier, frame rate or bin spacing are refused.
+    timeout_s : float
+        A file that has not grown, and a sender that has sent nothing, for so long is taken as stopped; 0 reads a file
+        to its present end. The first sender is waited for without limit.
+    queue_s : float
+        Time of radar that the queue holds. When it is full, files and standard input wait; of sockets the oldest
+        frames are dropped and counted.
+
+    Returns
+    -------
+    Stream
+
+    Examples
+    --------
+    >>> from doppelgait.radar import open_stream
+    >>> stream = open_stream("tcp://:0")
+    >>> stream.source.startswith("tcp://127.0.0.1:")
+    True
+    >>> stream.close()
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or the socket cannot be opened. Damaged and missing frames, jumps of the clock and
+        dropped frames are counted and cause one :class:`DoppelgaitWarning` of each kind; frames of another radar raise
+        a :class:`RecordingError` from the iteration.
+    ConfigError
+        If the source or a time is not allowed.
+    """
+    text = os.fspath(source)
+    if not timeout_s >= 0 or not queue_s > 0:
+        raise ConfigError(f"timeout_s = {timeout_s} and queue_s = {queue_s}: must be at least 0, and above 0")
+    stream = Stream(text, expect=expect, timeout_s=timeout_s, queue_s=queue_s)
+    holds, name = True, urlsplit(text).scheme
+    items: Iterator[Header | Frame]
+    if text == "-":
+        stream.source = "standard input"
+        items = _parse(_input_bytes(stream), stream)
+    elif name in ("tcp", "udp"):
+        holds = False
+        listener = _listen(text, name)
+        host, port = listener.getsockname()[:2]
+        stream.source = f"{name}://{host}:{port}"
+        items = _parse(_tcp_bytes(listener, stream), stream) if name == "tcp" else _udp_frames(listener, stream)
+    else:
+        path = Path(text)
+        if not path.exists():
+            raise RecordingError(f"{path}: no such file; a source is a file, -, tcp://HOST:PORT or udp://HOST:PORT")
+        items = _hdf5_frames(path) if path.is_file() and sniff_hdf5(path) else _parse(_file_bytes(path, stream), stream)
+    threading.Thread(target=stream.receive, args=(items, holds), daemon=True, name=f"frames of {text}").start()
+    return stream
+
+
+def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
+    """Yield headers and frames of a byte stream."""
+    parser = FrameParser(stream.source)
+    for chunk in chunks:
+        yield from parser.feed(chunk)
+        _count_malformed(parser, stream)
+        if parser.ended:
+            return
+    parser.finish()
+    _count_malformed(parser, stream)
+    stream.say("killed", f"the sender stopped without an end record after {stream.counts.received:,} frames")
+
+
+def _count_malformed(parser: FrameParser, stream: Stream) -> None:
+    if parser.malformed > stream.counts.malformed:
+        stream.counts.malformed = parser.malformed
+        stream.say("malformed", f"malformed data are passed over: {parser.fault}")
+
+
+def _input_bytes(stream: Stream) -> Iterator[bytes]:
+    number = sys.stdin.fileno()
+    heard = time.monotonic()
+    while not stream.closing.is_set():
+        if select.select([number], [], [], POLL_S)[0]:
+            if not (content := os.read(number, CHUNK_BYTES)):
+                return
+            yield content
+            heard = time.monotonic()
+        elif stream.counts.received and time.monotonic() - heard > stream.timeout_s:
+            return
+
+
+def _file_bytes(path: Path, stream: Stream) -> Iterator[bytes]:
+    with path.open("rb", buffering=0) as file:
+        heard = time.monotonic()
+        while not stream.closing.is_set():
+            if content := file.read(CHUNK_BYTES):
+                yield content
+                heard = time.monotonic()
+            elif time.monotonic() - heard >= stream.timeout_s:
+                return
+            else:
+                stream.closing.wait(POLL_S)
+
+
+def _listen(text: str, name: str) -> socket.socket:
+    """Bind a socket; to this machine alone unless told otherwise."""
+    try:
+        parts = urlsplit(text)
+        port = parts.port
+    except ValueError:
+        port = None
+    if port is None or parts.path not in ("", "/"):
+        raise ConfigError(f"source {text}: is not allowed; give {name}://HOST:PORT, for example {name}://{LOCAL}:7290")
+    kind = socket.SOCK_STREAM if name == "tcp" else socket.SOCK_DGRAM
+    listener = socket.socket(socket.AF_INET, kind)
+    try:
+        if name == "tcp":
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        else:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        listener.bind((parts.hostname or LOCAL, port))
+        if name == "tcp":
+            listener.listen(1)
+    except OSError as error:
+        listener.close()
+        raise RecordingError(f"{text}: cannot be opened: {error.strerror or error}") from None
+    listener.settimeout(POLL_S)
+    return listener
+
+
+def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
+    """Yield the bytes of the first sender that connects."""
+    with listener:
+        while True:
+            if stream.closing.is_set():
+                return
+            try:
+                sender, _ = listener.accept()
+                break
+            except TimeoutError:
+                continue
+    with sender:
+        sender.settimeout(POLL_S)
+        heard = time.monotonic()
+        while not stream.closing.is_set():
+            try:
+                content = sender.recv(CHUNK_BYTES)
+            except TimeoutError:
+                if time.monotonic() - heard > stream.timeout_s:
+                    return
+                continue
+            except ConnectionError:
+                return
+            if not content:
+                return
+            yield content
+            heard = time.monotonic()
+
+
+def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
+    """Yield the frames of one sender of datagrams.
+
+    Another one with the same header takes its place.
+    """
+    parser, sender, heard = FrameParser(stream.source), None, math.inf
+    with listener:
+        while not stream.closing.is_set():
+            try:
+                content, address = listener.recvfrom(CHUNK_BYTES)
+            except TimeoutError:
+                if time.monotonic() - heard > stream.timeout_s:
+                    stream.say(
+                        "killed", f"the sender stopped without an end record after {stream.counts.received:,} frames"
+                    )
+                    return
+                continue
+            if address != sender:
+                probe = FrameParser(stream.source)
+                try:
+                    header = next((item for item in probe.feed(content) if isinstance(item, Header)), None)
+                    reason = stream.difference(header) if header else "they do not begin with a header"
+                except RecordingError as error:
+                    reason = str(error)
+                if reason:
+                    stream.counts.refused += 1
+                    stream.say("refused", f"datagrams of {address[0]}:{address[1]} are refused: {reason}")
+                    continue
+                sender = address
+            heard = time.monotonic()
+            yield from parser.feed(content)
+            parser.finish()
+            _count_malformed(parser, stream)
+            if parser.ended:
+                return
+
+
+def _hdf5_frames(path: Path) -> Iterator[Header | Frame]:
+    recording = read_recording(path)
+    yield Header(recording.radar, recording.range_m)
+    for time_s, row in zip(recording.slow_time_s, recording.samples.matrix, strict=True):
+        yield Frame(None, float(time_s), row)
