@@ -18,6 +18,7 @@ _LAZY = {
     "simulate": "doppelgait.pipeline",
     "analyze": "doppelgait.pipeline",
     "Analysis": "doppelgait.processing",
+    "live": "doppelgait.classify.live",
     "open_dataset": "doppelgait.dataset",
     "Conditions": "doppelgait.pipeline",
     "Gate": "doppelgait.processing",

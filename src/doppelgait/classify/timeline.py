@@ -155,7 +155,8 @@ def windows_of(recording: Recording, window_s: float, hop_s: float) -> Iterator[
     first_s = float(recording.slow_time_s[0])
     for part in cut(recording, window_s=window_s, step_s=hop_s):
         assert isinstance(part.recording, Recording)
-        yield Window(first_s + part.start_s, first_s + part.stop_s, part.recording)
+        start_s = first_s + part.start_s
+        yield Window(start_s, start_s + window_s, part.recording)
 
 
 def analyze_window(
@@ -361,7 +362,7 @@ def classify_over_time(
     See Also
     --------
     decision_spans : the times in which decisions do not change.
-    doppelgait.classify.live : the same for a stream.
+    doppelgait.live : the same for a stream.
     """
     window_s, hop_s = check_window(window_s, hop_s, model)
     settings, tracks = analysis or analysis_of(model), Tracks(model)

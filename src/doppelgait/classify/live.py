@@ -1,0 +1,283 @@
+"""Live decisions: frames of a radar as they arrive, in fixed memory.
+
+A thread takes frames from their source into a ring of one window. Every hop it copies the ring into a slot that holds
+one window; the caller takes it from there, analyses it and decides (:mod:`doppelgait.classify.timeline`). Where the
+slot is still full at the next hop, the analysis has fallen behind: the source waits (a file), or the window in the slot
+is replaced by the newer one and the hop is counted as skipped (a sensor). So at most three windows are in memory,
+however long the stream, and the newest decision is never older than one hop and two analyses.
+
+Frames get even times. A gap is filled with the frame before it, as recorders of such radars do; the analysis flags
+targets that many filled frames fall on.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.classify.decide import analysis_of
+from doppelgait.classify.model import Model
+from doppelgait.classify.timeline import TrackDecision, Tracks, Window, analyze_window, check_window
+from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.dataset.recorded import TOLERANCE
+from doppelgait.pipeline import Tracking
+from doppelgait.processing import Analysis
+from doppelgait.radar import Radar, Recording
+from doppelgait.radar.recording import baseband_facts
+
+POLL_S = 0.1
+"""Time between looks at whether the other side is still there."""
+LATE_S = 1.0
+"""A frame that is this much late is out of order; with more the source's clock has jumped."""
+FOLLOWED = 0.05
+"""Part of a frame's deviation from its expected time that the next expected time follows: the clocks of radar and
+receiver differ by 1e-4, jitter is less than half a frame."""
+
+
+@dataclass
+class LiveCounts:
+    """Frames and windows of a stream by what became of them.
+
+    Parameters
+    ----------
+    frames : int
+        That came.
+    filled : int
+        Missing ones, filled with the one before.
+    malformed : int
+        Of another length, or with values that are not finite; left out.
+    late : int
+        That came after a later one; left out.
+    jumps : int
+        Gaps longer than a window, after which windows begin anew, and clocks that jumped back, which are ignored.
+    windows : int
+        That were analysed.
+    skipped : int
+        Hops left out because the analysis was behind.
+    failed : int
+        Windows that could not be analysed.
+    """
+
+    frames: int = 0
+    filled: int = 0
+    malformed: int = 0
+    late: int = 0
+    jumps: int = 0
+    windows: int = 0
+    skipped: int = 0
+    failed: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the counts by name."""
+        return asdict(self)
+
+
+class _Ring:
+    """The last window of a stream, on an even grid of times."""
+
+    def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
+        self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s
+        self.counts = LiveCounts()
+        self._rows = np.zeros((math.ceil(window_s * radar.prf_hz) + 1, range_m.size), dtype=np.complex64)
+        self._last = self._rows[0].copy()
+        self._start_s, self._due_s, self._ahead_s = 0.0, math.nan, 0.0
+        self._n_rows, self._n_windows = 0, 0
+
+    def windows(self, frames: Iterable[tuple[float, npt.ArrayLike]]) -> Iterator[Window]:
+        """Yield every window when its last frame has come."""
+        prf_hz, counts = self.radar.prf_hz, self.counts
+        for told_s, values in frames:
+            counts.frames += 1
+            row = np.array(values, dtype=np.complex64)
+            if row.shape != self.range_m.shape or not np.isfinite(row).all():
+                counts.malformed += 1
+                continue
+            time_s = float(told_s) + self._ahead_s
+            if not math.isfinite(time_s):
+                time_s = self._due_s if self._n_rows else 0.0
+            missing = round((time_s - self._due_s) * prf_hz) if self._n_rows else 0
+            if missing < 0:
+                if self._due_s - time_s <= LATE_S:
+                    counts.late += 1
+                    continue
+                counts.jumps += 1
+                self._ahead_s += self._due_s - time_s
+                time_s, missing = self._due_s, 0
+            if missing > self._rows.shape[0]:
+                counts.jumps += 1
+                self._n_rows = self._n_windows = missing = 0
+            if self._n_rows == 0:
+                self._start_s = self._due_s = time_s
+            self._due_s += (missing + 1) / prf_hz
+            self._due_s += FOLLOWED * (time_s + 1 / prf_hz - self._due_s)
+            counts.filled += missing
+            for _ in range(missing):
+                yield from self._push(self._last)
+            self._last = row
+            yield from self._push(row)
+
+    def _push(self, row: npt.NDArray[np.complex64]) -> Iterator[Window]:
+        """Add a row; cut windows at the pulses where files are cut."""
+        self._rows[self._n_rows % self._rows.shape[0]] = row
+        self._n_rows += 1
+        prf_hz, begin_s = self.radar.prf_hz, self._n_windows * self.hop_s
+        if self._n_rows < math.ceil((begin_s + self.window_s) * prf_hz - TOLERANCE):
+            return
+        self._n_windows += 1
+        pulses = np.arange(math.ceil(begin_s * prf_hz - TOLERANCE), self._n_rows)
+        coords = {"slow_time": pulses / prf_hz - pulses[0] / prf_hz, "range": self.range_m}
+        rows = self._rows[pulses % self._rows.shape[0]]
+        baseband = make_array(BASEBAND, rows, coords, baseband_facts(self.radar))
+        start_s = self._start_s + begin_s
+        yield Window(start_s, start_s + self.window_s, Recording.from_baseband(baseband, self.radar, source="live"))
+
+
+class Live:
+    """Decisions of a stream, an iterator; made by :func:`live`.
+
+    Attributes
+    ----------
+    counts : LiveCounts
+        Up to now.
+    window_s, hop_s : float
+    """
+
+    def __init__(
+        self, ring: _Ring, frames: Iterable[tuple[float, npt.ArrayLike]], tracks: Tracks, analysis: Analysis,
+        tracking: Tracking | None, skip: bool,
+    ) -> None:  # fmt: skip
+        self._ring, self._tracks, self._analysis, self._tracking, self._skip = ring, tracks, analysis, tracking, skip
+        self._slot: queue.Queue[Window | Exception | None] = queue.Queue(1)
+        self._closed = threading.Event()
+        threading.Thread(target=self._receive, args=(frames,), daemon=True, name="frames of live").start()
+
+    @property
+    def counts(self) -> LiveCounts:
+        """Frames and windows up to now."""
+        return replace(self._ring.counts)
+
+    @property
+    def window_s(self) -> float:
+        """Length of a window."""
+        return self._ring.window_s
+
+    @property
+    def hop_s(self) -> float:
+        """Time from window to window."""
+        return self._ring.hop_s
+
+    def close(self) -> None:
+        """Take no more frames."""
+        self._closed.set()
+
+    def __iter__(self) -> Iterator[TrackDecision]:
+        for _, decisions in self.windows():
+            yield from decisions
+
+    def windows(self) -> Iterator[tuple[Window, list[TrackDecision]]]:
+        """Yield every window with its decisions, also where there are none."""
+        try:
+            while not self._closed.is_set():
+                try:
+                    window = self._slot.get(timeout=POLL_S)
+                except queue.Empty:
+                    continue
+                if isinstance(window, Exception):
+                    raise window
+                if window is None:
+                    return
+                self._ring.counts.windows += 1
+                try:
+                    results = analyze_window(window, self._analysis, self._tracking)
+                except AnalysisError as error:
+                    self._ring.counts.failed += 1
+                    if self._ring.counts.failed == 1:
+                        warn_caller(f"a window from {window.start_s:g} s on cannot be analysed: {error}")
+                    continue
+                yield window, self._tracks.add(window, results)
+        finally:
+            self.close()
+
+    def _receive(self, frames: Iterable[tuple[float, npt.ArrayLike]]) -> None:
+        """Put windows into the slot; the receiving thread runs this."""
+        try:
+            for window in self._ring.windows(frames):
+                if self._skip and self._slot.full():
+                    try:
+                        self._slot.get_nowait()
+                        self._ring.counts.skipped += 1
+                    except queue.Empty:  # it was taken just now
+                        pass
+                if not self._put(window):
+                    return
+            self._put(None)
+        except Exception as error:
+            self._put(error)
+
+    def _put(self, item: Window | Exception | None) -> bool:
+        """Wait until the slot is free; return False when closed."""
+        while not self._closed.is_set():
+            try:
+                self._slot.put(item, timeout=POLL_S)
+            except queue.Full:
+                continue
+            return True
+        return False
+
+
+def live(
+    frames: Iterable[tuple[float, npt.ArrayLike]], radar: Radar, model: Model, *, window_s: float | None = None,
+    hop_s: float | None = None, range_m: npt.ArrayLike | None = None, analysis: Analysis | None = None,
+    tracking: Tracking | None = None, skip: bool = False,
+) -> Live:  # fmt: skip
+    """Classify targets while the frames of a radar arrive.
+
+    The same frames as a file give the same decisions (:func:`doppelgait.classify.classify_over_time`). Memory does not
+    grow with the length of the stream.
+
+    Parameters
+    ----------
+    frames : iterable of (float, array_like of shape (N,), complex)
+        Time in s and range bins in V of every frame, for example of :func:`doppelgait.radar.open_stream`. Times may
+        jitter by less than half a frame. Missing frames are filled with the one before; a gap longer than a window
+        begins anew.
+    radar : Radar
+    model : Model
+    window_s, hop_s : float, optional
+        As for :func:`doppelgait.classify.classify_over_time`.
+    range_m : array_like, shape (N,), optional
+        Ranges of the bins; those of the radar by default.
+    analysis, tracking
+        As for :func:`doppelgait.classify.classify`.
+    skip : bool
+        Where the analysis is slower than the frames: True skips hops, so that decisions are not late (a sensor); False
+        lets the source wait (a file).
+
+    Returns
+    -------
+    Live
+        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` are frames and windows up to now. What
+        the iterator of frames raises is raised by it.
+
+    Raises
+    ------
+    ConfigError
+        If window, hop or ranges are not allowed.
+
+    See Also
+    --------
+    doppelgait.classify.classify_over_time : the same for a recording.
+    """
+    window_s, hop_s = check_window(window_s, hop_s, model)
+    ranges = radar.range_axis_m() if range_m is None else np.asarray(range_m, dtype=np.float64)
+    if ranges.ndim != 1 or not ranges.size or not np.isfinite(ranges).all():
+        raise ConfigError(f"range_m: must be finite, of shape (N,), not of shape {ranges.shape}")
+    ring = _Ring(radar, ranges, window_s, hop_s)
+    return Live(ring, frames, Tracks(model), analysis or analysis_of(model), tracking, skip)
