@@ -9,10 +9,19 @@ from scipy.special import expit, logit
 from sklearn.linear_model import LogisticRegression
 
 from doppelgait.classify import adapt as adapting
-from doppelgait.classify.adapt import SHIFT_SD, SLOPE_SD, adapt, adapt_unlabelled, adaptation_curve, draw_own
+from doppelgait.classify.adapt import (
+    SHIFT_SD,
+    SLOPE_SD,
+    adapt,
+    adapt_unlabelled,
+    adaptation_curve,
+    draw_own,
+    recordings_of,
+)
 from doppelgait.classify.data import Rows
 from doppelgait.classify.learned import Linear
 from doppelgait.classify.model import Calibration, Facts, Model
+from doppelgait.core.errors import DatasetError
 
 NONE = np.zeros(0)
 
@@ -41,18 +50,22 @@ def own_rows(n_movers=30, *, offset=3.0, seed=0, per_mover=4):
     return Rows((), index, nothing, np.arange(labels.size), ("human", "dog"), labels, groups), values
 
 
+def ids(rows):
+    return rows.index["id"].to_numpy(dtype=str)
+
+
 def test_nothing_seen_changes_nothing(model):
-    assert adapt(model, np.zeros((0, 1)), np.zeros(0, dtype=np.int64)) is model
+    assert adapt(model, np.zeros((0, 1)), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=str)) is model
 
 
 def test_many_rows_give_logistic_regression_and_few_stay_near_what_was_learnt(model):
-    rows, values = own_rows(4000)
-    found = adapt(model, values, rows.labels)
+    rows, values = own_rows(4000, per_mover=1)
+    found = adapt(model, values, rows.labels, ids(rows))
     plain = LogisticRegression(C=1e9).fit(values, rows.labels)
     odds = logit(found.probability(np.array([[-2.0], [5.0]]))[:, 1])
-    assert odds == pytest.approx(plain.decision_function([[-2.0], [5.0]]), rel=0.05)  # the prior still pulls
+    assert odds == pytest.approx(plain.decision_function([[-2.0], [5.0]]), rel=0.2)  # the prior still pulls
     assert found.facts.n_own == rows.labels.size
-    few = adapt(model, values[:1], rows.labels[:1])
+    few = adapt(model, values[:2], rows.labels[:2], ids(rows)[:2])
     assert 0 < abs(few.calibration.shift[1]) < 2 * SHIFT_SD
     assert abs(np.log(few.calibration.slope)) < SLOPE_SD
 
@@ -60,8 +73,8 @@ def test_many_rows_give_logistic_regression_and_few_stay_near_what_was_learnt(mo
 def test_it_is_the_most_likely_slope_and_shift(model):
     """Against a search of the posterior on a grid, on top of a calibration that was there."""
     model = replace(model, calibration=Calibration(0.7, np.array([0.0, 0.4]), 9))
-    rows, values = own_rows(4, seed=2)
-    found = adapt(model, values, rows.labels)
+    rows, values = own_rows(4, seed=2, per_mover=1)
+    found = adapt(model, values, rows.labels, ids(rows))
     before = 0.7 * values[:, 0] + 0.4
     slopes, shifts = np.linspace(-1.5, 1.5, 601), np.linspace(-6, 6, 601)
     odds = np.exp(slopes)[:, None, None] * before + shifts[None, :, None]
@@ -70,6 +83,42 @@ def test_it_is_the_most_likely_slope_and_shift(model):
     k, m = np.unravel_index(likely.argmax(), likely.shape)
     assert found.calibration.slope == pytest.approx(0.7 * np.exp(slopes[k]), rel=0.01)
     assert found.calibration.shift[1] == pytest.approx(np.exp(slopes[k]) * 0.4 + shifts[m], abs=0.03)
+
+
+def test_a_long_recording_counts_once(model):
+    rows, values = own_rows(6, seed=3, per_mover=1)
+    names = ids(rows)
+    once = adapt(model, values, rows.labels, names)
+    longer = [np.concatenate([each, np.repeat(each[:1], 60, axis=0)]) for each in (values, rows.labels, names)]
+    again = adapt(model, *longer)
+    assert again.calibration.slope == pytest.approx(once.calibration.slope, rel=1e-3)
+    assert again.calibration.shift == pytest.approx(once.calibration.shift, abs=1e-3)
+
+
+def test_a_class_that_is_missing_moves_nothing(model):
+    rows, values = own_rows(6)
+    human = rows.labels == 0
+    with pytest.raises(DatasetError, match="own recordings show no dog; give some of every class"):
+        adapt(model, values[human], rows.labels[human], ids(rows)[human])
+
+
+def test_the_same_targets_trigger_the_alarm_as_before(model):
+    rows, values = own_rows(20, seed=5)
+    for alarm in ("human", "dog"):
+        facts = model.facts.model_copy(update={"alarm": alarm, "alarm_threshold": 0.7})
+        before = replace(model, facts=facts)
+        column = facts.classes.index(alarm)
+        for after in (adapt(before, values, rows.labels, ids(rows)), adapt_unlabelled(before, values, ids(rows))):
+            assert after.facts.alarm_threshold != pytest.approx(0.7, abs=0.01)
+            triggers = [one.probability(values)[:, column] >= one.facts.alarm_threshold for one in (before, after)]
+            assert 0 < triggers[0].sum() < len(values)
+            assert (triggers[0] == triggers[1]).all()
+
+
+def test_a_blank_recording_is_one_of_its_own():
+    rows, _ = own_rows(2, per_mover=2)
+    rows.index["recording"] = ["", "a", None, "a"]
+    assert recordings_of(rows).tolist() == ["e0", "a", "e2", "a"]
 
 
 def test_without_labels_the_mean_probability_comes_to_the_shares(model):
@@ -123,3 +172,13 @@ def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
     assert errors[2] < errors[0] / 3
     assert curve[0]["low"] == curve[0]["high"] == scores[0] == curve[0]["unlabelled"]
     assert curve[2]["unlabelled"] > 0.94
+
+
+def test_without_a_change_the_same_movers_score_as_before(model, monkeypatch):
+    """Few movers are left to score: their score differs from that of all, and says nothing about the adaptation."""
+    monkeypatch.setattr(adapting, "adapt", lambda model, *_: model)
+    monkeypatch.setattr(adapting, "adapt_unlabelled", lambda model, *_: model)
+    rows, values = own_rows(6, seed=7, offset=1.5)
+    for point in adaptation_curve(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
+        assert point["balanced_accuracy"] == point["before"] == point["unlabelled"]
+        assert point["movers"] == 6 - (2 if point["n"] else 0)

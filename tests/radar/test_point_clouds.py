@@ -95,10 +95,13 @@ def test_gaps_turns_and_signs(tmp_path):
     plain = table_of_tracks(tracks_of_points(read_points(path)))
     assert flipped["torso_velocity_mps"].to_numpy() == pytest.approx(-plain["torso_velocity_mps"].to_numpy())
     points = read_points(path)
-    broken = tracks_of_points(points[(points["time_s"] < 1) | (points["time_s"] > 2)])
+    broken = tracks_of_points(points[(points["time_s"] < 1) | (points["time_s"] > 1.9)])
     found = ranges_at(broken, [0.5, 1.5, 3.0])
     assert np.isnan(found[1]).all()
     assert np.isfinite(found[[0, 2]]).all()
+    again = tracks_of_points(points[(points["time_s"] < 1) | (points["time_s"] > 2.2)])
+    assert [one.track for one in again] == [3, 3, 4, 4]  # a number that returns later is another body's
+    assert [one.times_s[-1] < 1 for one in again] == [True, False, True, False]
     assert tracks_of_points(points[points["time_s"] < 4 * FRAME_S - 1e-9]) == []
     angle = 2 * np.pi * points["time_s"] / 4
     circle = points.assign(x_m=np.cos(angle), y_m=3 + np.sin(angle))

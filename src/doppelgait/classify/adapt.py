@@ -7,17 +7,20 @@ where it is known how frequent the classes are among the recordings.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.data import Rows
+from doppelgait.classify.data import Rows, take_rows
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, log_softmax
-from doppelgait.classify.model import Calibration, Model, class_weights
+from doppelgait.classify.model import Calibration, Model, beyond, class_weights, conditions_of_rows
+from doppelgait.classify.open_set import blocked_rows
 from doppelgait.classify.scores import balanced_accuracy, expected_calibration_error, reliability
+from doppelgait.core.errors import DatasetError
 
 COUNTS = (0, 1, 2, 5, 10, 20)
 """Recordings of each class in the curve of :func:`adaptation_curve`."""
@@ -25,35 +28,51 @@ REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
 """Standard deviations of the logarithm of the slope and of the shift before any recording is seen, assumed: a slope is
 within a factor of 1.6, a shift within 2 of log odds, in two of three cases. One recording then weighs about as much as
-what was learnt, twenty decide."""
+what was learnt, twenty decide; a recording counts once, however many rows it has."""
 
 
-def adapt(model: Model, values: Inputs, labels: IntArray) -> Model:
+def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
     """Adapt a model's probabilities to labelled recordings.
 
-    p' = softmax(slope log p + shift) of greatest posterior probability: every row counts once, classes alike; slope and
-    shift have a normal prior about 1 and 0. Nothing else of the model changes, nor does the order of its answers where
-    there are two classes.
+    p' = softmax(slope log p + shift) of greatest posterior probability: every recording counts once, classes alike;
+    slope and shift have a normal prior about 1 and 0. Nothing else of the model changes, nor does the order of its
+    answers where there are two classes.
 
     Parameters
     ----------
     model : Model
     values : ndarray
-        Inputs of own recordings, as for :meth:`doppelgait.classify.model.Model.probability`.
+        Inputs of the rows of own recordings, as for :meth:`doppelgait.classify.model.Model.probability`.
     labels : ndarray of int, shape (n,)
-        Numbers of the model's classes; a class may be missing.
+        Numbers of the model's classes.
+    recordings : ndarray of str, shape (n,)
+        Recording of every row.
 
     Returns
     -------
     Model
         The same one where there are no rows.
+
+    Raises
+    ------
+    DatasetError
+        If a class has no row: nothing would tell how far to move.
     """
     from scipy.optimize import minimize
 
     if not labels.size:
         return model
+    classes = model.facts.classes
+    missing = [name for number, name in enumerate(classes) if not (labels == number).any()]
+    if missing:
+        raise DatasetError(
+            f"own recordings show no {', '.join(missing)}; give some of every class ({', '.join(classes)}), or call "
+            "all of them unlabelled"
+        )
     log_p = np.log(np.maximum(model.probability(values), 1e-12))
-    weights = class_weights(labels, log_p.shape[1])
+    share = _once_each(recordings)
+    of_class = np.bincount(labels, weights=share, minlength=len(classes))
+    weights = share * of_class.sum() / (len(classes) * of_class[labels])
 
     def loss(parameters: FloatArray) -> float:
         shift = np.concatenate([[0.0], parameters[1:]])
@@ -99,29 +118,49 @@ def adapt_unlabelled(
     count = log_p.shape[1]
     share = np.full(count, 1.0 / count) if shares is None else np.asarray(shares, dtype=np.float64)
 
-    _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
-    weights = 1.0 / counts[number] / len(counts)
+    weights = _once_each(recordings)
+    n_recordings = float(weights.sum())
 
     def loss(parameters: FloatArray) -> float:
-        mean = weights @ np.exp(log_softmax(log_p + np.concatenate([[0.0], parameters])))
-        return float(-len(counts) * (share @ np.log(mean)) + ((parameters / SHIFT_SD) ** 2).sum() / 2.0)
+        mean = weights @ np.exp(log_softmax(log_p + np.concatenate([[0.0], parameters]))) / n_recordings
+        return float(-n_recordings * (share @ np.log(mean)) + ((parameters / SHIFT_SD) ** 2).sum() / 2.0)
 
     best = minimize(loss, np.zeros(count - 1), method="L-BFGS-B").x
     return _moved(model, 1.0, best, len(log_p))
 
 
+def _once_each(recordings: npt.NDArray[np.str_]) -> FloatArray:
+    """Return row weights that sum to 1 over each recording."""
+    _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
+    return np.asarray(1.0 / counts[number], dtype=np.float64)
+
+
 def _moved(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
-    """Put slope and shift on top of a model's calibration."""
-    before = model.calibration
+    """Put slope and shift on top of a model's calibration.
+
+    The alarm's threshold moves with them, so that the same targets trigger; of more than two classes none would do so,
+    and it is dropped.
+    """
+    before, facts = model.calibration, model.facts
     moved = slope * before.shift + np.concatenate([[0.0], shift])
     calibration = Calibration(slope * before.slope, moved - moved[0], before.n_rows)
-    facts = model.facts.model_copy(update={"n_own": model.facts.n_own + int(n_own)})
+    threshold = facts.alarm_threshold
+    if threshold is not None and facts.alarm is not None:
+        towards = float(shift[0]) * (1.0 if facts.classes.index(facts.alarm) else -1.0)
+        limited = min(max(threshold, 1e-12), 1.0 - 1e-12)
+        odds = slope * math.log(limited / (1.0 - limited)) + towards
+        threshold = 1.0 / (1.0 + math.exp(-odds)) if len(facts.classes) == 2 else None
+    facts = facts.model_copy(update={"n_own": facts.n_own + int(n_own), "alarm_threshold": threshold})
     return replace(model, calibration=calibration, facts=facts)
 
 
 def recordings_of(rows: Rows) -> npt.NDArray[np.str_]:
     """Return the recording of every row; its id where none is named."""
-    return rows.index["recording" if "recording" in rows.index else "id"].to_numpy(dtype=str)
+    named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else None
+    if named is not None and (named != "").all():
+        return named.to_numpy(dtype=str)
+    ids = rows.index["id"].astype(str)
+    return (ids if named is None else named.where(named != "", ids)).to_numpy(dtype=str)
 
 
 def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
@@ -156,40 +195,89 @@ def adaptation_curve(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Score a model against the number of own recordings.
 
-    Every count is drawn :data:`REPEATS` times; scored are only movers of whom nothing was drawn.
+    Every count is drawn :data:`REPEATS` times; scored are only movers of whom nothing was drawn, so that each count has
+    other movers to score: what is gained is the difference to ``before``, the same movers by the model as it was.
 
     Returns
     -------
     list of dict
         By count: ``n``; mean ``balanced_accuracy``, with ``low`` and ``high`` between which 80 % of the draws lie;
-        ``reliability`` and ``expected_calibration_error`` of all draws together; ``unlabelled``, the mean balanced
-        accuracy where the same recordings are used without their labels. A count that leaves nobody to score is left
-        out.
+        ``before``; ``unlabelled``, where the same recordings are used without their labels; ``movers``, how many are
+        scored on average; ``reliability`` and ``expected_calibration_error`` of all draws together. A count that leaves
+        nobody to score is left out.
     """
-    curve, recordings = [], recordings_of(rows)
+    curve, recordings, count = [], recordings_of(rows), len(rows.classes)
     for n in counts:
         found = [draw_own(rows, n, rng) for _ in range(REPEATS if n else 1)]
-        accuracies, unlabelled, sure, hits, shares = [], [], [], [], []
-        for drawn in found:
-            if drawn is None:
-                break
-            own, scored = drawn
-            adapted = adapt(model, values[own], rows.labels[own])
+        if any(drawn is None for drawn in found):
+            continue
+        scores, sure, hits, shares = [], [], [], []
+        for own, scored in (drawn for drawn in found if drawn is not None):
+            labels = rows.labels[scored]
+            adapted = adapt(model, values[own], rows.labels[own], recordings[own])
+            blind = adapt_unlabelled(model, values[own], recordings[own])
             probability: npt.NDArray[np.float64] = adapted.probability(values[scored])
-            right = probability.argmax(axis=1) == rows.labels[scored]
-            accuracies.append(balanced_accuracy(rows.labels[scored], right, len(rows.classes)))
-            blind = adapt_unlabelled(model, values[own], recordings[own]).probability(values[scored]).argmax(axis=1)
-            unlabelled.append(balanced_accuracy(rows.labels[scored], blind == rows.labels[scored], len(rows.classes)))
+            right = [probability.argmax(axis=1) == labels]
+            right += [other.probability(values[scored]).argmax(axis=1) == labels for other in (model, blind)]
+            scores.append([*(balanced_accuracy(labels, each, count) for each in right),
+                           np.unique(rows.groups[scored]).size])  # fmt: skip
             sure.append(probability.max(axis=1))
-            hits.append(right)
-            shares.append(class_weights(rows.labels[scored], len(rows.classes)))
-        if len(accuracies) == len(found):
-            low, high = np.quantile(accuracies, (0.1, 0.9))
-            drawn_rows = [np.concatenate(each) for each in (sure, hits, shares)]
-            bins = reliability(drawn_rows[0], drawn_rows[1], drawn_rows[2], 1.0 / len(rows.classes))
-            curve.append({
-                "n": n, "balanced_accuracy": float(np.mean(accuracies)), "low": float(low), "high": float(high),
-                "unlabelled": float(np.mean(unlabelled)),
-                "expected_calibration_error": expected_calibration_error(bins), "reliability": bins,
-            })  # fmt: skip
+            hits.append(right[0])
+            shares.append(class_weights(labels, count))
+        accuracy, before, unlabelled, movers = np.mean(scores, axis=0)
+        low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
+        bins = reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)
+        curve.append({
+            "n": n, "balanced_accuracy": float(accuracy), "low": float(low), "high": float(high),
+            "before": float(before), "unlabelled": float(unlabelled), "movers": float(movers),
+            "expected_calibration_error": expected_calibration_error(bins), "reliability": bins,
+        })  # fmt: skip
     return curve
+
+
+def adapt_to_rows(
+    model: Model, rows: Rows, values: Inputs, rng: np.random.Generator
+) -> tuple[Model, list[dict[str, Any]], list[str]]:
+    """Adapt a model to labelled rows, with its curve and remarks.
+
+    Rows that the model gives no decision on move nothing and are not scored.
+    """
+    used, notes = _decidable(model, rows, values)
+    part, inputs = take_rows(rows, used), values[used]
+    if np.unique(part.labels).size < len(rows.classes):
+        return model, [], [*notes, "not adapted: a class has no own recording left"]
+    curve = adaptation_curve(model, part, inputs, rng)
+    if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
+        notes.append(
+            f"no score after {', '.join(gone)} own recordings of a class: too few, or no mover would be left to score"
+        )
+    if "subject" in part.index and part.index["subject"].astype(str).str.startswith("file/").all():
+        notes.append("own recordings name no subject: each counts as a mover of its own, though one may be in several")
+    return adapt(model, inputs, part.labels, recordings_of(part)), curve, notes
+
+
+def adapt_to_nameless_rows(
+    model: Model, rows: Rows, values: Inputs, shares: Mapping[str, float] | None
+) -> tuple[Model, list[str]]:
+    """Adapt a model to rows without labels, with remarks."""
+    used, notes = _decidable(model, rows, values)
+    if not used.size:
+        return model, [*notes, "not adapted: no own row is left"]
+    assumed = {name: 1.0 / len(rows.classes) for name in rows.classes} if shares is None else shares
+    names = recordings_of(take_rows(rows, used))
+    words = ", ".join(f"{share:.0%} {name}" for name, share in assumed.items())
+    notes.append(f"adapted to {np.unique(names).size} recordings without labels, as if {words}; scores are from before")
+    return adapt_unlabelled(model, values[used], names, [assumed[name] for name in rows.classes]), notes
+
+
+def _decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
+    """Return the rows that the model decides on, with a remark on the others."""
+    blocked = blocked_rows(rows, np.arange(len(rows)), values, model)
+    if not blocked.any():
+        return np.arange(len(rows)), []
+    outside = {name: beyond(found, name, model.facts.conditions) for name, found in conditions_of_rows(rows).items()}
+    worst = [f"{name} outside what was learnt in {int(far.sum())}" for name, far in outside.items() if far.any()]
+    words = f" ({', '.join(worst)})" if worst else ""
+    return np.flatnonzero(~blocked), [
+        f"{int(blocked.sum())} of {len(rows)} own rows are not used, no model would decide on them{words}"
+    ]

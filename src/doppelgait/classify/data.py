@@ -94,7 +94,7 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
     """
     datasets = (dataset,) if other is None else (dataset, other)
     if other is not None and other.description.get("id") == dataset.description.get("id"):
-        raise DatasetError(f"--test {other.directory}: is the training dataset; leave --test out")
+        raise DatasetError(f"{other.directory}: is the training dataset; name another one to test on")
     known = [label for label in dataset.description["classes"] if (dataset.index["label"] == label).any()]
     if len(known) < 2:
         raise DatasetError(
@@ -104,7 +104,7 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
     further = sorted(set(index["label"].unique()) - set(known))
     if further and other is not None:
         raise DatasetError(
-            f"--test {other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
+            f"{other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
             f"a model of it knows {', '.join(known)}"
         )
     group = "group" if "group" in index else "subject"

@@ -18,10 +18,13 @@ from doppelgait.classify.model import (
     blocking_flag,
     conditions_of_target,
     outside_conditions,
+    prf_of,
     wavelength_of,
 )
+from doppelgait.classify.shipped import fitting_model, shipped_model
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import AnalysisError, warn_caller
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.example import feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
 from doppelgait.pipeline.result import is_result_file
@@ -106,7 +109,7 @@ class Seen:
 
 
 def classify(
-    source: str | Path | Recording | Sequence[Result], model: Model, *, gate: Any = "track",
+    source: str | Path | Recording | Sequence[Result], model: Model | None = None, *, gate: Any = "track",
     analysis: Analysis | None = None, tracking: Tracking | None = None,
 ) -> list[Decision]:  # fmt: skip
     """Classify every target of a recording.
@@ -115,7 +118,9 @@ def classify(
     ----------
     source : path, Recording or sequence of Result
         A recording, or its results of :func:`doppelgait.analyze`, also as a file (``analyze -o``).
-    model : Model
+    model : Model, optional
+        By default the one that comes with the package and fits the radar
+        (:func:`doppelgait.classify.shipped.fitting_model`).
     gate, analysis, tracking
         As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training data.
 
@@ -130,19 +135,40 @@ def classify(
         As :func:`doppelgait.analyze`; or if results lack inputs of the model.
     RecordingError
         If a file cannot be read.
+    ConfigError
+        If no model is given and none that comes with the package fits.
     """
-    if isinstance(source, str | Path):
-        if is_result_file(source):
-            stored = read_results(source).targets
-            for analysis_used in {canonical_json(result.analysis): result.analysis for result in stored}.values():
-                _warn_about_settings(analysis_used.model_dump(mode="json"), model)
-            return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(stored)]
+    stored = isinstance(source, str | Path) and is_result_file(source)
+    if isinstance(source, str | Path) and not stored:
         source = read_recording(Path(source).resolve() if Path(source).is_dir() else source)
     if isinstance(source, Recording):
+        model = model or model_for(source)
         settings = analysis or analysis_of(model)
         _warn_about_settings(settings.model_dump(mode="json"), model)
-        source = analyze(source, gate=gate, analysis=settings, tracking=tracking)
-    return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(source)]
+        results: Sequence[Result] = analyze(source, gate=gate, analysis=settings, tracking=tracking)
+    else:
+        results = read_results(source).targets if isinstance(source, str | Path) else source
+    if not results:
+        return []
+    model = model or model_for(results)
+    if stored:
+        for analysis_used in {canonical_json(result.analysis): result.analysis for result in results}.values():
+            _warn_about_settings(analysis_used.model_dump(mode="json"), model)
+    return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(results)]
+
+
+def model_for(source: Recording | Sequence[Result]) -> Model:
+    """Return the shipped model that fits the radar of a recording or of results.
+
+    Raises
+    ------
+    ConfigError
+        If none fits.
+    """
+    if isinstance(source, Recording):
+        return shipped_model(fitting_model(source.radar.carrier_hz, source.radar.prf_hz))
+    signature = source[0].signature
+    return shipped_model(fitting_model(SPEED_OF_LIGHT_MPS / wavelength_of(signature), prf_of(signature)))
 
 
 def analysis_of(model: Model) -> Analysis:

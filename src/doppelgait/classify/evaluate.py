@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.classify.adapt import adapt, adapt_unlabelled, adaptation_curve, recordings_of
+from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
 from doppelgait.classify.data import Rows, Table, rows_of, table_of, take_rows
 from doppelgait.classify.learned import join_inputs
 from doppelgait.classify.model import (
@@ -21,6 +21,7 @@ from doppelgait.classify.model import (
     conditions_outside,
     span_words,
 )
+from doppelgait.classify.novelty import LEAST_FAR
 from doppelgait.classify.open_set import open_set_scores, unknown_rows
 from doppelgait.classify.runs import Run, run_all
 from doppelgait.classify.scores import (
@@ -165,9 +166,9 @@ class Evaluation:
 
 def evaluate(
     dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
-    left_out: str | None = None, own: Dataset | None = None, unknown: Dataset | None = None,
-    motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1, keep: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    left_out: str | None = None, own: Dataset | None = None, own_shares: Mapping[str, float] | None = None,
+    unknown: Dataset | None = None, motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1,
+    keep: bool = False, on_progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Train and score models.
 
@@ -188,8 +189,10 @@ def evaluate(
     own : Dataset, optional
         Recordings of one's own, to test on and to adapt the models to
         (:func:`doppelgait.classify.adapt.adaptation_curve`); the models returned are adapted to all of them. Where all
-        are labelled :data:`UNLABELLED`, nothing of them is tested, and the models are adapted as if every class were
-        as frequent among them (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
+        are labelled :data:`UNLABELLED`, nothing of them is tested, and the models are adapted to the shares of the
+        classes among them (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
+    own_shares : mapping, optional
+        Share of every class among own recordings without labels, summing to 1; by default all alike.
     unknown : Dataset, optional
         Rows of further classes, which the models should abstain from: scored beside the tested rows.
     motion_folder : Path, optional
@@ -215,7 +218,7 @@ def evaluate(
     ConfigError
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
-    rows, nameless = _rows_to_test(dataset, other, own)
+    rows, nameless = _rows_to_test(dataset, other, own, own_shares)
     strangers = None if unknown is None else unknown_rows(unknown, rows)
     for option, given in (("--adapt", own), ("--unknown", unknown)):
         if given is not None and (n_folds or left_out):
@@ -246,16 +249,17 @@ def evaluate(
     bare = [name for name in trained if not runs[name].calibrated]
     if bare:
         said.append(f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows")
+    fewest = min(fold.held.size for fold in folds)
+    if fewest < LEAST_FAR:
+        said.append(
+            f"{fewest} held rows: no model can turn anything away by its distance from what was learnt; it takes "
+            f"{LEAST_FAR}"
+        )
     said += [
         f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
         f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
         for name, part in outside.items()
     ]
-    if nameless is not None:
-        said.append(
-            f"kept models are adapted to {len(nameless)} rows without labels, as if as many recordings showed each "
-            "class ; the scores are of the models before that"
-        )
     document = document_of(rows, folds, answers, said, seed=seed)
     for name, run in runs.items():
         document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
@@ -266,30 +270,49 @@ def evaluate(
     document |= {"n_seeds": n_seeds, "kept": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     if own is not None or strangers is not None:
-        labelled = own is not None and nameless is None
+        part = folds[0].test
         for name in trained:
-            further, kept[name] = _score_further(
-                kept[name], take_rows(rows, folds[0].test), tables[name].values[folds[0].test], strangers,
-                seed=seed, adapted=labelled, nameless=nameless,
+            further, kept[name], notes = _score_further(
+                kept[name], take_rows(rows, part), tables[name].values[part], strangers, nameless,
+                seed=seed, adapted=own is not None, shares=own_shares,
             )  # fmt: skip
             document["models"][name] |= further
+            document["notes"] += [f"{name}: {note}" for note in notes]
     return Evaluation(document, answers_table(rows, answers), best, kept)
 
 
-def _rows_to_test(dataset: Dataset, other: Dataset | None, own: Dataset | None) -> tuple[Rows, Rows | None]:
+def _rows_to_test(
+    dataset: Dataset, other: Dataset | None, own: Dataset | None, shares: Mapping[str, float] | None
+) -> tuple[Rows, Rows | None]:
     """Collect all rows, and separately own rows without labels."""
-    if own is None:
+    blank = None if own is None else own.index["label"].to_numpy(dtype=str) == UNLABELLED
+    if shares is not None and (blank is None or not blank.any()):
+        raise ConfigError(f"--share: goes with --adapt and recordings called {UNLABELLED!r}")
+    if own is None or blank is None:
         return rows_of(dataset, other), None
     if other is not None:
         raise ConfigError("--adapt and --test: take one of them; --adapt tests on what it does not adapt to")
-    blank = own.index["label"].to_numpy(dtype=str) == UNLABELLED
     if not blank.any():
-        return rows_of(dataset, own), None
+        rows = rows_of(dataset, own)
+        missing = [name for name in rows.classes if not (own.index["label"] == name).any()]
+        if missing:
+            raise DatasetError(
+                f"--adapt {own.directory}: shows no {', '.join(missing)}, so that nothing tells how far to move the "
+                f"decision; label recordings of every class ({', '.join(rows.classes)}), or call all {UNLABELLED!r}"
+            )
+        return rows, None
     if not blank.all():
         raise DatasetError(
             f"--adapt {own.directory}: {blank.sum()} of {blank.size} rows are {UNLABELLED!r}; label all or none"
         )
     rows = rows_of(dataset)
+    if shares is not None:
+        given = ", ".join(f"{name}={share:g}" for name, share in shares.items())
+        whole = abs(sum(shares.values()) - 1.0) < 1e-6 and min(shares.values(), default=0.0) > 0
+        if set(shares) != set(rows.classes) or not whole:
+            raise ConfigError(
+                f"--share: {given}: must name every class ({', '.join(rows.classes)}), each above 0, together 1"
+            )
     return rows, unknown_rows(own, rows)
 
 
@@ -303,22 +326,23 @@ def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
 
 
 def _score_further(
-    model: Model, rows: Rows, values: Any, strangers: Rows | None, *, seed: int, adapted: bool, nameless: Rows | None
-) -> tuple[dict[str, Any], Model]:
-    """Score adaptation to the tested rows and abstention from strangers.
+    model: Model, tested: Rows, values: Any, strangers: Rows | None, nameless: Rows | None, *, seed: int, adapted: bool,
+    shares: Mapping[str, float] | None,
+) -> tuple[dict[str, Any], Model, list[str]]:  # fmt: skip
+    """Score adaptation to own rows, then abstention from strangers, with remarks.
 
     The model is returned as adapted to all tested rows, or to those without labels.
     """
     found: dict[str, Any] = {}
+    notes: list[str] = []
+    if adapted and nameless is None:
+        model, found["adaptation"], notes = adapt_to_rows(model, tested, values, np.random.default_rng(seed))
+    elif nameless is not None:
+        inputs = table_of(nameless, model.facts.features).values
+        model, notes = adapt_to_nameless_rows(model, nameless, inputs, shares)
     if strangers is not None:
         found["unknown"] = open_set_scores(model, values, strangers)
-    if adapted:
-        found["adaptation"] = adaptation_curve(model, rows, values, np.random.default_rng(seed))
-        model = adapt(model, values, rows.labels)
-    if nameless is not None:
-        values = table_of(nameless, model.facts.features).values
-        model = adapt_unlabelled(model, values, recordings_of(nameless))
-    return found, model
+    return found, model, notes
 
 
 def _score_of_seed(answers: Answers) -> float | None:

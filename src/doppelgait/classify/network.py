@@ -120,7 +120,8 @@ def train_network(
         best, best_loss, since = model.state_dict(), np.inf, 0
         n_epochs = min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))
         for epoch in range(n_epochs):
-            width = min(1.0, epoch / (settings.widening * n_epochs)) if settings.widening else 1.0
+            slowly = settings.widening * n_epochs
+            width = min(1.0, epoch / slowly) if slowly > 1.0 else 1.0  # never all epochs without any variation
             _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings, width)
             loss = _held_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
             if loss <= best_loss:

@@ -15,6 +15,8 @@ from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Part, feat
 NOVEL_BELOW = 0.02
 """No decision about a target that is farther than all but this share of the held-out rows: set beforehand, so that one
 in fifty of the known kinds is turned away."""
+LEAST_FAR = 49
+"""Held-out rows below which the least rank, 1 / (n + 1), is not below :data:`NOVEL_BELOW`: nothing is turned away."""
 LEVELS = 500
 """Stored quantiles of the held-out distances, at most."""
 SHRINKAGE = 0.05

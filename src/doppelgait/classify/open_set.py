@@ -66,7 +66,8 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
     -------
     dict
         By label: ``n``; ``auc`` of the distance from what was learnt and ``auc_of_probability`` of the lack of
-        certainty (0.5: no better than chance); ``decided`` the share called each class with a decision, by class.
+        certainty (0.5: no better than chance; None for a model that measures no distance); ``decided`` the share called
+        each class with a decision, by class.
     """
     table = table_of(unknown, model.facts.features)
     known_rank, known_sure = _scores(model, tested)
@@ -74,24 +75,24 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
     blocked = blocked_rows(unknown, np.arange(len(unknown)), table.values, model)
     decided = ~blocked & (sure >= model.facts.abstain_below)
     guesses = model.probability(table.values).argmax(axis=1)
-    found = {}
+    found: dict[str, Any] = {}
     labels = unknown.index["label"].to_numpy(dtype=str)
     for label in np.unique(labels):
         own = labels == label
-        novel = np.concatenate([np.zeros(len(known_rank), dtype=bool), np.ones(int(own.sum()), dtype=bool)])
+        novel = np.concatenate([np.zeros(len(known_sure), dtype=bool), np.ones(int(own.sum()), dtype=bool)])
         shares = {
             name: float((decided & (guesses == number))[own].mean()) for number, name in enumerate(unknown.classes)
         }
         found[str(label)] = {
             "n": int(own.sum()),
-            "auc": auc(np.concatenate([known_rank, rank[own]]), novel),
+            "auc": None if rank is None or known_rank is None else auc(np.concatenate([known_rank, rank[own]]), novel),
             "auc_of_probability": auc(-np.concatenate([known_sure, sure[own]]), novel),
             "decided": shares,
         }
     return found
 
 
-def _scores(model: Model, values: Any) -> tuple[FloatArray, FloatArray]:
-    """Return distance from what was learnt and highest probability."""
-    far = np.zeros(len(values)) if model.novelty is None else model.novelty.distance(values)
+def _scores(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
+    """Return distance from what was learnt, if measured, and highest probability."""
+    far = None if model.novelty is None else model.novelty.distance(values)
     return far, np.asarray(model.probability(values).max(axis=1))

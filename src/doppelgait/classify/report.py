@@ -242,7 +242,8 @@ LISTING = "report.json"
 ADAPTATION_TEXT = (
     "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on movers of whom no "
     "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. Without labels: the same recordings, as if nobody knew what they show, but that "
+    "range. Each count leaves other movers to score: compare with the same movers before. Without "
+    "labels: the same recordings, as if nobody knew what they show, but that "
     "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
@@ -415,6 +416,8 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
 def _over_seeds(values: Sequence[float | None] | None) -> str:
     """Format mean and range of a score over seeds."""
     known = [value for value in values or () if value is not None]
+    if len(set(known)) == 1 < len(known):
+        return f"{known[0]:.3f} (no draw in it)"
     return f"{np.mean(known):.3f} ({min(known):.3f} to {max(known):.3f})" if known else "-"
 
 
@@ -441,7 +444,8 @@ def adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
             span = f"{number(point['low'])} to {number(point['high'])}"
             rows.append({"model": name, "own recordings of a class": str(point["n"]),
                          "balanced accuracy": f"{number(point['balanced_accuracy'])} ({span})",
-                         "without labels": number(point["unlabelled"]),
+                         "same movers before": number(point["before"]), "without labels": number(point["unlabelled"]),
+                         "movers": f"{point['movers']:.0f}",
                          "ECE": number(point["expected_calibration_error"])})  # fmt: skip
     return rows
 

@@ -82,9 +82,7 @@ def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
             f"{int(known.sum())} of {other.size} rows of the test dataset left out: movers that are learnt from"
         )
     if known.all():
-        raise DatasetError(
-            f"--test {rows.datasets[1].directory}: all of its targets are in the training data, no row is left"
-        )
+        raise DatasetError(f"{rows.datasets[1].directory}: all of its targets are in the training data, no row is left")
     return Fold("other dataset", train, held, other[~known]), notes
 
 

@@ -20,7 +20,14 @@ def classify(
     recording: Annotated[
         Path, typer.Argument(help="Recording of any format of 'radar formats', or results of 'analyze -o'.")
     ],
-    model: Annotated[Path, typer.Option("--model", help="Model of 'evaluate --save', .npz.")],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait; by default the one "
+            "that fits the radar.",
+        ),
+    ] = None,
     gate: Annotated[
         str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
     ] = "track",
@@ -38,19 +45,15 @@ def classify(
     Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording is classified in
     windows: a table of tracks, and a timeline of the decisions about them.
 
-    Example: doppelgait classify walk.h5 --model home-alarm-model.npz
+    Example: doppelgait classify walk.h5
 
     Example: doppelgait classify evening.h5 --model home-alarm-model.npz --window-s 4 --hop-s 1
     """
     from doppelgait.classify.decide import classify as run_classification
-    from doppelgait.classify.model_file import load_model
-    from doppelgait.pipeline.result import is_result_file
+    from doppelgait.classify.decide import model_for
+    from doppelgait.pipeline.result import is_result_file, read_results
 
-    loaded = load_model(model)
-    facts = loaded.facts
-    about = {"file": str(model), "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
-             "calibrated": loaded.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
-             "alarm_people": facts.alarm_people}  # fmt: skip
+    loaded = None if model is None else _load(model)
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
@@ -62,6 +65,8 @@ def classify(
             raise ConfigError(
                 f"{', '.join(refused)}: the file holds results, which cannot be changed; name the recording"
             )
+        results = read_results(recording).targets
+        loaded = loaded or (model_for(results) if results else None)
         decisions = run_classification(recording, loaded)
     else:
         from doppelgait.core.config import apply_overrides, validate
@@ -69,15 +74,16 @@ def classify(
         from doppelgait.processing import Analysis, Gate
         from doppelgait.radar import read_recording
 
-        table = apply_overrides(facts.analysis, changes or [])
-        tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-        settings = validate(Analysis, table, where="analysis")
         # resolved: a reader looks at the name, and "." has none
         path = recording.resolve() if recording.is_dir() else recording
         with reader_options():
             read = read_recording(path, **apply_overrides({}, options or []))
         for note in read.notes:
             say(f"note: {note}")
+        loaded = loaded or model_for(read)
+        table = apply_overrides(loaded.facts.analysis, changes or [])
+        tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
+        settings = validate(Analysis, table, where="analysis")
         choice = Gate.parse(gate, where="--gate")
         if window_s is not None or hop_s is not None:
             from doppelgait.classify.timeline import check_window, classify_over_time
@@ -86,13 +92,14 @@ def classify(
             over_time = classify_over_time(
                 read, loaded, window_s=window_s, hop_s=hop_s, gate=choice, analysis=settings, tracking=tracking
             )
-            head = {"file": str(recording), "model": about, "window_s": window_s, "hop_s": hop_s}
+            head = {"file": str(recording), "model": _about(loaded, model), "window_s": window_s, "hop_s": hop_s}
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
-                _say_about(loaded, str(model))
+                _say_about(loaded, model)
             return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
+        about = None if loaded is None else _about(loaded, model)
         print_json({"file": str(recording), "model": about, "targets": [decision.as_dict() for decision in decisions]})
     else:
         rows: list[dict[str, Any]] = [
@@ -108,8 +115,24 @@ def classify(
             for found in decisions
         ]
         print_table(rows) if rows else print("no target found")
-        if decisions:
-            _say_about(loaded, str(model))
+        if loaded is not None and decisions:
+            _say_about(loaded, model)
+
+
+def _load(name: str) -> Model:
+    """Load a model that comes with the package by its name, or a file."""
+    from doppelgait.classify.model_file import load_model
+    from doppelgait.classify.shipped import model_cards, shipped_model
+
+    return shipped_model(name) if name in model_cards() else load_model(name)
+
+
+def _about(model: Model, file: str | None) -> dict[str, Any]:
+    """Describe a model for JSON; its file is None where it comes with the package and was chosen."""
+    facts = model.facts
+    return {"file": file, "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
+            "calibrated": model.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
+            "alarm_people": facts.alarm_people}  # fmt: skip
 
 
 def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as_json: bool) -> None:
@@ -162,11 +185,13 @@ def _cell(name: str, value: Any) -> Any:
 ALARM = {None: "-", True: "yes", False: "no"}
 
 
-def _say_about(model: Model, name: str) -> None:
+def _say_about(model: Model, name: str | None) -> None:
     """Explain the alarm, and the data that probabilities rest on."""
     from doppelgait.classify.model import rests_on
 
     facts = model.facts
+    if name is None:
+        say(f"model: {facts.dataset_name}, which comes with doppelgait and fits this radar")
     if facts.alarm is None or facts.alarm_threshold is None:
         say("note: alarm: this model has none")
     else:
@@ -175,7 +200,7 @@ def _say_about(model: Model, name: str) -> None:
             "them reach; also without a decision; -: not known for this radar"
         )
     if not model.calibration.n_rows:
-        say(f"note: {name}: its probabilities are not calibrated")
+        say(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
     if rests_on(facts):
         say(f"note: {rests_on(facts)}")
 
@@ -213,6 +238,14 @@ def evaluate(
             "of them called unlabelled.",
         ),
     ] = None,
+    shares: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--share",
+            help="With --adapt and unlabelled recordings: CLASS=SHARE of them that show the class; repeatable, all "
+            "alike by default.",
+        ),
+    ] = None,
     unknown: Annotated[
         Path | None,
         typer.Option("--unknown", help="A dataset with further classes, which the models should abstain from."),
@@ -248,18 +281,22 @@ def evaluate(
         write_report,
     )
     from doppelgait.classify.training import BASELINES
+    from doppelgait.core.errors import ConfigError
     from doppelgait.dataset import open_dataset
 
     if save is not None:
         _check_save(save, output)
     check_folder(output)
     if names is not None or classes or options:
+        clash = [name for name, given in (("--cv", cv), ("--leave-out", left_out), ("--adapt", adapt)) if given]
+        if clash:
+            raise ConfigError(f"--names and {clash[0]}: take one of them; --names is a way to name --test")
         test = _import_test(dataset, test, names, classes or [], options or [], output)
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
             left_out=left_out, own=None if adapt is None else open_dataset(adapt),
-            unknown=None if unknown is None else open_dataset(unknown),
+            own_shares=_shares_of(shares), unknown=None if unknown is None else open_dataset(unknown),
             motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
         )  # fmt: skip
@@ -287,8 +324,24 @@ def evaluate(
         if found.best == "ensemble":
             chosen = "the mean of its members"
         if adapt is not None:
-            chosen += f", adapted to all rows of {adapt}"
+            chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {adapt}"
         say(f"model: {save}: {found.best}, {chosen}")
+
+
+def _shares_of(given: list[str] | None) -> dict[str, float] | None:
+    """Read CLASS=SHARE."""
+    from doppelgait.core.errors import ConfigError
+
+    if not given:
+        return None
+    found = {}
+    for text in given:
+        label, _, share = text.rpartition("=")
+        try:
+            found[label] = float(share)
+        except ValueError:
+            raise ConfigError(f"--share {text}: give CLASS=SHARE, for example human=0.9") from None
+    return found
 
 
 def _import_test(
@@ -296,7 +349,7 @@ def _import_test(
 ) -> Path:
     """Make a dataset of a folder of recordings, next to the report, with the analysis of the training data."""
     from doppelgait.core.config import apply_overrides, validate
-    from doppelgait.core.errors import ConfigError
+    from doppelgait.core.errors import ConfigError, DatasetError
     from doppelgait.dataset import open_dataset
     from doppelgait.dataset.importing import ImportConfig, import_dataset
     from doppelgait.dataset.names import label_entries
@@ -304,11 +357,25 @@ def _import_test(
     if folder is None or names is None:
         raise ConfigError("--names, --label and --option need --test FOLDER and --names")
     target = output.with_name(f"{output.name}-test")
-    planned = open_dataset(dataset).description.get("config") or {}
+    description = open_dataset(dataset).description
+    planned = description.get("config") or {}
     config = validate(ImportConfig, {"analysis": planned.get("analysis") or {}}, where=str(dataset))
     entries = label_entries(folder, None, names, classes, gate="track", options=apply_overrides({}, options))
-    with progress("importing") as on_progress:
-        report = import_dataset(folder, entries, target, config=config, on_progress=on_progress)
+    if not isinstance(entries, Path):
+        further = sorted({entry.label for entry in entries} - set(description["classes"]))
+        if further:  # before recordings are read, which takes long
+            raise ConfigError(
+                f"{folder}: shows {', '.join(further)}, which {dataset} does not have; call them one of "
+                f"{', '.join(description['classes'])} (--label {further[0]}=CLASS), or leave them out "
+                f"(--label {further[0]}=)"
+            )
+    try:
+        with progress("importing") as on_progress:
+            report = import_dataset(folder, entries, target, config=config, on_progress=on_progress)
+    except DatasetError as error:
+        if (target / "dataset.json").is_file():
+            raise DatasetError(f"{error}; {target} is of an earlier run: remove it, or name another report") from None
+        raise
     failed = f"; {report.n_failed} failed, the first: {report.failures[0]['reason']}" if report.n_failed else ""
     say(f"{target}: {report.n_rows} rows of {report.n_recordings} recordings{failed}")
     return target

@@ -42,6 +42,8 @@ NEEDED = ("x_m", "y_m", "doppler_mps", "track")
 NO_TRACK = 250
 """Numbers from here on mean no track: 253 weak, 254 outside the room, 255 noise (TI's "3D people tracking" guide)."""
 LEAST_FRAMES = 5
+NEW_TRACK_S = 1.0
+"""Longer gaps end a track; some 15 frames of the usual rate, assumed."""
 
 
 @dataclass(frozen=True)
@@ -196,13 +198,17 @@ def _read_json(file: Path) -> list[dict[str, float]]:
 def tracks_of_points(points: pd.DataFrame) -> list[PointTrack]:
     """Collect the tracks of a log, those with five frames or more.
 
+    A number that returns after :data:`NEW_TRACK_S` is another body's: sensors use numbers again.
+
     Parameters
     ----------
     points : DataFrame
         As of :func:`read_points`.
     """
     tracks = []
-    for number, own in points[points["track"] >= 0].groupby("track"):
+    seen = points[points["track"] >= 0].sort_values("time_s", kind="stable")
+    again = seen.groupby("track")["time_s"].diff().gt(NEW_TRACK_S).groupby(seen["track"]).cumsum()
+    for (number, _), own in seen.groupby([seen["track"], again.rename("again")]):
         frames = own.assign(range_m=np.sqrt(own["x_m"] ** 2 + own["y_m"] ** 2 + own["z_m"] ** 2)).groupby("time_s")
         middle = frames[["range_m", "velocity_mps", "x_m", "y_m", "z_m"]].median()
         if len(middle) < LEAST_FRAMES:

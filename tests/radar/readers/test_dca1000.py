@@ -141,6 +141,8 @@ def test_settings_in_toml_json_and_ti_text(tmp_path):
     assert read_dca1000(path, config=str(tmp_path / "elsewhere.txt")).baseband.identical(found.baseband)
     (tmp_path / "elsewhere.txt").write_text(CFG.format(swap=1))
     assert read_config(tmp_path / "elsewhere.txt").q_first
+    (tmp_path / "elsewhere.txt").write_text(CFG.replace("adcbufCfg -1 0", "adcbufCfg 0").format(swap=1))
+    assert read_config(tmp_path / "elsewhere.txt").q_first  # as older kits write it, without the subframe
     (tmp_path / "elsewhere.txt").write_text(CFG.format(swap=0).replace("% Platform:xWR18xx", ""))
     with pytest.raises(RecordingError, match="does not tell the device; give the option device"):
         read_dca1000(path, config="elsewhere.txt")
@@ -219,6 +221,8 @@ def test_settings_that_are_wrong(tmp_path, change, message):
     ("old", "new", "message"),
     [
         ("frameCfg 0 0 16 0 1.6 1 0\n", "", "lacks the command frameCfg"),
+        ("adcbufCfg -1 0 0 1 1", "adcbufCfg 0 1 1", "adcbufCfg has 3 numbers; 5 are read, or 4"),
+        ("adcbufCfg -1 0 0 1 1", "adcbufCfg -1 0 0 0 1", "receivers that alternate are not allowed for xwr18xx"),
         ("adcCfg 2 1", "adcCfg 2 7", "adcCfg: output format 7"),
         ("adcCfg 2 1", "adcCfg 2", "line 6, adcCfg: has 1 numbers; it must have 2"),
         ("channelCfg 3 1 0", "channelCfg 3 one 0", "line 5, channelCfg: holds a word that is no number"),

@@ -160,6 +160,21 @@ CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampli
 """Places of a chirpCfg at which a chirp may differ from its profile."""
 
 
+def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
+    """Tell whether Q comes before I by adcbufCfg: with a subframe in front, or as older kits have it, without."""
+    if not numbers:
+        return False
+    if len(numbers) not in (4, 5):
+        raise RecordingError(f"{path}: adcbufCfg has {len(numbers)} numbers; 5 are read, or 4 without the subframe")
+    _, swap, interleave, _ = numbers[-4:]
+    if interleave == 0 and device and device not in FOUR_LANES:
+        raise RecordingError(
+            f"{path}: adcbufCfg: receivers that alternate are not allowed for {device}; its samples come receiver by "
+            "receiver (1)"
+        )
+    return swap == 1
+
+
 def _profile(path: Path, commands: Commands, first: int, last: int) -> list[float]:
     """Return the one profile of the chirps of a frame."""
     if not 0 <= first <= last <= 511:
@@ -219,12 +234,12 @@ def _parse_commands(path: Path, text: str) -> dict[str, Any]:
     if adc[1] not in (0, 1, 2):
         raise RecordingError(f"{path}: adcCfg: output format {adc[1]:g} is not allowed; 0 (real), 1 or 2 (complex)")
     mask = int(channel[0])
-    buffers = commands.get("adcbufCfg", [(0, [])])[0][1]
     platform = re.search(r"platform\s*:?\s*(xwr\d\dxx)", text, re.IGNORECASE)
+    device = platform[1].lower() if platform else ""
     return {
-        **({"device": platform[1].lower()} if platform else {}),
+        **({"device": device} if device else {}),
         "output": OUTPUTS[int(adc[1])],
-        "q_first": len(buffers) >= 5 and buffers[2] == 1,
+        "q_first": _is_swapped(path, commands.get("adcbufCfg", [(0, [])])[0][1], device),
         "receivers": [bit for bit in range(4) if mask >> bit & 1],
         "n_samples": profile[9],
         "sample_rate_hz": profile[10] * 1e3,

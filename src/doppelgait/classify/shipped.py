@@ -1,0 +1,98 @@
+"""Models that come with the package, trained on synthetic recordings alone.
+
+``tools/train_models.py`` makes them; each has its card next to it.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from doppelgait.classify.model import Model, beyond
+from doppelgait.classify.model_file import load_model
+from doppelgait.core.errors import ConfigError
+
+FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
+
+
+def model_cards() -> dict[str, dict[str, Any]]:
+    """Read the cards of the shipped models, by name.
+
+    Returns
+    -------
+    dict
+        By name of the model: what it was trained on, its classes, ``conditions`` (lowest and highest carrier, pulse
+        rate and observation time), scores on synthetic test data, size and times.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import model_cards
+    >>> model_cards()["x4"]["classes"]
+    ['human', 'animal']
+    """
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))}
+
+
+@cache
+def shipped_model(name: str) -> Model:
+    """Load a model that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+        Of :func:`model_cards`.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import shipped_model
+    >>> shipped_model("x4").facts.classes
+    ('human', 'animal')
+    """
+    if name not in model_cards():
+        raise ConfigError(f"model {name!r} does not come with doppelgait; there are {', '.join(model_cards())}")
+    return load_model(FOLDER / f"{name}.npz")
+
+
+def fitting_model(carrier_hz: float, prf_hz: float) -> str:
+    """Return the name of the shipped model for a radar.
+
+    Parameters
+    ----------
+    carrier_hz, prf_hz : float
+        Of the radar; within 10 % of what a model learnt.
+
+    Raises
+    ------
+    ConfigError
+        If none fits.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import fitting_model
+    >>> fitting_model(carrier_hz=7.29e9, prf_hz=1000)
+    'x4'
+    """
+    asked, cards = {"carrier_hz": carrier_hz, "prf_hz": prf_hz}, model_cards()
+    for name, card in cards.items():
+        if not any(beyond(np.array([value]), key, card["conditions"])[0] for key, value in asked.items()):
+            return name
+    said = []
+    for name, card in cards.items():
+        low, high = (value / 1e9 for value in card["conditions"]["carrier_hz"])
+        rates = card["conditions"]["prf_hz"]
+        said.append(f"{name} ({(low + high) / 2:.4g} GHz, {rates[0]:g} to {rates[1]:g} Hz)")
+    raise ConfigError(
+        f"no model that comes with doppelgait is for a carrier of {carrier_hz / 1e9:.4g} GHz and {prf_hz:g} pulses a "
+        f"second; there are {', '.join(said)}. Train one on a plan of your radar "
+        "(doppelgait evaluate DATASET -o REPORT --save model.npz) and name it (--model)"
+    )

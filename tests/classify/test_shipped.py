@@ -1,0 +1,65 @@
+"""Models that come with the package: made for this version, small, chosen by the radar."""
+
+import pytest
+
+import doppelgait as dg
+from doppelgait.classify import classify, fitting_model, model_cards, shipped_model
+from doppelgait.classify.decide import analysis_of, model_for
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.finish import DATA_VERSION
+
+NAMES = sorted(model_cards())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
+    card, model = model_cards()[name], shipped_model(name)
+    assert card["data_version"] == DATA_VERSION, "rebuild: python tools/train_models.py"
+    assert card["dataset"] == model.facts.dataset_id
+    assert tuple(card["classes"]) == model.facts.classes == ("human", "animal")
+    assert card["conditions"] == {key: list(span) for key, span in model.facts.conditions.items()}
+    assert "synthetic" in card["trained_on"]
+    assert card["licence"] == "Apache-2.0"
+    assert card["size_kb"] < 400
+    assert card["synthetic_test"]["balanced_accuracy"]["value"] > 0.9
+    assert model.facts.alarm == "human"
+    assert len(model.learned.members) == 3  # with its network
+
+
+@pytest.mark.parametrize(
+    ("carrier_hz", "prf_hz", "name"),
+    [(7.29e9, 500, "x4"), (7.29e9, 1600, "x4"), (7.29e9, 1740, "x4")],
+)
+def test_the_radar_chooses(carrier_hz, prf_hz, name):
+    assert fitting_model(carrier_hz, prf_hz) == name
+
+
+@pytest.mark.parametrize(("carrier_hz", "prf_hz"), [(7.29e9, 17), (7.29e9, 3000), (9.7e9, 1000), (77e9, 3200)])
+def test_a_radar_that_none_knows_is_told_so(carrier_hz, prf_hz):
+    with pytest.raises(ConfigError, match=r"no model that comes with doppelgait .*; there are .*x4 \(7.29 GHz, 500"):
+        fitting_model(carrier_hz, prf_hz)
+
+
+def test_an_unknown_name_lists_those_there_are():
+    with pytest.raises(ConfigError, match=r"there are .*x4"):
+        shipped_model("x5")
+
+
+def walking(motion):
+    scene = dg.Scene([dg.Target(motion, range_m=5.0, aspect_deg=0.0)], radar_position_m=(0, 0, 1), duration_s=3.0)
+    return dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.Streams(3))
+
+
+@pytest.mark.parametrize(
+    ("motion", "label"),
+    [(lambda: dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=3.0), "human"),
+     (lambda: dg.motion.quadruped_gait(gait="trot", withers_m=0.5, speed_mps=1.6, duration_s=3.0), "animal")],
+)  # fmt: skip
+def test_who_goes_is_decided_without_naming_a_model(motion, label):
+    recording = walking(motion())
+    assert model_for(recording) is shipped_model("x4")
+    decision = classify(recording, gate="truth")[0]
+    assert (decision.label, decision.abstained) == (label, False), decision.reason
+    results = dg.analyze(recording, gate="truth", analysis=analysis_of(shipped_model("x4")))
+    assert model_for(results) is shipped_model("x4")
+    assert classify(results)[0].probabilities == pytest.approx(decision.probabilities)

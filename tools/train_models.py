@@ -1,0 +1,140 @@
+"""Train the models that ship with the package, on synthetic data alone.
+
+    python tools/train_models.py [NAME ...] [--work FOLDER] [--examples 2000] [--workers 2]
+
+Needs ``pip install 'doppelgait[torch]'`` and some 20 minutes of two cores. The plans are those of :func:`plan_of`; no
+recording is used. Written are ``src/doppelgait/classify/models/NAME.npz`` and the model card next to it, ``NAME.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from doppelgait.classify.data import rows_of, table_of, take_rows
+from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.model_file import save_model
+from doppelgait.core.config import validate
+from doppelgait.dataset import build_dataset, load_plan, open_dataset
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.finish import DATA_VERSION
+from doppelgait.dataset.open import Dataset
+
+MODELS = Path(__file__).parents[1] / "src" / "doppelgait" / "classify" / "models"
+BASE = "home-alarm-wide"
+ANIMAL = "animal"
+"""Class of dogs and cats: to every feature a cat is a small dog."""
+CATS = [
+    {"gait": "walk", "froude": {"log_uniform": [0.06, 0.45]}}, {"gait": "trot", "froude": {"log_uniform": [0.31, 1.7]}},
+]  # fmt: skip
+CAT = {"build": "cat", "withers_m": {"log_uniform": [0.22, 0.3]}}
+RADARS: dict[str, dict[str, Any]] = {
+    "x4": {
+        "radar": {"preset": "x4", "prf_hz": {"choice": [500, 700, 1000, 1300, 1600]}},
+        "scene": {"duration_s": 2.5}, "range_m": [4.8, 5.1],
+    },
+    "fmcw-24": {
+        "radar": {"preset": "ancortek-24", "sweep_s": 0.0005, "prf_hz": {"choice": [1000, 2000]}},
+        "scene": {"duration_s": 2.5}, "range_m": [5.0, 7.0],
+    },
+    "fmcw-60": {
+        "radar": {"preset": "ti-60"},
+        "scene": {"duration_s": 2.0}, "range_m": [3.9, 4.1],
+    },
+}  # fmt: skip
+"""Radar, observation and mid-track range; a body at 3.2 m/s stays inside every frame."""
+X4_ALONE = ("static_clutter", "dropped_frames")
+"""Impairments of the X4 that no other radar has in this form."""
+TABLES = ("balanced_accuracy", "auc", "brier", "expected_calibration_error")
+
+
+def plan_of(name: str, n_examples: int) -> PlanConfig:
+    """Return the plan that a model is trained on.
+
+    ``home-alarm-wide`` without its variation of motions, which costs today's movers 3 to 4 points on recorded ones
+    (docs/classify.md); any aspect but straight across; cats among the animals.
+    """
+    plan, _ = load_plan(BASE)
+    table, own = plan.model_dump(mode="python"), RADARS[name]
+    table["dataset"] |= {"name": f"shipped-{name}", "examples_per_class": n_examples}
+    table["scene"] |= own["scene"]
+    table["target"].pop("vary")
+    table["target"]["range_m"] = {"uniform": own["range_m"]}
+    table["target"]["aspect_deg"] = {"choice": [{"uniform": [-60, 60]}, {"uniform": [120, 240]}]}
+    table["noise"]["snr_db"] = {"uniform": [-5, 28]}
+    human, animal = (section["motion"]["choice"] for section in table["classes"])
+    human[:] = [motion for number, motion in enumerate(human) if motion not in human[:number]]
+    walker = next(motion for motion in animal if motion["gait"] == "walk")
+    animal += [walker | CAT | gait for gait in CATS]
+    table["classes"][1]["label"] = ANIMAL
+    if name == "x4":
+        table["radar"] |= own["radar"]
+    else:
+        table["radar"] = own["radar"]
+        table["impairments"] = [part for part in table["impairments"] if not _is_of_x4(part)]
+    return validate(PlanConfig, table, where=f"plan of {name}")
+
+
+def _is_of_x4(part: dict[str, Any]) -> bool:
+    """Tell whether an impairment, or the first choice of one, is the X4's."""
+    return part.get("kind", part.get("choice", [{}])[0].get("kind")) in X4_ALONE
+
+
+def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
+    """Train on a dataset, write the model, return its card."""
+    began = time.process_time()
+    found = evaluate(dataset, models=["ensemble"], keep=True)
+    seconds = time.process_time() - began
+    model, path = found.models["ensemble"], folder / f"{name}.npz"
+    save_model(model, path)
+    rows = rows_of(dataset)
+    tested = np.flatnonzero((rows.index["split"] == "test").to_numpy())
+    values = table_of(take_rows(rows, tested), model.facts.features).values
+    began = time.process_time()
+    model.probability(values)
+    scores = found.document["models"]["ensemble"]
+    return {
+        "name": name,
+        "data_version": DATA_VERSION,
+        "licence": "Apache-2.0",
+        "trained_on": "synthetic recordings of gait models alone; no motion capture, no recording of a radar",
+        "dataset": dataset.description["id"],
+        "classes": list(model.facts.classes),
+        "n_train": model.facts.n_train,
+        "conditions": {key: list(span) for key, span in model.facts.conditions.items()},
+        "synthetic_test": {key: scores[key] for key in TABLES if key in scores},
+        "training_s": round(seconds, 1),
+        "size_kb": round(path.stat().st_size / 1000.0, 1),
+        "decision_ms": round(1e3 * (time.process_time() - began) / tested.size, 3),
+    }
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=list(RADARS), help=f"of {', '.join(RADARS)}")
+    parser.add_argument("--work", type=Path, help="keep the datasets here, and take complete ones from here")
+    parser.add_argument("--models", type=Path, default=MODELS, help="folder of the models")
+    parser.add_argument("--examples", type=int, default=2000, help="of a class")
+    parser.add_argument("--workers", type=int)
+    options = parser.parse_args()
+    options.models.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as scratch:
+        for name in options.names:
+            target = (options.work or Path(scratch)) / f"shipped-{name}-{options.examples}"
+            report = build_dataset(plan_of(name, options.examples), target, workers=options.workers,
+                                   max_failed_share=0.02)  # fmt: skip
+            print(f"{name}: {report.n_rows} rows in {report.seconds:.0f} s", flush=True)
+            card = train(open_dataset(target), options.models, name)
+            (options.models / f"{name}.json").write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
+            print(json.dumps(card, indent=2), flush=True)
+
+
+if __name__ == "__main__":
+    main()
