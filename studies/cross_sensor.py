@@ -262,7 +262,8 @@ def results_of(seed: int, out: Path, real: pd.DataFrame | None, *, share: float)
                 lines += [pd.DataFrame({**facts, "model": name, "p": p}) for name, p in models.of_person(rows).items()]
     for source in (*SENSORS, "all four") if real is not None else ():
         rows = shared_out(list(learnt.values())) if source == "all four" else learnt[source]
-        models = train(rows, {"recipe": real_models.SETTINGS}, seed, pictures="xband", spec=images.PATCH)
+        settings = {"recipe": real_models.SETTINGS.model_copy(update={"stretch": 1.4, "widening": 0.5})}
+        models = train(rows, settings, seed, pictures="xband", spec=images.PATCH)
         facts = {"trained": source, "image": real["image"], "label": real["label"]}
         shown += [pd.DataFrame({**facts, "model": name, "p": p}) for name, p in models.of_person(real).items()]
     sensors = pd.DataFrame([facts_of(sensor, tested) for sensor in SENSORS])

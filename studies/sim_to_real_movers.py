@@ -7,19 +7,16 @@ first and sizes are drawn until the gait exists at it, so that the classes share
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gait_frequency import stretches
 from xband_measures import FloatArray
 
-from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.core.errors import ConfigError
 from doppelgait.motion import make_motion
-from doppelgait.motion.loop import loop
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
@@ -46,7 +43,7 @@ RATE_HZ = 150.0
 
 @dataclass(frozen=True)
 class Mover:
-    """A motion, its size and its class.
+    """A motion and its class.
 
     Parameters
     ----------
@@ -54,13 +51,10 @@ class Mover:
         Motion (time, marker, space).
     label : str
         ``human``, ``dog`` or ``large``; of a kind that no model is trained on, its name.
-    subject : str
-        Empty for a model: every sample is its own subject.
     """
 
     motion: Motion
     label: str
-    subject: str = ""
 
 
 def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) -> float:
@@ -202,12 +196,12 @@ def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
     return np.asarray(found.reshape(times_s.size, *motion.positions.shape[1:]))
 
 
-def _copy_with(motion: Motion, position_m: FloatArray, *, size: float = 1.0, pace: float = 1.0) -> Motion:
-    facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg")}
-    height_m, stride_hz = size * motion.facts.height_m, pace * motion.facts.stride_frequency_hz
+def _copy_with(motion: Motion, position_m: FloatArray, *, pace: float = 1.0) -> Motion:
+    facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")}
+    stride_hz = pace * motion.facts.stride_frequency_hz
     return make_motion(
         position_m, rate_hz=RATE_HZ, markers=motion.markers, parts=motion.parts,
-        facts={**facts, "height_m": height_m, "stride_frequency_hz": stride_hz},
+        facts={**facts, "stride_frequency_hz": stride_hz},
     )  # fmt: skip
 
 
@@ -251,24 +245,6 @@ def drifting(
     return pace
 
 
-@lru_cache(maxsize=4)
-def recorded_stretches(folder: Path, seconds: float) -> dict[str, tuple[Mover, ...]]:
-    """Read the looped straight segments of a folder by class.
-
-    Subjects by file name.
-    """
-    found: dict[str, list[Mover]] = {label: [] for label in CLASSES}
-    for label in CLASSES:
-        for path in sorted(p for p in (folder / label).rglob("*") if p.is_file() and "manifest" not in p.name):
-            for motion in stretches(path).values():
-                try:
-                    looped = loop(motion, duration_s=SPARE * seconds, variation=0.0)
-                except (DoppelgaitError, ValueError):
-                    continue
-                found[label].append(Mover(looped, label, subject_of(path)))
-    return {label: tuple(movers) for label, movers in found.items()}
-
-
 def subject_of(path: Path) -> str:
     """Return the subject of a motion file.
 
@@ -278,15 +254,6 @@ def subject_of(path: Path) -> str:
         return path.parent.name
     parts = path.stem.replace("cmu_", "").split("_")
     return f"cmu-{parts[0]}" if parts[0].isdigit() else path.stem
-
-
-def recorded_mover(movers: Sequence[Mover], rng: np.random.Generator) -> Mover:
-    """Sample a recorded segment, its size varied by up to a tenth."""
-    chosen = movers[int(rng.integers(len(movers)))]
-    size = float(rng.uniform(0.9, 1.1))
-    times_s = np.arange(0.0, float(chosen.motion.time_s[-1]), 1.0 / RATE_HZ)
-    scaled = _copy_with(chosen.motion, size * _interpolate(chosen.motion, times_s), size=size)
-    return Mover(scaled, chosen.label, chosen.subject)
 
 
 def speed_of(mover: Mover, seconds: float) -> float:
@@ -316,10 +283,3 @@ def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2:
     if random and points:
         return RcsSpec(kind="auto", **around)
     return RcsSpec(kind="ellipsoids", occlusion=hidden or not random, **around)
-
-
-def fitting_rcs(rcs: RcsSpec, mover: Mover) -> RcsSpec:
-    """Place points around recorded markers without known joints."""
-    if rcs.kind != "ellipsoids" or not mover.subject or mover.subject.startswith("model-"):
-        return rcs
-    return rcs.model_copy(update={"kind": "auto", "occlusion": False})

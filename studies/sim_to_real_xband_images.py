@@ -53,8 +53,6 @@ class Plan:
 
     Parameters
     ----------
-    motion : str
-        ``models`` or ``recorded`` (motion capture of people and dogs).
     kinds : tuple of str
         Classes in turn. ``pair`` is a person with a dog.
     groups : float
@@ -67,7 +65,6 @@ class Plan:
     seed : int
     """
 
-    motion: str = "models"
     kinds: tuple[str, ...] = (*movers.CLASSES, movers.LARGE)
     groups: float = 0.0
     gait_variation: bool = True
@@ -119,25 +116,16 @@ def draw_place(rng: np.random.Generator) -> Place:
     )  # fmt: skip
 
 
-def draw_mover(
-    plan: Plan, label: str, speed_mps: float, rng: np.random.Generator, mocap: Path | None
-) -> movers.Mover:  # fmt: skip
+def draw_mover(plan: Plan, label: str, speed_mps: float, rng: np.random.Generator) -> movers.Mover:
     """Sample a target with a drifting pace, as long as the images."""
     seconds = twin.OBSERVATION_S + 0.1
     pace = movers.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
-    if plan.motion == "recorded":
-        if mocap is None:
-            raise SystemExit("motion capture is asked for: give its folder, --mocap FOLDER")
-        found = movers.recorded_mover(movers.recorded_stretches(mocap, seconds)[label], rng)
-    else:
-        varied, moved = plan.gait_variation, plan.motion_variation
-        found = movers.model_mover(label, speed_mps, seconds, rng, varied=varied, moved=moved)
-    return movers.Mover(movers.hurried(found.motion, seconds, pace), label, found.subject)
+    varied, moved = plan.gait_variation, plan.motion_variation
+    found = movers.model_mover(label, speed_mps, seconds, rng, varied=varied, moved=moved)
+    return movers.Mover(movers.hurried(found.motion, seconds, pace), label)
 
 
-def draw_company(
-    plan: Plan, number: int, rng: np.random.Generator, mocap: Path | None
-) -> tuple[list[movers.Mover], list[float]]:
+def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[list[movers.Mover], list[float]]:
     """Sample the target of an example and its companions.
 
     Returns
@@ -155,12 +143,12 @@ def draw_company(
     found, behind_m = [], []
     for place, one in enumerate(labels):
         like_mps = speed_mps if place == 0 else float(np.clip(speed_mps * rng.uniform(0.9, 1.1), *SPEEDS_MPS))
-        found.append(draw_mover(plan, one, like_mps, rng, mocap))
+        found.append(draw_mover(plan, one, like_mps, rng))
         behind_m.append(0.0 if place == 0 else float(rng.uniform(-2.0, 2.0)))
     return found, behind_m
 
 
-def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, Any]:
+def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     """Simulate the echoes of one example in the kept range bins.
 
     Burst by burst, without the means of the bursts.
@@ -170,8 +158,6 @@ def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, A
     plan : Plan
     number : int
         With the seed of the plan it determines everything random.
-    mocap : Path, optional
-        Folder with motion capture.
 
     Returns
     -------
@@ -181,7 +167,7 @@ def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, A
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     place = draw_place(streams[0])
     rcs = movers.draw_rcs(streams[1], random=plan.rcs_random, speckle=plan.speckle, total_m2=TYPICAL_M2)
-    company, behind_m = draw_company(plan, number, streams[2], mocap)
+    company, behind_m = draw_company(plan, number, streams[2])
     drawn = streams[3].spawn(2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
@@ -189,7 +175,7 @@ def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, A
         ground = _ground_echo(place, bins, movers.speed_of(company[0], twin.OBSERVATION_S), drawn[1])
     return {
         "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": plan.kinds[number % len(plan.kinds)],
-        "group": company[0].subject or f"model-{plan.seed}-{number}",
+        "group": f"model-{plan.seed}-{number}",
     }  # fmt: skip
 
 
@@ -199,12 +185,9 @@ def _mover_echo(
 ) -> tuple[ComplexArray, list[int]]:  # fmt: skip
     field = ({**twin.FIELD[0], "roughness_m": place.roughness_m},) if bounce and place.reflects else ()
     targets = [
-        Target(
-            mover.motion, rcs=movers.fitting_rcs(rcs, mover), range_m=place.range_m + more_m,
-            aspect_deg=place.aspect_deg,
-        )
+        Target(mover.motion, rcs=rcs, range_m=place.range_m + more_m, aspect_deg=place.aspect_deg)
         for mover, more_m in zip(company, behind_m, strict=True)
-    ]  # fmt: skip
+    ]
     scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
     recording = simulate(
         scene,
@@ -272,11 +255,11 @@ def inputs_of_levels(
     return store.inputs_of(rows, signatures, PATCH, labels, groups)
 
 
-def echo_chunk(plan: Plan, numbers: range, out: Path, mocap: Path | None) -> store.Arrays:
+def echo_chunk(plan: Plan, numbers: range, out: Path) -> store.Arrays:
     """Load the echoes of some examples, or simulate them."""
 
     def make() -> store.Arrays:
-        found = [echoes_of(plan, number, mocap) for number in numbers]
+        found = [echoes_of(plan, number) for number in numbers]
         arrays = {name: np.array([one[name] for one in found]) for name in found[0]}
         return {
             **arrays,
@@ -289,9 +272,8 @@ def echo_chunk(plan: Plan, numbers: range, out: Path, mocap: Path | None) -> sto
 
 
 def dataset(
-    plan: Plan, count: int, out: Path, *, display: Display | None = None, mocap: Path | None = None,
-    entry: xband_gait.Entry | None = None,
-) -> store.Inputs:  # fmt: skip
+    plan: Plan, count: int, out: Path, *, display: Display | None = None, entry: xband_gait.Entry | None = None
+) -> store.Inputs:
     """Load the model inputs of a plan.
 
     Parameters
@@ -301,7 +283,6 @@ def dataset(
     out : Path
         Folder whose ``cache`` keeps what is made.
     display : Display, optional
-    mocap : Path, optional
     entry : Entry, optional
         How images enter the analysis (:class:`xband_gait.Entry`).
     """
@@ -310,7 +291,7 @@ def dataset(
 
     def chunk(numbers: range) -> store.Inputs:
         def make() -> store.Inputs:
-            echo = echo_chunk(plan, numbers, out, mocap)
+            echo = echo_chunk(plan, numbers, out)
             images = [
                 levels_of(echo["mover"][n], echo["ground"][n], float(echo["noise_db"][n]), display, number)
                 for n, number in enumerate(numbers)

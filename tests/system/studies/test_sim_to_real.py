@@ -80,13 +80,13 @@ def test_speed_and_place_do_not_know_the_class(images: ModuleType, monkeypatch: 
     """The same speed, companions and places are drawn for an example whatever its class."""
     asked: list[tuple[str, float]] = []
 
-    def drawn(plan: Any, label: str, speed_mps: float, rng: Any, mocap: Any) -> None:
+    def drawn(plan: Any, label: str, speed_mps: float, rng: Any) -> None:
         asked.append((label, speed_mps))
 
     monkeypatch.setattr(images, "draw_mover", drawn)
     for label in ("human", "dog", "large"):
         plan = images.Plan(kinds=(label,), groups=0.5)
-        places = [images.draw_company(plan, number, np.random.default_rng(number), None)[1] for number in range(20)]
+        places = [images.draw_company(plan, number, np.random.default_rng(number))[1] for number in range(20)]
         assert {len(place) for place in places} == {1, 2, 3, 4}
     speeds = {label: [speed for one, speed in asked if one == label] for label in ("human", "dog", "large")}
     assert speeds["human"] == speeds["dog"] == speeds["large"]
@@ -94,7 +94,7 @@ def test_speed_and_place_do_not_know_the_class(images: ModuleType, monkeypatch: 
 
 def test_a_pair_is_a_person_and_a_dog(images: ModuleType) -> None:
     plan = images.Plan(kinds=("pair",), groups=0.0)
-    company, behind_m = images.draw_company(plan, 0, np.random.default_rng(0), None)
+    company, behind_m = images.draw_company(plan, 0, np.random.default_rng(0))
     assert [mover.label for mover in company] == ["human", "dog"]
     assert behind_m[0] == 0.0
     assert abs(behind_m[1]) <= 2.0
