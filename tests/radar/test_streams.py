@@ -2,22 +2,40 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import struct
 import threading
+import tracemalloc
 import warnings
 import zlib
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+import pytest
 
-import doppelgait as dg
-from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_recording
-from doppelgait.radar.frames import END_RECORD, frame_record, header_record, recording_header, write_frames
+from doppelgait.radar.frames import (
+    END_RECORD,
+    Frame,
+    FrameParser,
+    Header,
+    frame_record,
+    header_record,
+    record,
+    recording_header,
+    write_frames,
+)
 from doppelgait.radar.streams import Stream
+from doppelgait.radar.xethru.export import write_xethru_recording
 
 N_FRAMES, PRF_HZ = 400, 500.0
+SESSION = {"session_id": "a", "start_time": datetime(2020, 5, 1, 12, tzinfo=UTC)}
 
 
 def make_recording(n_frames: int = N_FRAMES, **changes: object) -> Recording:
@@ -26,7 +44,7 @@ def make_recording(n_frames: int = N_FRAMES, **changes: object) -> Recording:
     shape = (n_frames, radar.n_range_bins)
     rows = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
     coords = {"slow_time": np.arange(n_frames) / radar.prf_hz, "range": radar.range_axis_m()}
-    return Recording.from_baseband(dg.core.labels.make_array(dg.core.labels.BASEBAND, rows, coords), radar)
+    return Recording.from_baseband(make_array(BASEBAND, rows, coords), radar)
 
 
 RECORDING = make_recording()
@@ -128,3 +146,291 @@ def test_standard_input_takes_all_frames(monkeypatch):
         threading.Thread(target=send).start()
         assert_whole(*take(stream)[:2])
         assert stream.counts.dropped == 0
+
+
+def grow(path: Path, content: bytes, parts: int = 5) -> threading.Thread:
+    """Append to a file in parts that end anywhere."""
+    path.write_bytes(b"")
+    edges = np.linspace(0, len(content), parts + 1).astype(int)
+
+    def write() -> None:
+        with path.open("ab", buffering=0) as file:
+            for first, stop in pairwise(edges):
+                file.write(content[first:stop])
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    return thread
+
+
+def test_a_growing_file_of_frames_ends_with_its_end_record(tmp_path):
+    path = tmp_path / "walk.dgf"
+    grow(path, OPENING + frames() + END_RECORD)
+    assert_whole(*take(open_stream(path))[:2])
+
+
+def test_a_growing_xethru_file_gives_what_its_reader_gives(tmp_path):
+    recording = make_recording(60)
+    folder = write_xethru_recording(recording, tmp_path, data_type="radar_baseband_float", **SESSION)
+    (data,) = folder.glob("xethru_radar_baseband_*.dat")
+    wanted = read_recording(folder)
+    grown = tmp_path / data.name
+    grow(grown, data.read_bytes())
+    stream = open_stream(grown, timeout_s=1.0)
+    times_s, rows, texts = take(stream)
+    np.testing.assert_array_equal(rows, wanted.samples.matrix)
+    np.testing.assert_allclose(times_s, wanted.slow_time_s, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(stream.range_m, wanted.range_m, rtol=0, atol=1e-9)
+    assert stream.radar == wanted.radar
+    assert not texts
+    data.write_bytes(data.read_bytes()[:-7])
+    stream = open_stream(data, timeout_s=0)
+    _, rows, texts = take(stream)
+    assert len(rows) == 59
+    assert stream.counts.malformed == 1
+    assert "bytes are no whole record" in texts[0]
+
+
+def test_a_xethru_record_that_declares_gigabytes_is_refused(tmp_path):
+    recording = make_recording(3)
+    folder = write_xethru_recording(recording, tmp_path, data_type="radar_baseband_float", **SESSION)
+    (data,) = folder.glob("xethru_radar_baseband_*.dat")
+    content = bytearray(data.read_bytes())
+    struct.pack_into("<I", content, 4, 2**31)
+    data.write_bytes(content)
+    stream = open_stream(data, timeout_s=0)
+    with pytest.raises(RecordingError, match="declares 2,147,483,648 values"):
+        list(stream)
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_a_killed_sender_ends_the_stream_with_one_message(transport):
+    stream = open_stream(f"{transport}://:0", timeout_s=0.3)
+    if transport == "tcp":
+        threading.Thread(target=send_tcp, args=(stream, OPENING + frames(0, 50) + frames(50, 51)[:100])).start()
+    else:
+        threading.Thread(target=send_udp, args=(stream, [OPENING, *(frames(i, i + 1) for i in range(50))])).start()
+    _, rows, texts = take(stream)
+    np.testing.assert_array_equal(rows, ROWS[:50])
+    assert sum("stopped without an end record after 50 frames" in text for text in texts) == 1
+    assert stream.counts.malformed == (1 if transport == "tcp" else 0)
+
+
+def test_a_connection_that_is_reset_ends_the_stream():
+    stream = open_stream("tcp://:0")
+    thread = threading.Thread(target=send_tcp, args=(stream, OPENING + frames(0, 5)), kwargs={"reset": True})
+    thread.start()
+    try:
+        texts = take(stream)[2]
+    except RecordingError as error:  # the reset came before the header was read
+        texts = [str(error)]
+    assert any("without an end record" in text or "before a header" in text for text in texts)
+
+
+def oracle(content: bytes, n_bins: int) -> list[int]:
+    """Counters of the whole frames in damaged bytes, by looking at every byte."""
+    size, found, at = 16 + 8 * n_bins, [], 0
+    while at + 16 + size <= len(content):
+        head = content[at : at + 12]
+        whole = content[at + 4 : at + 12 + size]
+        (check,) = struct.unpack_from("<I", content, at + 12 + size)
+        if head == b"DGfr" + struct.pack("<BBHI", 1, 2, 0, size) and check == zlib.crc32(whole):
+            found.append(struct.unpack_from("<Q", content, at + 12)[0])
+            at += 16 + size
+        else:
+            at += 1
+    return found
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    content = bytearray(frames())
+    for _ in range(12):
+        at = int(rng.integers(len(content)))
+        kind = rng.integers(4)
+        if kind == 0:
+            content[at] ^= 1 << int(rng.integers(8))
+        elif kind == 1:
+            del content[at : at + int(rng.integers(1, 3000))]
+        elif kind == 2:
+            content[at:at] = rng.integers(0, 256, int(rng.integers(1, 3000)), dtype=np.uint8).tobytes()
+        else:
+            content[at:at] = b"DGfr\x01\x02\x00\x00\xff\xff\xff\xff"
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(OPENING + bytes(content) + END_RECORD)
+    wanted = oracle(bytes(content), ROWS.shape[1])
+    stream = open_stream(path)
+    times_s, rows, texts = take(stream)
+    np.testing.assert_array_equal(rows, ROWS[wanted])
+    np.testing.assert_allclose(times_s, RECORDING.slow_time_s[wanted], rtol=0, atol=1e-12)
+    counts = stream.counts
+    assert counts.received == len(wanted)
+    assert counts.missing == wanted[-1] - wanted[0] + 1 - len(wanted)
+    assert 0 < counts.malformed <= 24
+    assert sum("malformed" in text for text in texts) == 1
+    assert sum("missing" in text for text in texts) == 1
+
+
+def test_frames_of_another_radar_are_refused_with_both_values(tmp_path):
+    other = header_record(recording_header(make_recording(2, carrier_hz=8.748e9)))
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(OPENING + frames(0, 5) + other + frames(5, 10) + END_RECORD)
+    stream = open_stream(path)
+    assert len([next(stream) for _ in range(5)]) == 5
+    with pytest.raises(
+        RecordingError, match=r"another radar are refused: carrier_hz is 8\.748e\+09, expected is 7\.29e"
+    ):
+        next(stream)
+    with pytest.raises(RecordingError, match=r"holds frames of two radars: carrier_hz is 8\.748e"):
+        read_recording(path)
+    stream = open_stream(path, expect=Radar.preset("x4", prf_hz=250.0))
+    with pytest.raises(RecordingError, match="prf_hz is 500, expected is 250"):
+        _ = stream.radar
+
+
+def test_datagrams_of_another_radar_are_refused_and_counted():
+    stream = open_stream("udp://:0")
+    other = header_record(recording_header(make_recording(2, prf_hz=250.0)))
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign,
+    ):
+        send_udp(stream, [OPENING, frames(0, 5)], own)
+        assert stream.radar.prf_hz == PRF_HZ
+        send_udp(stream, [other, frames(5, 6)], foreign)
+        send_udp(stream, [frames(5, 10), END_RECORD], own)
+        _, rows, texts = take(stream)
+    np.testing.assert_array_equal(rows, ROWS[:10])
+    assert stream.counts.refused == 2
+    assert any("are refused: prf_hz is 250, expected is 500" in text for text in texts)
+
+
+def test_a_clock_that_jumps_is_counted_and_the_counter_decides(tmp_path):
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(
+        OPENING + frames(0, 100) + frames(100, 200, clock_s=3600.0) + frames(200, 400, clock_s=-50.0) + END_RECORD
+    )
+    stream = open_stream(path)
+    times_s, rows, texts = take(stream)
+    assert_whole(times_s, rows)
+    assert stream.counts.jumps == 2
+    assert len(texts) == 1
+    assert "clock goes from 0.198 to 3600.2 s at frame 100" in texts[0]
+
+
+def test_a_counter_that_restarts_goes_on_by_one_frame(tmp_path):
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(OPENING + frames(0, 100) + frames(0, 100) + END_RECORD)
+    stream = open_stream(path)
+    times_s, _, _ = take(stream)
+    np.testing.assert_allclose(times_s, np.arange(200) / PRF_HZ, rtol=0, atol=1e-12)
+    assert (stream.counts.jumps, stream.counts.missing) == (1, 0)
+
+
+def test_frames_that_are_missing_leave_a_gap(tmp_path):
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(OPENING + frames(0, 100) + frames(130, 400) + END_RECORD)
+    stream = open_stream(path)
+    times_s, _, texts = take(stream)
+    np.testing.assert_array_equal(times_s, np.delete(RECORDING.slow_time_s, np.s_[100:130]))
+    assert stream.counts.missing == 30
+    assert "30 frames are missing before frame 130" in texts[0]
+
+
+def test_of_a_slow_consumer_the_oldest_frames_are_dropped():
+    stream = open_stream("tcp://:0", queue_s=0.1)
+    send_tcp(stream, OPENING + frames() + END_RECORD)
+    while stream.counts.received < N_FRAMES:  # the consumer has not begun yet
+        threading.Event().wait(0.01)
+    times_s, rows, texts = take(stream)
+    np.testing.assert_array_equal(rows, ROWS[-50:])
+    np.testing.assert_allclose(times_s, RECORDING.slow_time_s[-50:], rtol=0, atol=1e-12)
+    assert stream.counts.dropped == N_FRAMES - 50
+    assert sum("too slow" in text for text in texts) == 1
+
+
+def test_a_hundred_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path):
+    path = tmp_path / "long.dgf"
+    rng = np.random.default_rng(3)
+    row = (rng.normal(size=20) + 1j).astype(np.complex64)
+    radar = Radar.preset("x4", prf_hz=PRF_HZ, range_stop_m=1.02)
+    with path.open("wb") as file:
+        file.write(header_record(Header(radar, np.arange(20) * 0.05)))
+        for number in range(100_000):
+            file.write(frame_record(number, number / PRF_HZ, row))
+        file.write(END_RECORD)
+    peaks = []
+    with open_stream(path, queue_s=0.5) as stream:
+        tracemalloc.start()
+        try:
+            for number, item in enumerate(stream, 1):
+                if number in (1_000, 100_000):
+                    peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert number == 100_000
+    assert item[0] == 99_999 / PRF_HZ
+    assert peaks[1] < 1.2 * peaks[0] + 1e5
+    assert peaks[1] < 2e6
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"range_bins": 2**31}, "range_bins of the header = 2147483648 is not allowed"),
+        ({"carrier_hz": float("nan")}, "carrier_hz of the header = nan"),
+        ({"prf_hz": "500"}, "prf_hz of the header = '500'"),
+        ({"radar": "/etc/radar.toml"}, "neither a table nor one of the presets"),
+        ({"radar": {"path": 1}}, "radar"),
+        ({"prf_hz": 400.0}, "states prf_hz = 400, its radar 500"),
+        ({"extra": 1}, "must have the keys"),
+    ],
+)
+def test_a_header_that_is_not_allowed_is_refused(tmp_path, change, message):
+    header = recording_header(RECORDING)
+    table = {**header.facts, "range_bins": 20, "radar": header.radar.model_dump(mode="json"), **change}
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(record(1, json.dumps(table).encode()))
+    with pytest.raises(RecordingError, match=message):
+        _ = open_stream(path, timeout_s=0).radar
+
+
+def test_a_header_with_a_preset_needs_no_table(tmp_path):
+    table = {"carrier_hz": 7.29e9, "prf_hz": 400.0, "range_start_m": 0.4, "bin_spacing_m": 0.0514, "range_bins": 20}
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(record(1, json.dumps({**table, "radar": "x4"}).encode()))
+    with open_stream(path, timeout_s=0) as stream:
+        assert stream.radar.name == Radar.preset("x4").name
+        assert stream.radar.prf_hz == 400.0
+        np.testing.assert_allclose(stream.range_m, 0.4 + 0.0514 * np.arange(20))
+
+
+def test_lengths_that_are_declared_are_not_waited_for():
+    parser = FrameParser("test")
+    list(parser.feed(OPENING))
+    for kind, length in ((1, 2**31), (2, 2**31), (3, 9), (7, 8)):
+        list(parser.feed(b"DGfr" + struct.pack("<BBHI", 1, kind, 0, length)))
+    assert len([one for one in parser.feed(frames(0, 3)) if isinstance(one, Frame)]) == 3
+    assert parser.malformed == 4
+
+
+@pytest.mark.parametrize(
+    ("source", "error", "message"),
+    [
+        ("tcp://localhost", ConfigError, "give tcp://HOST:PORT"),
+        ("udp://:99999", ConfigError, "give udp://HOST:PORT"),
+        ("tcp://203.0.113.7:5", RecordingError, "cannot be opened"),
+        ("absent.dgf", RecordingError, "is no file"),
+    ],
+)
+def test_sources_that_cannot_be_opened(source, error, message):
+    with pytest.raises(error, match=message):
+        open_stream(source)
+
+
+def test_a_closed_stream_ends_without_waiting_for_a_sender():
+    stream = open_stream("tcp://:0")
+    stream.close()
+    with pytest.raises(RecordingError, match="ended before a header came"):
+        _ = stream.radar

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, validate
-from doppelgait.core.errors import DoppelgaitError, RecordingError
+from doppelgait.core.errors import ConfigError, DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import (
     BASEBAND,
@@ -24,8 +25,9 @@ from doppelgait.core.labels import (
 )
 from doppelgait.core.own_hdf5 import check_own
 from doppelgait.core.plugins import plugin
+from doppelgait.radar.frames import Frame, Header
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers import read_recording
+from doppelgait.radar.readers import check_hdf5, read_recording
 from doppelgait.radar.recording import CENTRE_ARRAYS, NAN, Recording, TargetTruth, baseband_facts, further_facts
 
 __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
@@ -34,6 +36,8 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
 FORMAT = "doppelgait-recording"
 FORMAT_VERSION = 1
+BLOCK = 256
+"""Frames that are streamed from a recording at a time."""
 
 UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
 TRUTH_FACTS = (
@@ -132,14 +136,7 @@ def read_hdf5(path: Path) -> Recording:
         raise RecordingError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT:
-                raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
-            if int(file.attrs["format_version"]) > FORMAT_VERSION:
-                raise ValueError(
-                    f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}"
-                )
-            check_own(file)
-            radar = validate(Radar, json.loads(file.attrs["radar"]), where="radar")
+            radar = _own_radar(file)
             coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
             further = {
                 key: value.item() if isinstance(value, np.generic) else value
@@ -164,6 +161,33 @@ def read_hdf5(path: Path) -> Recording:
                 **pose,
             )
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
+        raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
+
+
+def _own_radar(file: Any) -> Radar:
+    """Check that a file is our own, and return its radar."""
+    if file.attrs.get("format") != FORMAT:
+        raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
+    if int(file.attrs["format_version"]) > FORMAT_VERSION:
+        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+    check_own(file)
+    return validate(Radar, json.loads(file.attrs["radar"]), where="radar")
+
+
+def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
+    """Yield the frames of a recording, ``BLOCK`` of them in memory."""
+    import h5py
+
+    try:
+        check_hdf5(path)
+        with h5py.File(path, "r") as file:
+            radar, baseband, time_s = _own_radar(file), file["baseband"], file["slow_time_s"]
+            yield Header(radar, file["range_m"][:])
+            for start in range(0, baseband.shape[0], BLOCK):
+                rows = baseband[start : start + BLOCK].astype(np.complex64)
+                for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):
+                    yield Frame(None, clock_s, row)
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ConfigError) as error:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 

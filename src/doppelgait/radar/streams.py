@@ -6,6 +6,7 @@ bounded however slow the consumer is.
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import select
@@ -14,10 +15,10 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -26,14 +27,17 @@ import numpy.typing as npt
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers import read_recording
-from doppelgait.radar.recordings import sniff_hdf5
+from doppelgait.radar.recordings import hdf5_frames, sniff_hdf5
+from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, Records, convert_records, recording_from_xethru
+from doppelgait.radar.xethru.records import data_type_of_file, parse_records
 
 LOCAL = "127.0.0.1"
 CHUNK_BYTES = 1 << 16
 POLL_S = 0.05
 """Time between looks at a file that does not grow, and at whether the stream was closed."""
 MAX_QUEUE_BYTES = 1 << 28
+MAX_RF_VALUES = 1_000_000
+"""Values that a record may declare."""
 FAR_S = 1.0
 """A sender's clock that is this far ahead of its frame counter has jumped."""
 EXPECTED = ("carrier_hz", "prf_hz", "bin_spacing_m")
@@ -162,6 +166,11 @@ class Stream:
                 self._said[kind] = text
                 self._unsaid.append(text)
 
+    def say_killed(self) -> None:
+        """Say that the sender stopped, unless the consumer did."""
+        if not self.closing.is_set():
+            self.say("killed", f"the sender stopped without an end record after {self.counts.received:,} frames")
+
     def difference(self, header: Header) -> str:
         """Return how a header differs from the stream's or the expected one."""
         if self._header is not None:
@@ -255,7 +264,12 @@ class _Clock:
 
 
 def open_stream(
-    source: str | os.PathLike[str], *, expect: Radar | None = None, timeout_s: float = 10.0, queue_s: float = 5.0
+    source: str | os.PathLike[str],
+    *,
+    expect: Radar | None = None,
+    timeout_s: float = 10.0,
+    queue_s: float = 5.0,
+    **options: Any,
 ) -> Stream:
     """Open a live source of radar frames.
 
@@ -263,8 +277,8 @@ def open_stream(
     ----------
     source : str or path-like
         ``-`` (standard input), ``tcp://HOST:PORT`` or ``udp://HOST:PORT`` (listens there; without HOST on 127.0.0.1,
-        port 0 takes a free one), each with frames in the format of :mod:`doppelgait.radar.frames`; or a file with such
-        frames, which may still grow, or a doppelgait recording.
+        port 0 takes a free one), each with frames in the format of :mod:`doppelgait.radar.frames`; a file with such
+        frames or a XeThru data file (``.dat``, or its folder), which may still grow; or a doppelgait recording.
     expect : Radar, optional
         Frames of a radar with another carrier, frame rate or bin spacing are refused.
     timeout_s : float
@@ -273,6 +287,9 @@ def open_stream(
     queue_s : float
         Time of radar that the queue holds. When it is full, files and standard input wait; of sockets the oldest
         frames are dropped and counted.
+    **options
+        Of XeThru files, as :func:`doppelgait.radar.read_recording` takes them; ``prf_hz`` where the records state no
+        frame rate.
 
     Returns
     -------
@@ -312,11 +329,38 @@ def open_stream(
         items = _parse(_tcp_bytes(listener, stream), stream) if name == "tcp" else _udp_frames(listener, stream)
     else:
         path = Path(text)
-        if not path.exists():
-            raise RecordingError(f"{path}: no such file; a source is a file, -, tcp://HOST:PORT or udp://HOST:PORT")
-        items = _hdf5_frames(path) if path.is_file() and sniff_hdf5(path) else _parse(_file_bytes(path, stream), stream)
+        if path.is_dir():
+            found = [one for one in sorted(path.glob("xethru_*")) if _is_xethru_data(one)]
+            path = found[0] if len(found) == 1 else path
+        if not path.is_file():
+            raise RecordingError(
+                f"{path}: is no file, nor a folder with one XeThru data file; a source is one of these, -, "
+                "tcp://HOST:PORT or udp://HOST:PORT"
+            )
+        if _is_xethru_data(path):
+            xethru = _xethru_options(path, options)
+            options, items = {}, _xethru_frames(path, stream, xethru)
+        elif sniff_hdf5(path):
+            items = hdf5_frames(path)
+        else:
+            items = _parse(_file_bytes(path, stream), stream)
+    if options:
+        raise ConfigError(f"{stream.source}: takes no option {', '.join(options)}; only XeThru files have some")
     threading.Thread(target=stream.receive, args=(items, holds), daemon=True, name=f"frames of {text}").start()
     return stream
+
+
+def _is_xethru_data(path: Path) -> bool:
+    kind = data_type_of_file(path.name)
+    return kind is not None and kind.name in CONVERTIBLE
+
+
+def _xethru_options(path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Check the options of the XeThru reader that a stream takes."""
+    allowed = set(inspect.signature(recording_from_xethru).parameters) - {"path", "data_type"}
+    if unknown := sorted(set(options) - allowed):
+        raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {', '.join(sorted(allowed))}")
+    return dict(options)
 
 
 def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
@@ -329,7 +373,7 @@ def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
             return
     parser.finish()
     _count_malformed(parser, stream)
-    stream.say("killed", f"the sender stopped without an end record after {stream.counts.received:,} frames")
+    stream.say_killed()
 
 
 def _count_malformed(parser: FrameParser, stream: Stream) -> None:
@@ -431,9 +475,7 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
                 content, address = listener.recvfrom(CHUNK_BYTES)
             except TimeoutError:
                 if time.monotonic() - heard > stream.timeout_s:
-                    stream.say(
-                        "killed", f"the sender stopped without an end record after {stream.counts.received:,} frames"
-                    )
+                    stream.say_killed()
                     return
                 continue
             if address != sender:
@@ -456,8 +498,35 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
                 return
 
 
-def _hdf5_frames(path: Path) -> Iterator[Header | Frame]:
-    recording = read_recording(path)
-    yield Header(recording.radar, recording.range_m)
-    for time_s, row in zip(recording.slow_time_s, recording.samples.matrix, strict=True):
-        yield Frame(None, float(time_s), row)
+def _xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Iterator[Header | Frame]:
+    """Yield the frames of a XeThru data file that may still grow."""
+    kind = data_type_of_file(path.name)
+    assert kind is not None
+    told = {key: options.get(key) for key in TYPICAL}
+    further = {key: value for key, value in options.items() if key not in TYPICAL}
+    head = np.dtype(list(kind.header))
+    content, first = b"", None
+    for chunk in _file_bytes(path, stream):
+        content += chunk
+        blocks, used = parse_records(content, kind)
+        if len(content) - used >= head.itemsize:
+            count = int(np.frombuffer(content, head, 1, used)["count"][0])
+            if count > MAX_RF_VALUES:
+                raise RecordingError(f"{path}: a record declares {count:,} values, at most {MAX_RF_VALUES:,} are read")
+        for block in blocks:
+            if not block["count"][0]:
+                raise RecordingError(f"{path}: a record declares no values")
+            source = Records(path, kind.name, block, np.empty(0, dtype=np.int64), told)
+            volts, radar, range_m = convert_records(source, **further)
+            yield Header(radar, range_m)
+            for counter, row in zip(source.counters.tolist(), volts, strict=True):
+                first = counter if first is None else first
+                if np.isfinite(row).all():
+                    yield Frame(counter, (counter - first) / radar.prf_hz, row)
+                else:
+                    stream.counts.malformed += 1
+                    stream.say("malformed", f"frame {counter:,} holds NaN or infinite values")
+        content = content[used:]
+    if content:
+        stream.counts.malformed += 1
+        stream.say("malformed", f"the last {len(content)} bytes are no whole record")

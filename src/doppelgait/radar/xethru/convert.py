@@ -18,6 +18,7 @@ from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import check_number, label_measured, preset_radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.downconvert import FrameFilter, chip_gain, down_convert_frames, with_filter_noise
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
@@ -120,7 +121,7 @@ HEADER_FIELDS = {
 
 
 @dataclass
-class _Source:
+class Records:
     """Records of the chosen type, and where each fact came from."""
 
     path: Path
@@ -129,6 +130,11 @@ class _Source:
     time_ms: npt.NDArray[np.int64]
     options: Mapping[str, float | None]
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def counters(self) -> npt.NDArray[np.uint32]:
+        """Frame counters, shape (records,)."""
+        return np.asarray(self.records["info" if self.name == "datafloat" else "frame_counter"])
 
 
 @plugin("radar_reader", "xethru", sniff=sniff_xethru, suffixes=("folder", ".dat"))
@@ -227,17 +233,54 @@ def recording_from_xethru(
     count = int(records["count"][0])
     if count < 1 or len(records) < 2:
         raise RecordingError(f"{file}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
-    source = _Source(file, name, records, content.streams[name].time_ms, options)
-    is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
+    source = Records(file, name, records, content.streams[name].time_ms, options)
     # frame rate from the times of the records; warns of lost frames
-    counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
-    numbers, n_lost, n_gaps = frame_numbers(counters)
+    numbers, n_lost, n_gaps = frame_numbers(source.counters)
     if n_lost:
         warn_caller(
-            f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(counters):,} "
+            f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(records):,} "
             "that are there are taken as if they followed each other"
         )
     rate_hz = measured_rate_hz(source.time_ms, numbers)
+    volts, made, range_m = convert_records(
+        source, rate_hz=rate_hz, radar=radar, kind=kind, iq=iq, conjugate=conjugate, filter=filter
+    )
+    return label_measured(
+        source.path,
+        volts,
+        radar=made,
+        slow_time_s=slow_time_axis_s(len(volts), made.prf_hz),
+        range_m=range_m,
+        notes=source.notes,
+    )
+
+
+def convert_records(
+    source: Records,
+    *,
+    rate_hz: float | None = None,
+    radar: str = "x4",
+    kind: Literal["baseband", "rf"] = "baseband",
+    iq: Literal["separate", "interleaved"] = "separate",
+    conjugate: bool = False,
+    filter: FrameFilter = "hamming",
+) -> tuple[npt.NDArray[np.complex64], Radar, npt.NDArray[np.float64]]:
+    """Convert records to volts.
+
+    The options are those of :func:`recording_from_xethru`; ``rate_hz`` is the frame rate where the records state none.
+
+    Returns
+    -------
+    volts : ndarray, shape (records, range bins)
+    radar : Radar
+    range_m : ndarray, shape (range bins,)
+
+    Raises
+    ------
+    RecordingError
+        If an option is needed or a value is not allowed.
+    """
+    is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
     needed = ("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz")
     facts: dict[str, float] = {}
     for option in needed:
@@ -267,17 +310,10 @@ def recording_from_xethru(
     source.notes.append(f"1 unit of baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file")
     with np.errstate(over="ignore", invalid="ignore"):
         volts = np.asarray(scale_v * (np.conj(values) if conjugate else values), dtype=np.complex64)
-    return label_measured(
-        source.path,
-        volts,
-        radar=with_filter_noise(made, filter) if is_rf else made,
-        slow_time_s=slow_time_axis_s(len(volts), facts["prf_hz"]),
-        range_m=range_m,
-        notes=source.notes,
-    )
+    return volts, with_filter_noise(made, filter) if is_rf else made, range_m
 
 
-def _refuse_missing(source: _Source, missing: list[str]) -> None:
+def _refuse_missing(source: Records, missing: list[str]) -> None:
     if missing:
         wanted = "; ".join(f"{option} ({TYPICAL[option]})" for option in missing)
         raise RecordingError(
@@ -286,7 +322,7 @@ def _refuse_missing(source: _Source, missing: list[str]) -> None:
         )
 
 
-def _constant(source: _Source, name: str) -> float:
+def _constant(source: Records, name: str) -> float:
     """Return a header field that all records share.
 
     As the shortest decimal number that is this float32.
@@ -302,7 +338,7 @@ def _constant(source: _Source, name: str) -> float:
     return float(str(values[0]))
 
 
-def _from_pairs(source: _Source) -> npt.NDArray[np.complex64]:
+def _from_pairs(source: Records) -> npt.NDArray[np.complex64]:
     records = source.records
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values are refused later, with their place
         if source.name == "baseband_ap":
@@ -315,7 +351,7 @@ def _from_pairs(source: _Source) -> npt.NDArray[np.complex64]:
     return np.asarray(values, dtype=np.complex64)
 
 
-def _from_datafloat(source: _Source, iq: str) -> npt.NDArray[np.complex64]:
+def _from_datafloat(source: Records, iq: str) -> npt.NDArray[np.complex64]:
     values = source.records["values"]
     if values.shape[1] % 2:
         raise RecordingError(
@@ -333,7 +369,7 @@ def _from_datafloat(source: _Source, iq: str) -> npt.NDArray[np.complex64]:
 
 
 def _from_rf(
-    source: _Source, facts: Mapping[str, float], filter: FrameFilter
+    source: Records, facts: Mapping[str, float], filter: FrameFilter
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     if source.name == "radar_rf":
         steps = source.options["counts_per_unit"]
