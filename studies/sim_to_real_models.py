@@ -199,7 +199,10 @@ def novelty_of(fitted: Mapping[str, Fitted], learn: Inputs, held: Inputs) -> Cal
 
 
 def class_distance(columns: FloatArray, labels: npt.NDArray[np.int64]) -> Callable[[FloatArray], FloatArray]:
-    """Return the squared Mahalanobis distance from the nearest class mean, by the covariance within classes."""
+    """Return the squared Mahalanobis distance from the nearest class.
+
+    By the covariance within classes.
+    """
     means = np.array([columns[labels == number].mean(axis=0) for number in range(labels.max() + 1)])
     rest = columns - means[labels]
     covariance = rest.T @ rest / len(rest)
@@ -215,7 +218,7 @@ def class_distance(columns: FloatArray, labels: npt.NDArray[np.int64]) -> Callab
 
 
 def last_layer(network: Network, levels: npt.NDArray[Any]) -> FloatArray:
-    """Return what the last linear layer of a network sees, shape (n, n_last)."""
+    """Return the inputs of a network's last layer, shape (n, n_last)."""
     count = network.weight.shape[1]
     weight = np.eye(count + 1, count, dtype=np.float32)  # one score that is 0 undoes the normalisation of the others
     scores = replace(network, weight=weight, bias=np.zeros(count + 1, dtype=np.float32)).log_probability(levels)

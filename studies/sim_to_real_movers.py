@@ -99,7 +99,7 @@ def dog(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: b
 
 
 def large(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Sample a horse or a cow in a gait that suits its speed."""
+    """Sample a horse or a cow in a gait of its speed."""
     slower = min(speed_mps / SLOWEST_LARGE_MPS, 1.0)
     style: dict[str, Any] = {
         "start_phase": float(rng.random()), "build": LARGE_BUILDS[rng.integers(2)], "gait": "auto",
@@ -155,7 +155,7 @@ def until_possible(make: Callable[[], Motion]) -> Motion:
 
 
 def draw_variation(rng: np.random.Generator) -> Variation:
-    """Sample how a body moves otherwise than its model, by one law for all classes."""
+    """Sample a variation of the motion, by one law for all classes."""
     return Variation(
         limb_swing=float(rng.uniform(0.6, 1.5)), arm_swing=float(rng.uniform(0.2, 1.8)),
         trunk_ripple=float(rng.uniform(0.2, 2.5)), ripple_once_m=float(rng.uniform(0, 0.015)),

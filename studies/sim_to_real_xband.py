@@ -1,4 +1,4 @@
-"""Models trained on synthetic X-band images alone, tested on 21 real ones, over five seeds.
+"""Train on synthetic X-band images, test on 21 real ones, five seeds.
 
     python studies/sim_to_real_xband.py RADAR_DATA OUT [--count N] [--ablations] [--quick]
 
@@ -82,7 +82,10 @@ ABLATIONS: dict[str, tuple[Plan, Display]] = {
 
 @dataclass(frozen=True)
 class Size:
-    """Size of a run: examples a seed, seeds, unknown examples, ablations, and whether networks are trained."""
+    """Size of a run.
+
+    Examples a seed, seeds, unknown examples, ablations, and whether networks are trained.
+    """
 
     count: int = COUNT
     seeds: tuple[int, ...] = SEEDS
@@ -93,7 +96,7 @@ class Size:
 
 @dataclass(frozen=True)
 class Scored:
-    """What the models of one seed answer.
+    """Answers of the models of one seed.
 
     Parameters
     ----------
@@ -123,7 +126,7 @@ Rule = Callable[[Scored, FloatArray, FloatArray], npt.NDArray[np.bool_]]
 
 
 def unsure(scored: Scored, probability: FloatArray, novelty: FloatArray) -> npt.NDArray[np.bool_]:
-    """Abstain where the most likely class is less likely than the package asks for."""
+    """Abstain where the likeliest class is below the package's threshold."""
     return np.asarray(probability.max(axis=1) < ABSTAIN_BELOW)
 
 
@@ -133,7 +136,7 @@ def novel(scored: Scored, probability: FloatArray, novelty: FloatArray) -> npt.N
 
 
 def rarely_human(scored: Scored, probability: FloatArray, novelty: FloatArray) -> npt.NDArray[np.bool_]:
-    """Abstain from people that too many held animals are as likely to be."""
+    """Abstain from people that too many held animals resemble."""
     animals = scored.parts["held"][scored.held != 0, 0]
     least = np.quantile(animals, 1.0 - FALSE_PEOPLE)
     return np.asarray((probability.argmax(axis=1) == 0) & (probability[:, 0] < least))
@@ -231,7 +234,10 @@ def model_table(scored: list[Scored], labels: npt.NDArray[np.str_]) -> str:
 
 
 def rule_table(scored: list[Scored], labels: npt.NDArray[np.str_]) -> str:
-    """Tabulate the decisions of the ensemble by rule: of real images, of held rows and of unknown kinds."""
+    """Tabulate the decisions of the ensemble by rule.
+
+    Of real images, of held rows and of unknown kinds.
+    """
     person, dog = labels == "human", labels == "dog"
     other = ~(person | dog)
     kinds = [name for name in scored[0].parts if name not in ("real", "held")]
@@ -259,7 +265,7 @@ def rule_table(scored: list[Scored], labels: npt.NDArray[np.str_]) -> str:
 
 
 def novelty_table(scored: list[Scored]) -> str:
-    """Tabulate AUC of novelty and of 1 - p, held rows against unknown kinds."""
+    """Tabulate AUC of novelty and of 1 - p for unknown kinds."""
     kinds = [name for name in scored[0].parts if name not in ("real", "held")]
     rows = []
     for name in kinds:
@@ -274,7 +280,7 @@ def novelty_table(scored: list[Scored]) -> str:
 
 
 def image_table(keys: list[str], scored: dict[str, list[Scored]]) -> str:
-    """Tabulate the ensemble's probability of a person and the decisions over the seeds, image by image."""
+    """Tabulate the ensemble's probabilities and decisions by image."""
     rows = []
     for number, key in enumerate(keys):
         cells: list[object] = [key.replace("__", " ")]
@@ -288,7 +294,7 @@ def image_table(keys: list[str], scored: dict[str, list[Scored]]) -> str:
 
 
 def ablation_table(size: Size, real: Inputs, out: Path) -> str:
-    """Tabulate how well real and synthetic images of people and dogs are told apart, one switch left out."""
+    """Tabulate domain AUC with one switch left out or added."""
     ours = real.take(np.isin(real.labels, PROTOCOLS["people and dogs"]))
     rows = []
     for name in size.ablations:
