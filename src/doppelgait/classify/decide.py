@@ -21,7 +21,7 @@ from doppelgait.classify.model import (
     prf_of,
     wavelength_of,
 )
-from doppelgait.classify.shipped import fitting_model, shipped_model
+from doppelgait.classify.shipped import fitting_model, model_of_radar, shipped_model
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -166,7 +166,7 @@ def model_for(source: Recording | Sequence[Result]) -> Model:
         If none fits.
     """
     if isinstance(source, Recording):
-        return shipped_model(fitting_model(source.radar.carrier_hz, source.radar.prf_hz))
+        return model_of_radar(source.radar)
     signature = source[0].signature
     return shipped_model(fitting_model(SPEED_OF_LIGHT_MPS / wavelength_of(signature), prf_of(signature)))
 

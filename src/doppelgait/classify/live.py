@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from doppelgait.classify.decide import analysis_of
 from doppelgait.classify.model import Model
+from doppelgait.classify.shipped import model_of_radar
 from doppelgait.classify.timeline import TrackDecision, Tracks, Window, analyze_window, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, make_array
@@ -233,9 +234,9 @@ class Live:
 
 
 def live(
-    frames: Iterable[tuple[float, npt.ArrayLike]], radar: Radar, model: Model, *, window_s: float | None = None,
-    hop_s: float | None = None, range_m: npt.ArrayLike | None = None, analysis: Analysis | None = None,
-    tracking: Tracking | None = None, skip: bool = False,
+    frames: Iterable[tuple[float, npt.ArrayLike]], radar: Radar, model: Model | None = None, *,
+    window_s: float | None = None, hop_s: float | None = None, range_m: npt.ArrayLike | None = None,
+    analysis: Analysis | None = None, tracking: Tracking | None = None, skip: bool = False,
 ) -> Live:  # fmt: skip
     """Classify targets while the frames of a radar arrive.
 
@@ -249,7 +250,8 @@ def live(
         jitter by less than half a frame. Missing frames are filled with the one before; a gap longer than a window
         begins anew.
     radar : Radar
-    model : Model
+    model : Model, optional
+        By default the one that comes with doppelgait and fits the radar.
     window_s, hop_s : float, optional
         As for :func:`doppelgait.classify.classify_over_time`.
     range_m : array_like, shape (N,), optional
@@ -269,12 +271,13 @@ def live(
     Raises
     ------
     ConfigError
-        If window, hop or ranges are not allowed.
+        If window, hop or ranges are not allowed, or no shipped model fits.
 
     See Also
     --------
     doppelgait.classify.classify_over_time : the same for a recording.
     """
+    model = model or model_of_radar(radar)
     window_s, hop_s = check_window(window_s, hop_s, model)
     ranges = radar.range_axis_m() if range_m is None else np.asarray(range_m, dtype=np.float64)
     if ranges.ndim != 1 or not ranges.size or not np.isfinite(ranges).all():

@@ -16,6 +16,7 @@ import numpy as np
 from doppelgait.classify.model import Model, beyond
 from doppelgait.classify.model_file import load_model
 from doppelgait.core.errors import ConfigError
+from doppelgait.radar import Radar
 
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
 
@@ -61,6 +62,11 @@ def shipped_model(name: str) -> Model:
     if name not in model_cards():
         raise ConfigError(f"model {name!r} does not come with doppelgait; there are {', '.join(model_cards())}")
     return load_model(FOLDER / f"{name}.npz")
+
+
+def model_of_radar(radar: Radar) -> Model:
+    """Load the shipped model that fits a radar."""
+    return shipped_model(fitting_model(radar.carrier_hz, radar.prf_hz))
 
 
 def fitting_model(carrier_hz: float, prf_hz: float) -> str:

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.decide import Decision, Seen, analysis_of, decide
+from doppelgait.classify.decide import Decision, Seen, analysis_of, decide, model_for
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.recorded import cut
@@ -331,7 +331,7 @@ class Tracks:
 
 
 def classify_over_time(
-    recording: Recording, model: Model, *, window_s: float | None = None, hop_s: float | None = None,
+    recording: Recording, model: Model | None = None, *, window_s: float | None = None, hop_s: float | None = None,
     gate: Any = "track", analysis: Analysis | None = None, tracking: Tracking | None = None,
 ) -> list[TrackDecision]:  # fmt: skip
     """Classify the targets of a recording in windows, fused per track.
@@ -339,7 +339,8 @@ def classify_over_time(
     Parameters
     ----------
     recording : Recording
-    model : Model
+    model : Model, optional
+        By default the one that comes with doppelgait and fits the radar.
     window_s : float, optional
         Length of a window; 1.5 times the shortest observation of the model's training data by default.
     hop_s : float, optional
@@ -357,13 +358,14 @@ def classify_over_time(
     AnalysisError
         If the recording is shorter than a window, or as :func:`doppelgait.analyze`.
     ConfigError
-        If window or hop are not allowed.
+        If window or hop are not allowed, or no shipped model fits.
 
     See Also
     --------
     decision_spans : the times in which decisions do not change.
     doppelgait.live : the same for a stream.
     """
+    model = model or model_for(recording)
     window_s, hop_s = check_window(window_s, hop_s, model)
     settings, tracks = analysis or analysis_of(model), Tracks(model)
     return [

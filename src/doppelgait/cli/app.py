@@ -17,6 +17,7 @@ from doppelgait.cli import (
     dataset,
     demo,
     listen,
+    live,
     model,
     motion,
     plugins,
@@ -52,6 +53,7 @@ app.command("simulate")(simulate.simulate)
 app.command("analyze")(analyze.analyze)
 app.command("evaluate")(classify.evaluate)
 app.command("classify")(classify.classify)
+app.command("live")(live.live)
 app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)
 app.command("listen")(listen.listen)

@@ -53,7 +53,7 @@ def classify(
     from doppelgait.classify.decide import model_for
     from doppelgait.pipeline.result import is_result_file, read_results
 
-    loaded = None if model is None else _load(model)
+    loaded = None if model is None else load_named(model)
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
@@ -92,14 +92,14 @@ def classify(
             over_time = classify_over_time(
                 read, loaded, window_s=window_s, hop_s=hop_s, gate=choice, analysis=settings, tracking=tracking
             )
-            head = {"file": str(recording), "model": _about(loaded, model), "window_s": window_s, "hop_s": hop_s}
+            head = {"file": str(recording), "model": about_model(loaded, model), "window_s": window_s, "hop_s": hop_s}
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
-                _say_about(loaded, model)
+                say_about(loaded, model)
             return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
-        about = None if loaded is None else _about(loaded, model)
+        about = None if loaded is None else about_model(loaded, model)
         print_json({"file": str(recording), "model": about, "targets": [decision.as_dict() for decision in decisions]})
     else:
         rows: list[dict[str, Any]] = [
@@ -116,10 +116,10 @@ def classify(
         ]
         print_table(rows) if rows else print("no target found")
         if loaded is not None and decisions:
-            _say_about(loaded, model)
+            say_about(loaded, model)
 
 
-def _load(name: str) -> Model:
+def load_named(name: str) -> Model:
     """Load a model that comes with the package by its name, or a file."""
     from doppelgait.classify.model_file import load_model
     from doppelgait.classify.shipped import model_cards, shipped_model
@@ -127,7 +127,7 @@ def _load(name: str) -> Model:
     return shipped_model(name) if name in model_cards() else load_model(name)
 
 
-def _about(model: Model, file: str | None) -> dict[str, Any]:
+def about_model(model: Model, file: str | None) -> dict[str, Any]:
     """Describe a model for JSON; its file is None where it comes with the package and was chosen."""
     facts = model.facts
     return {"file": file, "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
@@ -185,7 +185,7 @@ def _cell(name: str, value: Any) -> Any:
 ALARM = {None: "-", True: "yes", False: "no"}
 
 
-def _say_about(model: Model, name: str | None) -> None:
+def say_about(model: Model, name: str | None) -> None:
     """Explain the alarm, and the data that probabilities rest on."""
     from doppelgait.classify.model import rests_on
 

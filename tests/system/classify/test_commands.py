@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 import typer
@@ -12,15 +13,18 @@ from doppelgait.classify import classify as run_classification
 from doppelgait.classify import load_model
 from doppelgait.cli.analyze import analyze
 from doppelgait.cli.classify import classify, evaluate
-from doppelgait.core.errors import ConfigError, DatasetError, RecordingError
+from doppelgait.cli.live import live
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning, RecordingError
 from doppelgait.pipeline import parse_run, run_simulation
-from doppelgait.radar import read_recording, write_recording
+from doppelgait.radar import Radar, read_recording, write_recording
+from doppelgait.radar.frames import write_frames
 from tiny_dataset import built, tiny_plan
 
 APP = typer.Typer()
 APP.command("evaluate")(evaluate)
 APP.command("classify")(classify)
 APP.command("analyze")(analyze)
+APP.command("live")(live)
 
 
 def run(*arguments):
@@ -86,6 +90,38 @@ def test_a_recording_is_classified_in_windows(folder):
     assert found["windows"][0]["window"] == alone.as_dict()
     text = run(*arguments)
     assert text.index("evidence") < text.index("timeline") < text.index("reason")
+
+
+def test_a_stream_gives_the_decisions_of_its_file_and_keeps_a_log(folder, tmp_path):
+    write_frames(read_recording(folder / "walk.h5"), tmp_path / "walk.dgf")
+    options = ("--model", folder / "m.npz", "--window-s", 2.4, "--hop-s", 0.3)
+    text = run("live", tmp_path / "walk.dgf", *options, "--timeout-s", 0, "--log", tmp_path / "log.jsonl")
+    lines = [json.loads(line) for line in text.splitlines()]
+    assert (tmp_path / "log.jsonl").read_text() == text
+    assert (lines[0]["kind"], lines[-1]["kind"], lines[-1]["reason"]) == ("start", "end", "the source ended")
+    assert lines[0]["model"]["classes"] == ["human", "dog"]
+    assert lines[-1]["frames"] == lines[-1]["stream"]["received"] == 3000
+    found = [{name: value for name, value in line.items() if name != "kind"} for line in lines[1:]]
+    found = [line for line, told in zip(found, lines[1:], strict=True) if told["kind"] == "decision"]
+    assert found == json.loads(run("classify", folder / "walk.h5", *options, "--json"))["windows"]
+
+
+def test_lost_frames_are_told_in_the_stream_and_a_wrong_radar_ends_it(folder, tmp_path):
+    recording = read_recording(folder / "walk.h5")
+    write_frames(recording, tmp_path / "walk.dgf")
+    content = bytearray((tmp_path / "walk.dgf").read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "walk.dgf").write_bytes(content)
+    options = ("--model", folder / "m.npz", "--window-s", 2.4, "--timeout-s", 0)
+    with pytest.warns(DoppelgaitWarning, match="malformed"), pytest.warns(DoppelgaitWarning, match="are missing"):
+        lines = [json.loads(line) for line in run("live", tmp_path / "walk.dgf", *options).splitlines()]
+    assert lines[-1]["filled"] == lines[-1]["stream"]["malformed"] == 1
+    write_frames(replace(recording, radar=Radar.preset("x4", carrier_hz=8.7e9)), tmp_path / "other.dgf")
+    both = [(tmp_path / name).read_bytes() for name in ("walk.dgf", "other.dgf")]
+    (tmp_path / "both.dgf").write_bytes(both[0][: len(both[0]) - 100] + both[1])
+    with pytest.raises(RecordingError, match="another radar"), pytest.warns(DoppelgaitWarning):
+        run("live", tmp_path / "both.dgf", *options, "--log", tmp_path / "log.jsonl")
+    assert "another radar" in json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])["reason"]
 
 
 def test_features_of_windows_are_rows(folder):

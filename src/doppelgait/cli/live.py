@@ -1,0 +1,164 @@
+"""``doppelgait live``: decisions while the frames of a radar arrive, as lines of JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from doppelgait.cli.analyze import HopS, WindowS
+from doppelgait.cli.classify import about_model, load_named, say_about
+from doppelgait.cli.output import say
+
+STATUS_S = 60.0
+"""Time of radar from one line on the state of the stream to the next, where nothing is lost."""
+SENSORS = ("tcp://", "udp://")
+"""Sources that do not wait."""
+
+
+class DecisionLog:
+    """Append lines to a file, each on the disk before the next one begins.
+
+    A power cut loses at most the line that is being written; where the file ends in half a line, the next one begins on
+    a line of its own. Where a line cannot be written, for example because the disk is full, what was written before is
+    untouched and later lines are tried again.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        from doppelgait.core.errors import OutputError
+
+        self.path, self.lost = path, 0
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+            folder = os.open(path.resolve().parent, os.O_RDONLY)
+            os.fsync(folder)  # the name of a new file
+            os.close(folder)
+            self._size = os.fstat(self._file).st_size
+            if self._size and os.pread(self._file, 1, self._size - 1) != b"\n":
+                self._append(b"\n")
+        except OSError as error:
+            raise OutputError(f"--log {path}: cannot be written: {error.strerror}; give another file") from None
+
+    def write(self, line: str) -> None:
+        """Write a line, or say once that it cannot be written."""
+        try:
+            self._append(line.encode() + b"\n")
+        except OSError as error:
+            if not self.lost:
+                say(
+                    f"error: --log {self.path}: {error.strerror}; decisions go on to standard output, and to the log "
+                    "when it can be written again"
+                )
+            self.lost += 1
+            return
+        if self.lost:
+            say(f"note: --log {self.path}: goes on; {self.lost:,} lines are missing")
+            self.lost = 0
+
+    def _append(self, content: bytes) -> None:
+        """Append and sync; take back what was written where it fails."""
+        try:
+            done = 0
+            while done < len(content):
+                done += os.write(self._file, content[done:])
+            os.fsync(self._file)
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self._file, self._size)
+            raise
+        self._size += len(content)
+
+
+def live(
+    source: Annotated[
+        str,
+        typer.Argument(help="A file, which may still grow; - for standard input; tcp://HOST:PORT or udp://HOST:PORT."),
+    ],
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait; by default the one "
+            "that fits the radar.",
+        ),
+    ] = None,
+    window_s: WindowS = None,
+    hop_s: HopS = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", help="File to append the lines to, each on the disk at once.")
+    ] = None,
+    timeout_s: Annotated[
+        float, typer.Option("--timeout-s", min=0.0, help="A source that is silent for so long has ended.")
+    ] = 10.0,
+) -> None:
+    """Classify targets while the frames of a radar arrive.
+
+    Every line on standard output is one JSON document: a start, a decision about a track at the end of a window, the
+    state of the stream, the end. Sockets listen on this machine alone unless a host is given.
+
+    Example: doppelgait live tcp://:7290 --log decisions.jsonl
+
+    Example: doppelgait live frames.dgf --model home-alarm-model.npz --window-s 4 --hop-s 1
+    """
+    from doppelgait.classify.live import live as run_live
+    from doppelgait.classify.shipped import model_of_radar
+    from doppelgait.core.config import json_value
+    from doppelgait.radar import open_stream
+
+    loaded = None if model is None else load_named(model)
+    kept = None if log is None else DecisionLog(log)
+
+    def put(kind: str, facts: dict[str, Any]) -> None:
+        line = json.dumps(json_value({"kind": kind, **facts}), allow_nan=False)
+        if kept is not None:
+            kept.write(line)
+        print(line, flush=True)
+
+    with open_stream(source, timeout_s=timeout_s) as stream:
+        say(f"listening: {stream.source}")
+        radar = stream.radar
+        loaded = loaded or model_of_radar(radar)
+        running = run_live(
+            stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m,
+            skip=source.startswith(SENSORS),
+        )  # fmt: skip
+
+        def state() -> dict[str, Any]:
+            return {**running.counts.as_dict(), "stream": asdict(stream.counts)}
+
+        def losses() -> list[int]:
+            told = state()
+            inner = told.pop("stream")
+            return [n for name, n in {**told, **inner}.items() if name not in ("frames", "windows", "received")]
+
+        put("start", {
+            "source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz, "prf_hz": radar.prf_hz,
+            "model": about_model(loaded, model), "window_s": running.window_s, "hop_s": running.hop_s,
+        })  # fmt: skip
+        say_about(loaded, model)
+        said_s, lost, reason = float("-inf"), losses(), "stopped"
+        try:
+            for window, decisions in running.windows():
+                for decision in decisions:
+                    put("decision", decision.as_dict())
+                if losses() != lost or window.stop_s - said_s >= STATUS_S:
+                    said_s, lost = window.stop_s, losses()
+                    put("status", {"time_s": window.stop_s, **state()})
+            reason = "the source ended"
+        except Exception as error:
+            reason = str(error)
+            raise
+        finally:
+            put("end", {"reason": reason, **state()})
+            running.close()
+    say(stream.summary())
