@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from doppelgait.classify.export.device import Device
+from doppelgait.classify.export.examples import levels_of_samples, walk_samples
 from doppelgait.classify.learned import Ensemble, Network, Part, join_inputs
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.patches import Patch, covering
 from doppelgait.classify.training import train_boosting, train_logistic, train_svm
+from doppelgait.processing.config import Analysis, plan_transform
 
 NAMES = (
     "torso_speed_mps", "doppler_bandwidth_mps", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3",
@@ -36,7 +41,17 @@ def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, chann
         biases.append(rng.normal(0.0, 0.1, n_out).astype(np.float32))
         n_in = n_out
     weight = rng.normal(0.0, 2.0, (n_classes, n_in)).astype(np.float32)
-    return Network(tuple(kernels), tuple(scales), tuple(biases), weight, np.zeros(n_classes, np.float32), patch)
+    found = Network(tuple(kernels), tuple(scales), tuple(biases), weight, np.zeros(n_classes, np.float32), patch)
+    # scores of pictures then differ by as much as those of a trained network
+    plan = plan_transform(Analysis(), n_pulses=100_000, prf_hz=500.0)
+    n_stft = math.ceil(patch.n_time * patch.column_s * 500.0 / plan.hop)
+    device = Device(500.0, 0.0411, 1, patch, plan.window, plan.hop, plan.n_doppler_bins, patch.n_time, n_stft, None)
+    pictures = [levels_of_samples(walk_samples(rng, device), device) for _ in range(20)]
+    scores = found.of_pictures(np.stack([*pictures, *(random_levels(rng, patch, patch.n_time) for _ in range(20))]))
+    scores -= scores.mean(axis=1, keepdims=True)
+    factor = 1.5 / scores.std(axis=0).mean()
+    bias = (-factor * scores.mean(axis=0)).astype(np.float32)
+    return replace(found, weight=(factor * weight).astype(np.float32), bias=bias)
 
 
 def random_levels(rng: np.random.Generator, patch: Patch, n_time: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import say
+from doppelgait.cli.output import print_json, print_table, say
 
 app = typer.Typer(help="Export trained models to other programs and devices.", no_args_is_help=True,
                   rich_markup_mode=None)  # fmt: skip
@@ -21,15 +21,45 @@ def _group() -> None:
 @app.command("export")
 def export(
     model: Annotated[Path, typer.Argument(help="Model of 'evaluate --save', .npz.")],
-    form: Annotated[str, typer.Option("--form", help="onnx, or numpy (a scorer that needs NumPy alone).")],
+    form: Annotated[str, typer.Option("--form", help="onnx, c, or numpy (a scorer that needs NumPy alone).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
+    integers: Annotated[bool, typer.Option("--int8", help="C: the network in 8-bit integers, not float32.")] = False,
+    prf_hz: Annotated[
+        float | None, typer.Option("--prf-hz", help="C: pulse rate; by default that of the training data.")
+    ] = None,
+    carrier_hz: Annotated[
+        float | None, typer.Option("--carrier-hz", help="C: carrier; by default that of the training data.")
+    ] = None,
+    window_s: Annotated[
+        float | None,
+        typer.Option("--window-s", help="C: observation of one decision; by default the training data's shortest."),
+    ] = None,
+    bins: Annotated[int, typer.Option("--bins", min=1, max=1024, help="C: range bins of the gate.")] = 1,
+    still_s: Annotated[
+        float,
+        typer.Option("--still-s", min=0, help="C: time constant of the mean taken off as static echoes; 0: none is."),
+    ] = 2.0,
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="C: dataset whose held-out signatures scale the integers; else simulated ones."),
+    ] = None,
+    n_examples: Annotated[int, typer.Option("--examples", min=1, max=10_000, help="C: golden vectors.")] = 16,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="C: of the simulated examples.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Write a trained model in a form for other programs.
 
-    Example: doppelgait model export model.npz --form onnx -o exported
+    Example: doppelgait model export model.npz --form onnx -o exported;
+    or doppelgait model export model.npz --form c --int8 -o firmware/model
     """
-    from doppelgait.classify.export.write import export_model
+    from doppelgait.classify.export.write import Target, export_model
     from doppelgait.classify.model_file import load_model
 
-    made = export_model(load_model(model), form, output)
+    target = Target(integers=integers, prf_hz=prf_hz, carrier_hz=carrier_hz, window_s=window_s, bins=bins,
+                    still_time_s=still_s or None, data=data, n_examples=n_examples, seed=seed)  # fmt: skip
+    made = export_model(load_model(model), form, output, None if target == Target() and form != "c" else target)
+    if as_json:
+        print_json({"folder": str(made.folder), "files": list(made.files), **made.facts})
+        return
+    print_table([{"": name.replace("_", " "), "number": value} for name, value in made.facts.items()])
     say(f"{made.folder}: {', '.join(made.files)}")

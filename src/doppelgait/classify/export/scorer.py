@@ -188,8 +188,9 @@ def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
 
 
 def signature(
-    samples: Array, *, prf_hz: float, cpi_s: float = 0.1, window_steepness: float = 0.4
-) -> tuple[Array, float, Array]:
+    samples: Array, *, prf_hz: float, cpi_s: float = 0.1, window_steepness: float = 0.4, taper: Array | None = None,
+    hop: int | None = None, n_doppler: int | None = None,
+) -> tuple[Array, float, Array]:  # fmt: skip
     """Compute the power of the short-time transform of one gate (E-24, E-27).
 
     Parameters
@@ -198,6 +199,10 @@ def signature(
         Range bins of the gate, without static echoes.
     prf_hz, cpi_s, window_steepness : float
         Pulse rate, and the model's analysis (``facts["analysis"]``; the defaults are those of doppelgait).
+    taper : ndarray, optional
+        Another window than the Gaussian one.
+    hop, n_doppler : int, optional
+        Pulses from column to column, and length of the transform.
 
     Returns
     -------
@@ -206,11 +211,14 @@ def signature(
         Time from column to column.
     doppler_hz : ndarray, shape (n_doppler,)
     """
-    cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
-    half, hop = (cpi - 1) / 2.0, max(1, cpi // 12)
-    n_doppler = min(base << max(0, int(np.ceil(np.log2(cpi / base)))) for base in (1, 3, 5) if base <= cpi)
-    window = np.exp(-0.5 * ((np.arange(cpi) - half) / (window_steepness * half)) ** 2)
-    frames = np.lib.stride_tricks.sliding_window_view(samples, cpi, axis=0)[::hop] * window
+    if taper is None:
+        cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
+        half = (cpi - 1) / 2.0
+        taper = np.exp(-0.5 * ((np.arange(cpi) - half) / (window_steepness * half)) ** 2)
+    hop = hop or max(1, taper.size // 12)
+    fast = (base << max(0, int(np.ceil(np.log2(taper.size / base)))) for base in (1, 3, 5) if base <= taper.size)
+    n_doppler = n_doppler or min(fast)
+    frames = np.lib.stride_tricks.sliding_window_view(samples, taper.size, axis=0)[::hop] * taper
     spectrum = np.fft.fftshift(np.fft.fft(frames, n_doppler, axis=2), axes=2)
     doppler_hz = prf_hz * (np.arange(n_doppler) - n_doppler // 2) / n_doppler
     return (np.abs(spectrum) ** 2).sum(axis=1), hop / prf_hz, doppler_hz

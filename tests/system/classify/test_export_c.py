@@ -1,0 +1,222 @@
+"""Exported C compiles without a warning and gives the probabilities that Python gives."""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from doppelgait.classify.export.device import network_part, parts_of, plan_device
+from doppelgait.classify.export.examples import (
+    dataset_levels,
+    levels_of_samples,
+    network_probability,
+    walk_samples,
+)
+from doppelgait.classify.export.write import Target, export_model
+from doppelgait.classify.learned import Constant, Network
+from doppelgait.classify.patches import Patch
+from doppelgait.core.errors import ConfigError
+from export_models import KINDS, export_model_of
+from processes import run
+
+FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+SMALL = Patch(n_velocity=16, n_time=16)
+
+
+@pytest.fixture
+def build(tmp_path):
+    """Compile an export with a program; returns the path of it."""
+    from export_models import require
+
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    require(compiler, "a C compiler, gcc or cc")
+
+    def build(folder, program=None, more=()):
+        place = tmp_path / "program"
+        sources = [str(program or folder / "selftest.c"), str(folder / "doppelgait_model.c")]
+        done = run([compiler, *FLAGS, *more, "-I", str(folder), *sources, "-lm", "-o", str(place)],
+                   capture_output=True, text=True)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+        return place
+
+    return build
+
+
+def check(build, model, target, folder):
+    """Export, compile and run the test of golden vectors; return its text and the export."""
+    made = export_model(model, "c", folder, target)
+    done = run([str(build(folder)), str(folder / "golden.bin")], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout, made
+
+
+@pytest.mark.parametrize("integers", [False, True], ids=["float32", "int8"])
+@pytest.mark.parametrize("n_classes", [2, 3])
+def test_a_thousand_examples_of_every_kind_agree(build, tmp_path, n_classes, integers):
+    model = export_model_of("ensemble", n_classes, patch=SMALL)
+    text, _ = check(build, model, Target(n_examples=1000, window_s=0.8, integers=integers), tmp_path / "out")
+    found = re.findall(r"(\w+): 1000 examples, probabilities differ by at most (\S+),", text)
+    assert [name for name, _ in found] == ["samples", "levels", "features"]
+    assert max(float(value) for name, value in found if name != "samples" or not integers) < 1e-4
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_single_models_agree(build, tmp_path, kind):
+    check(build, export_model_of(kind, patch=SMALL), Target(n_examples=50), tmp_path / "out")
+
+
+def test_a_share_that_is_constant(build, tmp_path):
+    model = export_model_of("linear")
+    model = type(model)(**{**vars(model), "learned": Constant(np.log([0.2, 0.8]))})
+    check(build, model, Target(), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("prf_hz", "analysis", "bins", "n_doppler"),
+    [
+        (90.0, {}, 1, 10), (211.0, {}, 3, 24), (500.0, {"hop": 3}, 2, 64), (1300.0, {}, 1, 160),
+        (30.0, {"cpi_s": 0.3}, 1, 10), (200.0, {"doppler_bins": 77, "window_steepness": 0.6}, 1, 77),
+    ],
+)  # fmt: skip
+def test_radars_transforms_and_gates_agree(build, tmp_path, prf_hz, analysis, bins, n_doppler):
+    conditions = {"carrier_hz": (24e9, 24e9), "prf_hz": (prf_hz, prf_hz), "observation_s": (1.7, 2.0)}
+    model = export_model_of("network", patch=SMALL, conditions=conditions, analysis=analysis)
+    assert plan(model, bins=bins).n_doppler == n_doppler
+    check(build, model, Target(n_examples=20, bins=bins, still_time_s=0.5), tmp_path / "out")
+
+
+def plan(model, *, bins=1, window_s=None, still_time_s=2.0):
+    patch = next(part[0].patch for part in parts_of(model) if isinstance(part[0], Network))
+    return plan_device(
+        model, patch, prf_hz=None, carrier_hz=None, window_s=window_s, bins=bins, still_time_s=still_time_s
+    )
+
+
+def test_the_usual_size_agrees_and_needs_the_memory_that_is_stated(build, tmp_path):
+    model = export_model_of("network", patch=Patch(), channels=(8, 16, 32, 64))
+    for integers in (False, True):
+        text, made = check(build, model, Target(n_examples=3, integers=integers), tmp_path / f"out-{integers}")
+        window, buffers = re.search(r"RAM: (\d+) bytes of window, (\d+) bytes of buffers", text).groups()
+        assert (int(window), int(buffers)) == (made.facts["window_bytes"], made.facts["buffer_bytes"])
+    assert made.facts["flash_table_bytes"] < 30_000
+    assert made.facts["int8_examples"] == 100
+
+
+STREAM = """
+#include "doppelgait_model.h"
+#include <stdio.h>
+static dg_window window;
+static dg_decision decision;
+int main(void)
+{
+    float pulse[2 * DG_BINS];
+    long n = 0;
+    dg_start(&window);
+    while (fread(pulse, sizeof pulse, 1, stdin) == 1) {
+        if (n == 0)
+            window.weight[0] = 0.25f;
+        n++;
+        if (dg_push(&window, pulse)) {
+            dg_decide(&window, &decision);
+            printf("%ld %.7f %d %d %.3f\\n", n, (double)decision.probability[1], decision.label, decision.decided,
+                   (double)decision.peak_over_floor_db);
+        }
+    }
+    return 0;
+}
+"""
+
+
+def test_a_stream_gives_one_decision_per_window_with_weights_of_bins(build, tmp_path):
+    model = export_model_of("network", patch=SMALL, seed=4)
+    target = Target(window_s=0.6, bins=2, still_time_s=None, n_examples=1)
+    export_model(model, "c", tmp_path / "out", target)
+    (tmp_path / "stream.c").write_text(STREAM)
+    program = build(tmp_path / "out", tmp_path / "stream.c")
+    device, rng = plan(model, bins=2, window_s=0.6, still_time_s=None), np.random.default_rng(2)
+    windows = device.n_stft * device.hop * np.arange(3)
+    samples = np.concatenate([walk_samples(rng, device) for _ in range(4)])[: windows[-1] + device.window_pulses]
+    done = run([str(program)], input=samples.tobytes(), capture_output=True)
+    rows = np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float)
+    assert rows[:, 0].tolist() == (device.window_pulses + windows).tolist()
+    weighted = samples * np.array([0.5, 1.0])  # a weight of power
+    levels = [levels_of_samples(weighted[start : start + device.window_pulses], device) for start in windows]
+    expected = network_probability(model, levels)
+    assert np.ptp(expected[:, 1]) > 0.01
+    assert np.allclose(rows[:, 1], expected[:, 1], atol=1e-4)
+    assert rows[:, 2].tolist() == expected.argmax(axis=1).tolist()
+    assert rows[:, 3].tolist() == (expected.max(axis=1) >= 0.8).tolist()
+    assert (rows[:, 4] > 3).all()
+
+
+def test_silence_is_not_decided(build, tmp_path):
+    model = export_model_of("network", patch=SMALL, abstain_below=0.0)
+    made = export_model(model, "c", tmp_path / "out", Target(n_examples=1))
+    (tmp_path / "stream.c").write_text(STREAM)
+    n = plan(model).window_pulses
+    done = run([str(build(made.folder, tmp_path / "stream.c"))], input=bytes(8 * n), capture_output=True)
+    assert done.stdout.decode().split()[3] == "0"
+
+
+def test_more_bins_can_be_chosen_by_the_compiler(build, tmp_path):
+    made = export_model(export_model_of("network", patch=SMALL), "c", tmp_path / "out", Target(n_examples=1))
+    (tmp_path / "stream.c").write_text(STREAM)
+    build(made.folder, tmp_path / "stream.c", ["-DDG_BINS=31"])
+
+
+def test_a_wrong_expectation_fails(build, tmp_path):
+    made = export_model(export_model_of("linear"), "c", tmp_path / "out", Target())
+    golden = bytearray((made.folder / "golden.bin").read_bytes())
+    golden[-4:] = np.float32(0.123).tobytes()
+    (tmp_path / "wrong.bin").write_bytes(golden)
+    done = run([str(build(made.folder)), str(tmp_path / "wrong.bin")], capture_output=True, text=True)
+    assert done.returncode == 1
+
+
+def test_networks_alone_keep_their_own_calibration():
+    model = export_model_of("ensemble", patch=SMALL)
+    net, _, slope, shift = parts_of(model)[-1]
+    levels = np.empty(1, dtype=object)
+    levels[0] = np.zeros((16, 16), np.float32)
+    scores = slope * net.log_probability(levels) + shift
+    expected = np.exp(scores) / np.exp(scores).sum()
+    assert np.allclose(network_probability(model, list(levels)), expected)
+    assert network_part(export_model_of("linear")) is None
+
+
+def test_scales_come_from_held_rows_of_a_dataset(tmp_path_factory, tmp_path):
+    from tiny_dataset import built, tiny_plan
+
+    folder = built(tmp_path_factory, tiny_plan())
+    found = dataset_levels(folder, Patch(), 64, 5)
+    assert 1 <= len(found) <= 5
+    assert {each.shape for each in found} == {(64, 64)}
+    assert max(each.max() for each in found) > 0.5
+    made = export_model(
+        export_model_of("network", patch=Patch()), "c", tmp_path / "out", Target(integers=True, data=folder)
+    )
+    assert made.facts["int8_examples"] == len(dataset_levels(folder, Patch(), 64, 100))
+
+
+@pytest.mark.parametrize(
+    ("facts", "target", "words"),
+    [
+        ({"conditions": {}}, {}, "prf_hz; give --prf-hz"),
+        ({"conditions": {"prf_hz": (300, 900), "carrier_hz": (7e9, 7e9)}}, {}, "300 to 900; give that of your radar"),
+        ({}, {"prf_hz": 1000.0}, "--prf-hz 1000: the model was trained on 500 to 500"),
+        ({"analysis": {"gate_doppler_hz": (-100, 100)}}, {}, "gate_doppler_hz"),
+    ],
+)
+def test_a_radar_that_does_not_fit_is_refused(tmp_path, facts, target, words):
+    with pytest.raises(ConfigError, match=words):
+        export_model(export_model_of("network", patch=SMALL, **facts), "c", tmp_path / "out", Target(**target))
+    assert not (tmp_path / "out").exists()
+
+
+def test_integers_need_a_network(tmp_path):
+    with pytest.raises(ConfigError, match="has no network"):
+        export_model(export_model_of("trees"), "c", tmp_path / "out", Target(integers=True))
