@@ -37,10 +37,11 @@ BINS_CM = {
     "x4": 5.140, "ti-77": 19.53, "ti-60": 8.42, "infineon-60": 7.49, "acconeer-a121": 3.0, "ancortek-5.8": 37.47,
     "ancortek-24": 19.99, "xband-fmcw": 187.4,
 }  # fmt: skip
+BURSTS = {"infineon-24-burst": (128, 0.2), "infineon-60-burst": (128, 0.0773), "ti-60-burst": (96, 0.055)}
 
 
 def test_there_is_a_preset_for_every_sensor():
-    wanted = {*SPEEDS_MPS, *BINS_CM, "x4-long", "liland2018", "xband-cw"}
+    wanted = {*SPEEDS_MPS, *BINS_CM, *BURSTS, "x4-long", "liland2018", "xband-cw"}
     assert set(preset_names()) == wanted
     assert {Radar.preset(name).waveform.kind for name in preset_names()} == {"impulse", "fmcw", "cw"}
 
@@ -48,6 +49,13 @@ def test_there_is_a_preset_for_every_sensor():
 @pytest.mark.parametrize("name", SPEEDS_MPS)
 def test_unambiguous_speed_is_that_of_the_sources(name):
     assert Radar.preset(name).unambiguous_velocity_mps == pytest.approx(SPEEDS_MPS[name], rel=3e-3)
+
+
+@pytest.mark.parametrize("name", BURSTS)
+def test_presets_in_bursts_differ_in_the_bursts_alone(name):
+    burst, whole = (Radar.preset(one).model_dump() for one in (name, name.removesuffix("-burst")))
+    assert (burst.pop("burst_pulses"), burst.pop("burst_period_s")) == BURSTS[name]
+    assert {**burst, "name": whole["name"]} == whole
 
 
 @pytest.mark.parametrize("name", BINS_CM)

@@ -63,7 +63,9 @@ def simulate_like(
     for number, real in enumerate(recordings):
         times_s = real.slow_time_s - real.slow_time_s[0]
         source = str(Path(preset).absolute()) if str(preset).endswith(".toml") else str(preset)
-        radar: dict[str, Any] = {"preset": source, "prf_hz": real.radar.prf_hz}
+        # simulated without pauses; the pulses of the recording are taken from it
+        whole = {"burst_pulses": None, "burst_period_s": None} if Radar.preset(source).burst_pulses else {}
+        radar: dict[str, Any] = {"preset": source, "prf_hz": real.radar.prf_hz, **whole}
         if real.n_range_bins > 1:
             start_m = max(float(real.range_m[0]), 0.0)
             spacing_m = Radar.preset(source).bin_spacing_m

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core import files
@@ -33,7 +34,9 @@ LEAST_SHARE = 0.3
 """Part of the observation that a track must cover."""
 
 
-def match_tracks(results: Sequence[Result], truths: Sequence[TargetTruth], observation_s: float) -> list[Result | None]:
+def match_tracks(
+    results: Sequence[Result], truths: Sequence[TargetTruth], slow_time_s: npt.NDArray[np.float64]
+) -> list[Result | None]:
     """Match every target to the nearest track of its body.
 
     Each track is used once, nearest pairs first.
@@ -43,18 +46,18 @@ def match_tracks(results: Sequence[Result], truths: Sequence[TargetTruth], obser
     results : sequence of Result
         With gates from tracks.
     truths : sequence of TargetTruth
-    observation_s : float
+    slow_time_s : ndarray, shape (I,)
+        Times of the truths.
     """
     found: list[Result | None] = [None] * len(truths)
     pairs = []
     for number, truth in enumerate(truths):
-        true_times_s = np.linspace(0.0, observation_s, truth.centre_range_m.size, endpoint=False)
         for place, result in enumerate(results):
             times_s = result.gate.time_s
-            if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * observation_s:
+            if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * np.ptp(slow_time_s):
                 continue
             middle_m = (result.gate.low_m + result.gate.high_m) / 2.0
-            distance_m = float(np.abs(middle_m - np.interp(times_s, true_times_s, truth.centre_range_m)).mean())
+            distance_m = float(np.abs(middle_m - np.interp(times_s, slow_time_s, truth.centre_range_m)).mean())
             if distance_m <= MOST_APART_M:
                 pairs.append((distance_m, number, place))
     used: set[int] = set()
@@ -97,7 +100,11 @@ def index_rows(
     scene = {
         "carrier_hz": run.radar.carrier_hz,
         "prf_hz": recording.radar.prf_hz,
-        "observation_s": recording.n_pulses / recording.radar.prf_hz,
+        "observation_s": (
+            recording.n_pulses / recording.radar.prf_hz
+            if recording.radar.burst_pulses is None
+            else recording.observation_s
+        ),
         "environment": _format_specs(run.environment),
         "impairments": _format_specs(run.impairments),
         "radar_height_m": run.scene.radar_position_m[2],
@@ -300,7 +307,7 @@ def build_example(
     if gate == "track" and example.rows[0].source == "none" and len(example.rows) == 1:
         results = strongest_track(found)
     elif gate == "track":
-        results = match_tracks(found, recording.truth, recording.n_pulses / recording.radar.prf_hz)
+        results = match_tracks(found, recording.truth, recording.slow_time_s)
     messages = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
     rows = index_rows(example, recording, results, list(dict.fromkeys(messages)))
     found_rows = []

@@ -244,9 +244,10 @@ def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
 
     Raises a :class:`ConfigError` where the scene is too short or too large.
     """
-    slow_time_s = slow_time_axis_s(duration_to_pulses(observation_s, radar.prf_hz), radar.prf_hz)
+    slow_time_s = radar.pulse_times_s(observation_s)
     if slow_time_s.size < 2:
-        raise ConfigError(f"{observation_s} s at prf_hz = {radar.prf_hz:g} is less than two frames; observe longer")
+        few = f"a burst of {radar.burst_pulses}" if radar.burst_pulses else "two"
+        raise ConfigError(f"{observation_s} s at prf_hz = {radar.prf_hz:g} is less than {few} frames; observe longer")
     if slow_time_s.size * radar.n_range_bins > MAX_SAMPLES:
         raise ConfigError(
             f"{slow_time_s.size} frames of {radar.n_range_bins} range bins are more than {MAX_SAMPLES:g} samples; "

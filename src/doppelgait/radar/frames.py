@@ -23,7 +23,7 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -306,12 +306,26 @@ def write_frames(recording: Recording, path: str | Path) -> None:
 
 def recording_header(recording: Recording) -> Header:
     """Return the header of a recording's frames."""
-    header = Header(recording.radar, recording.range_m)
+    header = header_of(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
     facts = header.facts
     even_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(recording.n_range_bins)
     if not np.allclose(recording.range_m, even_m, rtol=0, atol=1e-3 * abs(facts["bin_spacing_m"])):
         raise RecordingError(f"{recording.source}: its range bins are not evenly spaced; frames need that")
     return header
+
+
+def header_of(
+    radar: Radar, range_m: npt.NDArray[np.float64], facts: Mapping[str, Any], slow_time_s: npt.NDArray[np.float64]
+) -> Header:
+    """Return the header of frames.
+
+    Bursts that the recording alone states become the radar's.
+    """
+    pulses = int(facts.get("burst_pulses", 1))
+    if pulses > 1 and radar.burst_pulses is None and slow_time_s.size > pulses:
+        period_s = max(float(np.median(np.diff(slow_time_s[::pulses]))), pulses / radar.prf_hz)
+        radar = radar.model_copy(update={"burst_pulses": pulses, "burst_period_s": period_s})
+    return Header(radar, range_m)
 
 
 @plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
@@ -349,12 +363,25 @@ def read_frames(path: Path) -> Recording:
         raise RecordingError(f"{path}: holds {'no header' if header is None else f'{len(rows)} frames, 2 are needed'}")
     if parser.malformed:
         warn_caller(f"{path}: {parser.malformed:,} malformed frames are left out, the last is {parser.fault}")
-    steps = np.diff(np.array(counters, dtype=np.uint64).astype(np.int64))
+    numbers = np.array(counters, dtype=np.uint64).astype(np.int64)
+    steps = np.diff(numbers)
     lost = steps[(steps > 1) & (steps <= LARGEST_GAP)] - 1
-    if lost.size:
-        warn_caller(
-            f"{path}: {lost.sum():,} frames are missing at {lost.size:,} places (frame counter); the {len(rows):,} "
-            "that are there are taken as if they followed each other"
-        )
-    slow_time_s = (start_s if math.isfinite(start_s) else 0.0) + np.arange(len(rows)) / header.radar.prf_hz
-    return label_measured(path, np.stack(rows), radar=header.radar, slow_time_s=slow_time_s, range_m=header.range_m)
+    pulses, values = header.radar.burst_pulses, np.stack(rows)
+    if pulses is not None and (steps > 0).all():  # bursts keep their times; those that are not whole are left out
+        burst, counts = np.unique(numbers // pulses, return_counts=True)
+        whole = np.isin(numbers // pulses, burst[counts == pulses])
+        if not whole.any():
+            raise RecordingError(f"{path}: holds no whole burst of {pulses} frames")
+        values, numbers = values[whole], numbers[whole]
+        if not whole.all():
+            warn_caller(f"{path}: {np.sum(counts < pulses):,} bursts that are not whole are left out")
+    else:
+        numbers = np.arange(len(rows))
+        if lost.size:
+            warn_caller(
+                f"{path}: {lost.sum():,} frames are missing at {lost.size:,} places (frame counter); the {len(rows):,} "
+                "that are there are taken as if they followed each other"
+            )
+    slow_time_s = header.radar.frame_time_s(numbers)
+    slow_time_s += (start_s if math.isfinite(start_s) else 0.0) - slow_time_s[0]
+    return label_measured(path, values, radar=header.radar, slow_time_s=slow_time_s, range_m=header.range_m)

@@ -14,13 +14,26 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from pydantic import BeforeValidator, Field, PlainSerializer, SerializationInfo, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group
 from doppelgait.core.samples import Matrix, Samples
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS, carrier_to_wavelength_m, unambiguous_velocity_mps
+from doppelgait.core.units import (
+    SPEED_OF_LIGHT_MPS,
+    carrier_to_wavelength_m,
+    duration_to_pulses,
+    unambiguous_velocity_mps,
+)
 from doppelgait.radar.antenna import Antenna
 from doppelgait.radar.presets import changed_preset
 
@@ -250,6 +263,9 @@ class Radar(FrozenModel):
         Centre frequency f_c of what is transmitted.
     prf_hz : float
         Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
+    burst_pulses, burst_period_s : int, float, optional
+        Sensors that look in bursts: frames in each, prf_hz apart, and time from the start of a burst to that of the
+        next. None: frames without pauses. For impairments that vary over slow time, time stands still in the pauses.
     sample_rate_hz : float
         Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
         cw radar has one sample per frame; there it has no effect and is prf_hz when left out.
@@ -311,6 +327,8 @@ class Radar(FrozenModel):
     )
     carrier_hz: float = Field(gt=1e6, lt=1e12)
     prf_hz: float = Field(ge=1e-3, le=1e6)
+    burst_pulses: int | None = Field(default=None, ge=2, le=1_000_000)
+    burst_period_s: float | None = Field(default=None, gt=0, le=3600)
     sample_rate_hz: float = Field(gt=0, lt=1e13)
     decimation: int = Field(default=1, ge=1, le=1024)
     range_start_m: float = Field(default=0.0, ge=0)
@@ -386,7 +404,20 @@ class Radar(FrozenModel):
                 "1: give the number of thresholds, or leave out threshold_step_v for a receiver that averages"
             )
         check_correlation(self.noise_correlation)
+        if (self.burst_pulses is None) != (self.burst_period_s is None):
+            raise ValueError("burst_pulses and burst_period_s go together: give both, or neither for unbroken frames")
+        if self.burst_pulses and self.burst_period_s and self.burst_period_s * self.prf_hz < self.burst_pulses - 1e-6:
+            raise ValueError(
+                f"burst_period_s {self.burst_period_s:g} is shorter than a burst of {self.burst_pulses} frames at "
+                f"prf_hz {self.prf_hz:g}, {self.burst_pulses / self.prf_hz:.4g} s"
+            )
         return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out bursts that there are not: files of unbroken frames stay as they were."""
+        table: dict[str, Any] = handler(self)
+        return {k: v for k, v in table.items() if v is not None or k not in ("burst_pulses", "burst_period_s")}
 
     @classmethod
     def preset(cls, preset_name: str | Path, /, **changes: Any) -> Radar:
@@ -422,6 +453,26 @@ class Radar(FrozenModel):
         if self.pulse_sigma_s is not None:
             return self.pulse_sigma_s
         return GAUSSIAN_WIDTH[self.bandwidth_level_db] / float(self.bandwidth_hz or math.nan)
+
+    def pulse_times_s(self, observation_s: float) -> npt.NDArray[np.float64]:
+        """Return the times of the frames in an observation, ascending.
+
+        Of a sensor in bursts there are whole bursts only.
+        """
+        if self.burst_pulses is None or self.burst_period_s is None:
+            return self.frame_time_s(np.arange(duration_to_pulses(observation_s, self.prf_hz)))
+        bursts = math.floor((observation_s - self.burst_pulses / self.prf_hz) / self.burst_period_s + 1e-9) + 1
+        return self.frame_time_s(np.arange(max(bursts, 0) * self.burst_pulses))
+
+    def frame_time_s(self, number: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return the times of frames by their number, counted from 0.
+
+        t_i = i / f_p; in bursts of M every T_b, t_i = floor(i / M) T_b + (i mod M) / f_p.
+        """
+        if self.burst_pulses is None or self.burst_period_s is None:
+            return np.asarray(number) / self.prf_hz
+        burst, frame = np.divmod(number, self.burst_pulses)
+        return np.asarray(burst * self.burst_period_s + frame / self.prf_hz, dtype=np.float64)
 
     def pulse_bandwidth_hz(self, level_db: Literal[3, 10]) -> float:
         """Return the two-sided bandwidth of an impulse radar's pulse (E-11).

@@ -142,6 +142,8 @@ class Recording:
         object.__setattr__(self, "samples", self.samples.freeze())
         object.__setattr__(self, "truth", tuple(self.truth))
         object.__setattr__(self, "notes", tuple(self.notes))
+        if self.radar.burst_pulses is not None and "burst_pulses" not in self.facts:
+            object.__setattr__(self, "facts", {**self.facts, "burst_pulses": self.radar.burst_pulses})
 
     @classmethod
     def from_baseband(cls, baseband: xr.DataArray, radar: Radar, **facts: Any) -> Recording:

@@ -25,7 +25,7 @@ from doppelgait.core.labels import (
 )
 from doppelgait.core.own_hdf5 import check_own
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.frames import Frame, Header
+from doppelgait.radar.frames import Frame, Header, header_of
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import check_hdf5, read_recording
 from doppelgait.radar.recording import CENTRE_ARRAYS, NAN, Recording, TargetTruth, baseband_facts, further_facts
@@ -182,7 +182,7 @@ def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
         check_hdf5(path)
         with h5py.File(path, "r") as file:
             radar, baseband, time_s = _own_radar(file), file["baseband"], file["slow_time_s"]
-            yield Header(radar, file["range_m"][:])
+            yield header_of(radar, file["range_m"][:], baseband.attrs, time_s[:])
             for start in range(0, baseband.shape[0], BLOCK):
                 rows = baseband[start : start + BLOCK].astype(np.complex64)
                 for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):

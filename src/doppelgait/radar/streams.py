@@ -196,7 +196,7 @@ class Stream:
                         self._size = max(
                             2, min(math.ceil(self._queue_s * item.radar.prf_hz), MAX_QUEUE_BYTES // row_bytes)
                         )
-                        self._clock = _Clock(item.radar.prf_hz)
+                        self._clock = _Clock(item.radar)
                         self._header = item
                         self._changed.notify_all()
                 if self.closing.is_set():
@@ -236,9 +236,9 @@ class Stream:
 class _Clock:
     """Times of frames from their counter; the sender's clock is only checked."""
 
-    def __init__(self, prf_hz: float) -> None:
-        self._prf_hz = prf_hz
-        self._start_s, self._first = 0.0, 0
+    def __init__(self, radar: Radar) -> None:
+        self._radar = radar
+        self._ahead_s = self._time_s = 0.0
         self._last: tuple[int, float] | None = None
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
@@ -246,21 +246,23 @@ class _Clock:
         if frame.counter is None:
             return frame.clock_s, 0, ""
         last, self._last = self._last, (frame.counter, frame.clock_s)
+        by_counter_s = float(self._radar.frame_time_s(frame.counter))
         if last is None:
-            self._start_s = frame.clock_s if math.isfinite(frame.clock_s) else 0.0
-            self._first = frame.counter
-            return self._start_s, 0, ""
+            self._time_s = frame.clock_s if math.isfinite(frame.clock_s) else 0.0
+            self._ahead_s = self._time_s - by_counter_s
+            return self._time_s, 0, ""
         step, jump = frame.counter - last[0], ""
         if not 0 < step <= LARGEST_GAP:
             jump = f"the frame counter goes from {last[0]:,} to {frame.counter:,}; time goes on by one frame"
-            self._start_s += (last[0] - self._first + 1) / self._prf_hz
-            self._first, step = frame.counter, 1
-        elif not 0 < frame.clock_s - last[1] <= step / self._prf_hz + FAR_S:
+            self._ahead_s = self._time_s + 1.0 / self._radar.prf_hz - by_counter_s
+            step = 1
+        elif not 0 < frame.clock_s - last[1] <= by_counter_s + self._ahead_s - self._time_s + FAR_S:
             jump = (
                 f"the sender's clock goes from {last[1]:.9g} to {frame.clock_s:.9g} s at frame {frame.counter:,}; "
                 "the frame counter is used"
             )
-        return self._start_s + (frame.counter - self._first) / self._prf_hz, step - 1, jump
+        self._time_s = by_counter_s + self._ahead_s
+        return self._time_s, step - 1, jump
 
 
 def open_stream(

@@ -22,6 +22,7 @@ from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.status import dataset_hash
 from doppelgait.dataset.verify import verify_dataset
 from doppelgait.pipeline import run_simulation
+from doppelgait.radar import Radar
 
 
 def plan(**changes):
@@ -260,3 +261,18 @@ def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
     ((row, _),) = build_planned(laid_out.examples[150], context)
     assert row["label"] == "dog"
     assert row["feature_torso_velocity_mps"] == pytest.approx(row["truth_radial_velocity_mps"], abs=0.15)
+
+
+@pytest.mark.parametrize("preset", ["infineon-24-burst", "ti-60-burst"])
+def test_sensors_in_bursts_make_rows_that_verify(tmp_path, preset):
+    config = plan(radar={"preset": preset}, dataset={"examples_per_class": 2, "fields": ["signature"]})
+    build_dataset(config, tmp_path / "bursts", executor="serial")
+    dataset = open_dataset(tmp_path / "bursts")
+    radar = Radar.preset(preset)
+    last_s = radar.pulse_times_s(2.5)[-1]
+    np.testing.assert_allclose(dataset.index["observation_s"], last_s + 1 / radar.prf_hz, rtol=1e-12)
+    assert dataset.index["feature_torso_velocity_mps"].between(0.5, 1.8).all()
+    times_s = dataset.result(0).signature["time"]
+    np.testing.assert_allclose(np.diff(times_s), radar.burst_period_s, rtol=1e-5)
+    found = verify_dataset(tmp_path / "bursts", share=1.0, rng=np.random.default_rng(1))
+    assert {check.name for check in found.checks if check.status == "failed"} == set(), found
