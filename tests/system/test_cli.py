@@ -112,7 +112,7 @@ def test_help_loads_no_science():
     "command",
     [
         ["motion", "info"], ["simulate"], ["analyze"], ["dataset", "build"], ["demo"], ["evaluate"], ["classify"],
-        ["reproduce"],
+        ["reproduce"], ["live"],
     ],
 )  # fmt: skip
 def test_every_command_has_help_with_an_example(command):

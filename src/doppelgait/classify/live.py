@@ -40,6 +40,8 @@ LATE_S = 1.0
 FOLLOWED = 0.05
 """Part of a frame's deviation from its expected time that the next expected time follows: the clocks of radar and
 receiver differ by 1e-4, jitter is less than half a frame."""
+MANY = 0.2
+"""Share of frames of the first window that do not fit the frame rate, from which on it is said."""
 
 
 @dataclass
@@ -194,12 +196,18 @@ class Live:
                     raise window
                 if window is None:
                     return
-                self._ring.counts.windows += 1
+                counts = self._ring.counts
+                counts.windows += 1
+                if counts.windows == 1 and counts.filled + counts.late > MANY * counts.frames:
+                    warn_caller(
+                        f"of the first {counts.frames:,} frames {counts.late:,} were late, and {counts.filled:,} were "
+                        f"missing: prf_hz = {self._ring.radar.prf_hz:g} does not fit their times, or these are bursts"
+                    )
                 try:
                     results = analyze_window(window, self._analysis, self._tracking)
                 except AnalysisError as error:
-                    self._ring.counts.failed += 1
-                    if self._ring.counts.failed == 1:
+                    counts.failed += 1
+                    if counts.failed == 1:
                         warn_caller(f"a window from {window.start_s:g} s on cannot be analysed: {error}")
                     continue
                 yield window, self._tracks.add(window, results)

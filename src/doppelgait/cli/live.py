@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import HopS, WindowS
+from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.classify import about_model, load_named, say_about
 from doppelgait.cli.output import say
 
@@ -97,6 +97,7 @@ def live(
     log: Annotated[
         Path | None, typer.Option("--log", help="File to append the lines to, each on the disk at once.")
     ] = None,
+    options: ReaderOptions = None,
     timeout_s: Annotated[
         float, typer.Option("--timeout-s", min=0.0, help="A source that is silent for so long has ended.")
     ] = 10.0,
@@ -112,7 +113,7 @@ def live(
     """
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.shipped import model_of_radar
-    from doppelgait.core.config import json_value
+    from doppelgait.core.config import apply_overrides, json_value
     from doppelgait.radar import open_stream
 
     loaded = None if model is None else load_named(model)
@@ -124,7 +125,7 @@ def live(
             kept.write(line)
         print(line, flush=True)
 
-    with open_stream(source, timeout_s=timeout_s) as stream:
+    with open_stream(source, timeout_s=timeout_s, **apply_overrides({}, options or [])) as stream:
         say(f"listening: {stream.source}")
         radar = stream.radar
         loaded = loaded or model_of_radar(radar)
