@@ -137,10 +137,12 @@ def flag_overlaps(results: Sequence[Result]) -> list[Result]:
     """
     flagged = []
     for number, result in enumerate(results):
-        own = result.gate
+        times_s = result.gate.time_s
+        counted = np.ones(times_s.size, dtype=bool)
         if result.segments:
-            own = own.during(result.quality["start_s"], result.quality["stop_s"])
-        near = [other for other in results if other is not result and own.overlaps(other.gate)]
+            counted = (times_s >= result.quality["start_s"]) & (times_s <= result.quality["stop_s"])
+        others = (other for other in results if other is not result)
+        near = [other for other in others if (result.gate.shares(other.gate) & counted).any()]
         found = {"own_echo_in_gate" if is_echo(other, number) else "gates_overlap" for other in near}
         flagged.append(replace(result, flags=(*result.flags, *sorted(found))))
     return flagged
