@@ -171,13 +171,15 @@ def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
         own = Rows((), rows, count, np.arange(len(rows)), facts.classes, labels, rows["subject"].to_numpy(dtype=str))
         odds = log_odds(rows[f"p:{name}"])[:, None]
         curves.append(adaptation_curve(model, own, odds, np.random.default_rng(seed)))
-    lines = [
-        "| own recordings of a class | balanced accuracy | without labels | ECE |",
-        "| ---: | ---: | ---: | ---: |",
-    ]
+    columns = {
+        "same movers before": "before",
+        "balanced accuracy": "balanced_accuracy",
+        "without labels": "unlabelled",
+        "ECE": "expected_calibration_error",
+    }
+    lines = [f"| own recordings of a class | {' | '.join(columns)} |", "| ---: " * (len(columns) + 1) + "|"]
     for points in zip(*curves, strict=True):
-        shares = [mean_and_range([point[key] for point in points])
-                  for key in ("balanced_accuracy", "unlabelled", "expected_calibration_error")]  # fmt: skip
+        shares = [mean_and_range([point[key] for point in points]) for key in columns.values()]
         lines.append(f"| {points[0]['n']} | {' | '.join(shares)} |")
     return lines
 
