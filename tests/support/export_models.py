@@ -70,6 +70,7 @@ def export_model_of(
     rng = np.random.default_rng(seed)
     values = random_features(rng, 300)
     labels = np.digitize(np.nan_to_num(values[:, 4]), np.nanquantile(values[:, 4], np.arange(1, n_classes) / n_classes))
+    labels[np.isnan(values[:, 5])] = n_classes - 1
     part, nothing = Part(values, labels), Part(values[:0], labels[:0])
     train = {"linear": train_logistic, "trees": train_boosting, "kernel": train_svm}
     net = random_network(rng, n_classes, patch or Patch(n_velocity=16, n_time=16), channels)

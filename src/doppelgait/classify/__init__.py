@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
+    "CSettings": "export.write",
     "Decision": "decide",
     "Evaluation": "evaluate",
     "Model": "model",
@@ -15,6 +16,7 @@ _HOME = {
     "classify": "decide",
     "classify_over_time": "timeline",
     "evaluate": "evaluate",
+    "export_model": "export.write",
     "fitting_model": "shipped",
     "levels": "patches",
     "load_model": "model_file",

@@ -52,12 +52,12 @@ def export(
     Example: doppelgait model export model.npz --form onnx -o exported;
     or doppelgait model export model.npz --form c --int8 -o firmware/model
     """
-    from doppelgait.classify.export.write import Target, export_model
+    from doppelgait.classify.export.write import CSettings, export_model
     from doppelgait.classify.model_file import load_model
 
-    target = Target(integers=integers, prf_hz=prf_hz, carrier_hz=carrier_hz, window_s=window_s, bins=bins,
-                    still_time_s=still_s or None, data=data, n_examples=n_examples, seed=seed)  # fmt: skip
-    made = export_model(load_model(model), form, output, None if target == Target() and form != "c" else target)
+    settings = CSettings(integers=integers, prf_hz=prf_hz, carrier_hz=carrier_hz, window_s=window_s, bins=bins,
+                         still_time_s=still_s or None, data=data, n_examples=n_examples, seed=seed)  # fmt: skip
+    made = export_model(load_model(model), form, output, None if settings == CSettings() and form != "c" else settings)
     if as_json:
         print_json({"folder": str(made.folder), "files": list(made.files), **made.facts})
         return

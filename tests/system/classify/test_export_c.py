@@ -15,11 +15,11 @@ from doppelgait.classify.export.examples import (
     network_probability,
     walk_samples,
 )
-from doppelgait.classify.export.write import Target, export_model
-from doppelgait.classify.learned import Constant, Network
+from doppelgait.classify.export.write import CSettings, export_model
+from doppelgait.classify.learned import Constant, Network, join_inputs
 from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import ConfigError
-from export_models import KINDS, export_model_of
+from export_models import KINDS, export_model_of, inputs_of
 from processes import run
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
@@ -58,7 +58,7 @@ def check(build, model, target, folder):
 @pytest.mark.parametrize("n_classes", [2, 3])
 def test_a_thousand_examples_of_every_kind_agree(build, tmp_path, n_classes, integers):
     model = export_model_of("ensemble", n_classes, patch=SMALL)
-    text, _ = check(build, model, Target(n_examples=1000, window_s=0.8, integers=integers), tmp_path / "out")
+    text, _ = check(build, model, CSettings(n_examples=1000, window_s=0.8, integers=integers), tmp_path / "out")
     found = re.findall(r"(\w+): 1000 examples, probabilities differ by at most (\S+),", text)
     assert [name for name, _ in found] == ["samples", "levels", "features"]
     assert max(float(value) for name, value in found if name != "samples" or not integers) < 1e-4
@@ -66,13 +66,13 @@ def test_a_thousand_examples_of_every_kind_agree(build, tmp_path, n_classes, int
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_single_models_agree(build, tmp_path, kind):
-    check(build, export_model_of(kind, patch=SMALL), Target(n_examples=50), tmp_path / "out")
+    check(build, export_model_of(kind, patch=SMALL), CSettings(n_examples=50), tmp_path / "out")
 
 
 def test_a_share_that_is_constant(build, tmp_path):
     model = export_model_of("linear")
     model = type(model)(**{**vars(model), "learned": Constant(np.log([0.2, 0.8]))})
-    check(build, model, Target(), tmp_path / "out")
+    check(build, model, CSettings(), tmp_path / "out")
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_radars_transforms_and_gates_agree(build, tmp_path, prf_hz, analysis, bi
     conditions = {"carrier_hz": (24e9, 24e9), "prf_hz": (prf_hz, prf_hz), "observation_s": (1.7, 2.0)}
     model = export_model_of("network", patch=SMALL, conditions=conditions, analysis=analysis)
     assert plan(model, bins=bins).n_doppler == n_doppler
-    check(build, model, Target(n_examples=20, bins=bins, still_time_s=0.5), tmp_path / "out")
+    check(build, model, CSettings(n_examples=20, bins=bins, still_time_s=0.5), tmp_path / "out")
 
 
 def plan(model, *, bins=1, window_s=None, still_time_s=2.0):
@@ -99,7 +99,7 @@ def plan(model, *, bins=1, window_s=None, still_time_s=2.0):
 def test_the_usual_size_agrees_and_needs_the_memory_that_is_stated(build, tmp_path):
     model = export_model_of("network", patch=Patch(), channels=(8, 16, 32, 64))
     for integers in (False, True):
-        text, made = check(build, model, Target(n_examples=3, integers=integers), tmp_path / f"out-{integers}")
+        text, made = check(build, model, CSettings(n_examples=3, integers=integers), tmp_path / f"out-{integers}")
         window, buffers = re.search(r"RAM: (\d+) bytes of window, (\d+) bytes of buffers", text).groups()
         assert (int(window), int(buffers)) == (made.facts["window_bytes"], made.facts["buffer_bytes"])
     assert made.facts["flash_table_bytes"] < 30_000
@@ -133,7 +133,7 @@ int main(void)
 
 def test_a_stream_gives_one_decision_per_window_with_weights_of_bins(build, tmp_path):
     model = export_model_of("network", patch=SMALL, seed=4)
-    target = Target(window_s=0.6, bins=2, still_time_s=None, n_examples=1)
+    target = CSettings(window_s=0.6, bins=2, still_time_s=None, n_examples=1)
     export_model(model, "c", tmp_path / "out", target)
     (tmp_path / "stream.c").write_text(STREAM)
     program = build(tmp_path / "out", tmp_path / "stream.c")
@@ -153,9 +153,40 @@ def test_a_stream_gives_one_decision_per_window_with_weights_of_bins(build, tmp_
     assert (rows[:, 4] > 3).all()
 
 
+FEATURES = """
+#include "doppelgait_model.h"
+#include <stdio.h>
+int main(void)
+{
+    float features[DG_FEATURES], probability[DG_CLASSES];
+    while (fread(features, sizeof features, 1, stdin) == 1) {
+        dg_probability(features, 0, probability);
+        printf("%.7f %d\\n", (double)probability[1], dg_choose(probability));
+    }
+    return 0;
+}
+"""
+
+
+def test_features_alone_count_where_there_is_no_signature(build, tmp_path):
+    model = export_model_of("ensemble", patch=SMALL)
+    made = export_model(model, "c", tmp_path / "out", CSettings(n_examples=1))
+    (tmp_path / "features.c").write_text(FEATURES)
+    features, levels, _ = inputs_of(model, 100, 16)
+    levels[:] = None
+    expected = model.probability(join_inputs(features, levels))
+    program = build(made.folder, tmp_path / "features.c")
+    done = run([str(program)], input=features.astype(np.float32).tobytes(), capture_output=True)
+    rows = np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float)
+    assert np.allclose(rows[:, 0], expected[:, 1], atol=1e-4)
+    sure = expected.max(axis=1) >= 0.8
+    assert 0 < sure.sum() < 100
+    assert rows[:, 1].tolist() == np.where(sure, expected.argmax(axis=1), -1).tolist()
+
+
 def test_silence_is_not_decided(build, tmp_path):
     model = export_model_of("network", patch=SMALL, abstain_below=0.0)
-    made = export_model(model, "c", tmp_path / "out", Target(n_examples=1))
+    made = export_model(model, "c", tmp_path / "out", CSettings(n_examples=1))
     (tmp_path / "stream.c").write_text(STREAM)
     n = plan(model).window_pulses
     done = run([str(build(made.folder, tmp_path / "stream.c"))], input=bytes(8 * n), capture_output=True)
@@ -163,13 +194,13 @@ def test_silence_is_not_decided(build, tmp_path):
 
 
 def test_more_bins_can_be_chosen_by_the_compiler(build, tmp_path):
-    made = export_model(export_model_of("network", patch=SMALL), "c", tmp_path / "out", Target(n_examples=1))
+    made = export_model(export_model_of("network", patch=SMALL), "c", tmp_path / "out", CSettings(n_examples=1))
     (tmp_path / "stream.c").write_text(STREAM)
     build(made.folder, tmp_path / "stream.c", ["-DDG_BINS=31"])
 
 
 def test_a_wrong_expectation_fails(build, tmp_path):
-    made = export_model(export_model_of("linear"), "c", tmp_path / "out", Target())
+    made = export_model(export_model_of("linear"), "c", tmp_path / "out", CSettings())
     golden = bytearray((made.folder / "golden.bin").read_bytes())
     golden[-4:] = np.float32(0.123).tobytes()
     (tmp_path / "wrong.bin").write_bytes(golden)
@@ -197,7 +228,7 @@ def test_scales_come_from_held_rows_of_a_dataset(tmp_path_factory, tmp_path):
     assert {each.shape for each in found} == {(64, 64)}
     assert max(each.max() for each in found) > 0.5
     made = export_model(
-        export_model_of("network", patch=Patch()), "c", tmp_path / "out", Target(integers=True, data=folder)
+        export_model_of("network", patch=Patch()), "c", tmp_path / "out", CSettings(integers=True, data=folder)
     )
     assert made.facts["int8_examples"] == len(dataset_levels(folder, Patch(), 64, 100))
 
@@ -213,10 +244,10 @@ def test_scales_come_from_held_rows_of_a_dataset(tmp_path_factory, tmp_path):
 )
 def test_a_radar_that_does_not_fit_is_refused(tmp_path, facts, target, words):
     with pytest.raises(ConfigError, match=words):
-        export_model(export_model_of("network", patch=SMALL, **facts), "c", tmp_path / "out", Target(**target))
+        export_model(export_model_of("network", patch=SMALL, **facts), "c", tmp_path / "out", CSettings(**target))
     assert not (tmp_path / "out").exists()
 
 
 def test_integers_need_a_network(tmp_path):
     with pytest.raises(ConfigError, match="has no network"):
-        export_model(export_model_of("trees"), "c", tmp_path / "out", Target(integers=True))
+        export_model(export_model_of("trees"), "c", tmp_path / "out", CSettings(integers=True))

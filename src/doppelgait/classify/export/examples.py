@@ -18,7 +18,7 @@ from doppelgait.classify.patches import Levels, Patch
 Complex = npt.NDArray[np.complex64]
 
 SPEED_MPS, STRIDE_HZ, SWING, LIMBS = (0.4, 3.0), (0.6, 2.5), (0.3, 1.5), 4
-NOISE_DB, STILL = (-25.0, 10.0), 20.0
+NOISE_DB, STILL = (-50.0, 10.0), 20.0
 
 
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:

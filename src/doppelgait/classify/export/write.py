@@ -37,7 +37,7 @@ LISTING, FORMAT = "export.json", "doppelgait-model-export"
 
 
 @dataclass(frozen=True)
-class Target:
+class CSettings:
     """Settings of the form ``c``.
 
     Parameters
@@ -89,7 +89,7 @@ class Export:
     facts: Mapping[str, Any]
 
 
-def export_model(model: Model, form: str, folder: str | Path, target: Target | None = None) -> Export:
+def export_model(model: Model, form: str, folder: str | Path, settings: CSettings | None = None) -> Export:
     """Write a model in a form for other programs.
 
     Parameters
@@ -101,7 +101,7 @@ def export_model(model: Model, form: str, folder: str | Path, target: Target | N
         (:func:`doppelgait.classify.export.onnx_graph.onnx_model`).
     folder : path
         Appears complete or not at all; replaces an earlier export.
-    target : Target, optional
+    settings : CSettings, optional
         Of the form ``c`` only.
 
     Returns
@@ -118,7 +118,7 @@ def export_model(model: Model, form: str, folder: str | Path, target: Target | N
     out, found = Path(folder), dict[str, Any]()
     if form not in FORMS:
         raise ConfigError(f"--form: form {form!r} is not known; allowed are {', '.join(FORMS)}")
-    if target is not None and form != "c":
+    if settings is not None and form != "c":
         raise ConfigError(f"--form {form}: has no settings of a radar or device; these are for --form c")
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")
     contents: dict[str, bytes] = {}
@@ -127,7 +127,7 @@ def export_model(model: Model, form: str, folder: str | Path, target: Target | N
 
         contents["model.onnx"] = onnx_model(model).SerializeToString()
     elif form == "c":
-        contents, found = _c_files(model, target or Target())
+        contents, found = _c_files(model, settings or CSettings())
     else:
         contents["scorer.py"] = Path(scorer.__file__).read_bytes()
     with complete_folder(out) as partial:
@@ -144,33 +144,33 @@ def export_model(model: Model, form: str, folder: str | Path, target: Target | N
     return Export(out, tuple(files), found)
 
 
-def _c_files(model: Model, target: Target) -> tuple[dict[str, bytes], dict[str, Any]]:
+def _c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Make header, source, golden vectors and their test."""
-    rng, device = np.random.default_rng(target.seed), None
+    rng, device = np.random.default_rng(settings.seed), None
     networks = [part[0] for part in parts_of(model) if isinstance(part[0], Network)]
-    if target.integers and not networks:
+    if settings.integers and not networks:
         raise ConfigError("--int8: this model has no network; features stay in float32")
     samples: list[Any] = []
     simulated: list[Any] = []
     scaling: list[Any] = []
     if networks:
         device = plan_device(
-            model, networks[0].patch, prf_hz=target.prf_hz, carrier_hz=target.carrier_hz, window_s=target.window_s,
-            bins=target.bins, still_time_s=target.still_time_s,
+            model, networks[0].patch, prf_hz=settings.prf_hz, carrier_hz=settings.carrier_hz,
+            window_s=settings.window_s, bins=settings.bins, still_time_s=settings.still_time_s,
         )  # fmt: skip
-        samples = [walk_samples(rng, device) for _ in range(target.n_examples)]
+        samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
         simulated = scaling = [levels_of_samples(each, device) for each in samples]
-        if target.data is not None:
-            scaling = dataset_levels(target.data, device.patch, device.n_columns, SCALE_EXAMPLES)
-        elif target.integers:
+        if settings.data is not None:
+            scaling = dataset_levels(settings.data, device.patch, device.n_columns, SCALE_EXAMPLES)
+        elif settings.integers:
             more = range(SCALE_EXAMPLES - len(simulated))
             scaling = [*simulated, *(levels_of_samples(walk_samples(rng, device), device) for _ in more)]
-    levels = scaling[: target.n_examples]
+    levels = scaling[: settings.n_examples]
     exact, found = model, dict[str, Any]()
-    if target.integers:
+    if settings.integers:
         model = with_integers(exact, scaling[:SCALE_EXAMPLES])
     sources = Sources(model, device)
-    features = feature_rows(rng, model, target.n_examples if model.facts.names else 0)
+    features = feature_rows(rng, model, settings.n_examples if model.facts.names else 0)
     words: list[Any] = [np.array([1, len(samples), len(levels), len(features)], dtype=np.int32)]
     for inputs, rows in ((samples, simulated), ([each.T for each in levels], levels)):
         for each, answer in zip(inputs, network_probability(model, rows) if rows else (), strict=True):
@@ -180,7 +180,7 @@ def _c_files(model: Model, target: Target) -> tuple[dict[str, bytes], dict[str, 
         seen = network_answers(model, rows) if networks else np.zeros((len(features), 0))
         for each in zip(features, seen, whole_probability(model, features, rows), strict=True):
             words += [part.astype(np.float32) for part in each]
-    if target.integers:
+    if settings.integers:
         apart = np.abs(network_probability(model, scaling) - network_probability(exact, scaling))
         found = {"int8_examples": len(scaling), "int8_mean_difference": float(apart.mean()),
                  "int8_largest_difference": float(apart.max())}  # fmt: skip
@@ -189,7 +189,7 @@ def _c_files(model: Model, target: Target) -> tuple[dict[str, bytes], dict[str, 
         "selftest.c": (TEXTS / "selftest.c").read_bytes(),
         "golden.bin": b"".join(np.ascontiguousarray(part).tobytes() for part in words),
     }  # fmt: skip
-    return files, {"precision": "int8" if target.integers else "float32", **sources.facts(), **found}
+    return files, {"precision": "int8" if settings.integers else "float32", **sources.facts(), **found}
 
 
 def with_integers(model: Model, examples: list[Any]) -> Model:
