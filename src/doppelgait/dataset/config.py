@@ -87,7 +87,7 @@ class FieldSpec(FrozenModel):
         Keep every ``hop``-th column (or pulse).
     """
 
-    name: Literal["signature", "cadence_map", "baseband", "truth_range_m", "truth_radial_velocity_mps"]
+    name: Literal["signature", "cadence_map", "ti_frames", "baseband", "truth_range_m", "truth_radial_velocity_mps"]
     dtype: Literal["full", "half"] | None = None
     hop: int = Field(default=1, ge=1, le=10_000)
 
@@ -377,7 +377,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
 
 Split = Literal["train", "validation", "test"]
 
-FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "baseband")
+FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "ti_frames", "baseband")
 
 
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:
@@ -401,7 +401,7 @@ class ImportConfig(FrozenModel):
         is shorter than a window is left out. By default a recording, or its part from ``start_s`` to ``stop_s``, is
         one example.
     fields : list
-        Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``baseband``.
+        Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``ti_frames``, ``baseband``.
     split : "train", "validation", "test" or table
         Where everything goes, or shares of the subjects of every class. By default the column ``split`` of the
         labels, and ``test`` without one.

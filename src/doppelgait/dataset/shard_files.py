@@ -27,6 +27,7 @@ Arrays = Mapping[str, Array]
 FIELDS: dict[str, dict[str, Any]] = {
     "signature": {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"},
     "cadence_map": {"dims": ["cadence", "doppler"], "units": "1", "dtype": "float32"},
+    "ti_frames": {"dims": ["time", "number"], "units": "m/s, m/s, V^2, 1", "dtype": "float32"},
     "baseband": {"dims": ["slow_time", "range"], "units": "V", "dtype": "complex64"},
     "truth_range_m": {"dims": ["slow_time", "scatterer"], "units": "m", "dtype": "float32"},
     "truth_radial_velocity_mps": {"dims": ["slow_time", "scatterer"], "units": "m/s", "dtype": "float32"},

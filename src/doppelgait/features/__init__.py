@@ -6,8 +6,10 @@ from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency
 from doppelgait.features.ground_motion import GroundMotion, ground_motion
 from doppelgait.features.harmonics import harmonic_ratio, limb_torso_ratio
 from doppelgait.features.observed import Observed
+from doppelgait.features.ti_frames import frame_numbers, window_statistics
 
 __all__ = [
     "FEATURES", "FEATURE_UNITS", "Extraction", "GaitFeatures", "GaitFrequency", "GroundMotion", "Observed", "extract",
-    "gait_frequency", "ground_motion", "harmonic_ratio", "limb_torso_ratio", "snr_mu_db",
+    "frame_numbers", "gait_frequency", "ground_motion", "harmonic_ratio", "limb_torso_ratio", "snr_mu_db",
+    "window_statistics",
 ]  # fmt: skip

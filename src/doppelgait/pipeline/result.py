@@ -29,7 +29,7 @@ from doppelgait.core.labels import (
     check_signal,
 )
 from doppelgait.core.own_hdf5 import check_own, stated_format
-from doppelgait.features import FEATURE_UNITS, GaitFeatures
+from doppelgait.features import FEATURE_UNITS, GaitFeatures, frame_numbers
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.parts import measure_parts
 from doppelgait.radar import Radar
@@ -190,6 +190,14 @@ class Result:
     def signature(self) -> xr.DataArray:
         """Micro-Doppler signature (time, doppler), V^2, with the hop of the analysis."""
         return self._array("signature")  # type: ignore[no-any-return]
+
+    @property
+    def ti_frames(self) -> xr.DataArray:
+        """Four numbers per column, as TI's xWRL6432 classifies with.
+
+        :func:`doppelgait.features.frame_numbers` of the signature above its noise floor.
+        """
+        return frame_numbers(self.signature, noise_floor_v2=float(self.quality.get("noise_floor_v2") or 0.0))
 
     @property
     def normalised_signature(self) -> xr.DataArray:

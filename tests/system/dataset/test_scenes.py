@@ -21,6 +21,7 @@ from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.status import dataset_hash
 from doppelgait.dataset.verify import verify_dataset
+from doppelgait.features import frame_numbers
 from doppelgait.pipeline import run_simulation
 from doppelgait.radar import Radar
 
@@ -265,7 +266,8 @@ def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
 
 @pytest.mark.parametrize("preset", ["infineon-24-burst", "ti-60-burst"])
 def test_sensors_in_bursts_make_rows_that_verify(tmp_path, preset):
-    config = plan(radar={"preset": preset}, dataset={"examples_per_class": 2, "fields": ["signature"]})
+    fields = [{"name": "signature", "dtype": "full"}, "ti_frames"]
+    config = plan(radar={"preset": preset}, dataset={"examples_per_class": 2, "fields": fields})
     build_dataset(config, tmp_path / "bursts", executor="serial")
     dataset = open_dataset(tmp_path / "bursts")
     radar = Radar.preset(preset)
@@ -274,5 +276,8 @@ def test_sensors_in_bursts_make_rows_that_verify(tmp_path, preset):
     assert dataset.index["feature_torso_velocity_mps"].between(0.5, 1.8).all()
     times_s = dataset.result(0).signature["time"]
     np.testing.assert_allclose(np.diff(times_s), radar.burst_period_s, rtol=1e-5)
+    floor_v2 = float(dataset.index["quality_noise_floor_v2"][0])
+    wanted = frame_numbers(dataset.result(0).signature, noise_floor_v2=floor_v2)
+    np.testing.assert_allclose(dataset.example(0).arrays["ti_frames"], wanted, rtol=1e-5)
     found = verify_dataset(tmp_path / "bursts", share=1.0, rng=np.random.default_rng(1))
     assert {check.name for check in found.checks if check.status == "failed"} == set(), found

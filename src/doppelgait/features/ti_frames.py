@@ -1,0 +1,113 @@
+"""Four numbers per frame, as TI's xWRL6432 classifies with.
+
+Its motion and presence detection describes every frame of a track by two velocities, a power and an entropy, and learns
+from windows of frames. With the same numbers from simulated and recorded signatures a classifier for that sensor can be
+trained here. The exact forms are ours; the chip has its own Doppler spectrum of the track's range bins.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import SIGNATURE, axis, check_signal
+
+NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
+"""Columns of :func:`frame_numbers`."""
+LOWER, UPPER = 0.125, 0.875
+"""Shares of a frame's power below the two velocities."""
+
+
+def frame_numbers(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
+    """Measure four numbers of every column of a signature.
+
+    ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, velocities ascending. Lower and upper velocity
+    are those of the first row up to which 12.5 % and 87.5 % of the power lie; the power is the sum of p over the rows
+    from one to the other, both included; the entropy is ``-sum(q ln q) / ln K``, from 0 (one row) to 1 (all K rows
+    alike).
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        V^2, clutter removed.
+    noise_floor_v2 : float
+        Mean noise power nu of a cell (E-28), which is taken away.
+
+    Returns
+    -------
+    DataArray (time, number)
+        float32: lower and upper velocity in m/s, positive approaching, power in V^2, entropy. Velocities and entropy
+        are NaN where nothing is above the noise.
+
+    Raises
+    ------
+    AnalysisError
+        If the array is no signature.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.features import frame_numbers
+    >>> walk = dg.Target(dg.motion.human_gait(speed_mps=1.2, duration_s=3.0), range_m=4.0)
+    >>> recording = dg.simulate(dg.Scene(targets=[walk]), dg.Radar.preset("ti-60-burst"))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> frame_numbers(result.signature).shape[1]
+    4
+    """
+    check_signal(signature, SIGNATURE)
+    power = np.maximum(signature.values.astype(np.float64) - noise_floor_v2, 0.0)
+    velocity_mps = signature.coords["velocity"].values
+    if velocity_mps[0] > velocity_mps[-1]:
+        power, velocity_mps = power[:, ::-1], velocity_mps[::-1]
+    total = power.sum(axis=1)
+    below = np.cumsum(power, axis=1)
+    some = total > 0
+    share = power / np.where(some, total, 1.0)[:, None]
+    # the last sum may be below the total by rounding
+    lower, upper = (
+        (below < part * total[:, None]).sum(axis=1).clip(max=velocity_mps.size - 1) for part in (LOWER, UPPER)
+    )
+    rows = np.arange(velocity_mps.size)
+    between = (rows >= lower[:, None]) & (rows <= upper[:, None])
+    logarithm = np.log(share, out=np.zeros_like(share), where=share > 0)
+    values = np.stack(
+        [
+            np.where(some, velocity_mps[lower], np.nan),
+            np.where(some, velocity_mps[upper], np.nan),
+            (power * between).sum(axis=1),
+            np.where(some, -(share * logarithm).sum(axis=1) / np.log(velocity_mps.size), np.nan),
+        ],
+        axis=1,
+    )
+    coords = {"time": axis(signature, "time"), "number": list(NUMBERS)}
+    return xr.DataArray(values.astype(np.float32), dims=("time", "number"), coords=coords, name="ti_frames")
+
+
+def window_statistics(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt.NDArray[np.float64]:
+    """Measure mean and standard deviation of frames in windows.
+
+    Parameters
+    ----------
+    numbers : array_like, shape (T, 4)
+        As of :func:`frame_numbers`; the power is taken in dB.
+    frames : int, optional
+        Frames of a window; windows follow each other, and a rest is left out. One window of all frames by default.
+
+    Returns
+    -------
+    ndarray, shape (windows, 8)
+        The four means, then the four standard deviations, over the frames with power; NaN where there are none.
+    """
+    values = np.array(numbers, dtype=np.float64)
+    dark = ~(values[:, 2] > 0)
+    values[dark] = np.nan
+    values[~dark, 2] = 10.0 * np.log10(values[~dark, 2])
+    length = frames or len(values)
+    found = np.full((len(values) // max(length, 1), 2 * values.shape[1]), np.nan)
+    for number in range(len(found)):
+        part = values[number * length : (number + 1) * length]
+        part = part[~np.isnan(part[:, 2])]
+        if len(part):
+            found[number] = np.concatenate([part.mean(axis=0), part.std(axis=0)])
+    return found

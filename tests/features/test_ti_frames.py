@@ -1,0 +1,92 @@
+"""Four numbers per frame against loops over every cell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from doppelgait.core.errors import AnalysisError
+from doppelgait.features.ti_frames import NUMBERS, frame_numbers, window_statistics
+
+
+@pytest.fixture(scope="module")
+def signature():
+    walk = dg.Target(dg.motion.human_gait(speed_mps=1.2, duration_s=3.0), range_m=4.0, label="human")
+    recording = dg.simulate(dg.Scene(targets=[walk]), dg.Radar.preset("ti-60-burst"), rng=dg.rng(4), snr_db=15)
+    return dg.analyze(recording, gate="truth")[0].signature
+
+
+def literal(powers: list[float], velocities: list[float], floor: float) -> list[float]:
+    """The definition, one cell after the other."""
+    cells = [max(p - floor, 0.0) for p in powers]
+    total = math.fsum(cells)
+    if total <= 0:
+        return [math.nan, math.nan, 0.0, math.nan]
+    edges = []
+    for part in (0.125, 0.875):
+        found = 0.0
+        for number, cell in enumerate(cells):
+            found += cell
+            if found >= part * total:
+                edges.append(number)
+                break
+    entropy = -math.fsum(c / total * math.log(c / total) for c in cells if c > 0) / math.log(len(cells))
+    between = math.fsum(cells[edges[0] : edges[1] + 1])
+    return [velocities[edges[0]], velocities[edges[1]], between, entropy]
+
+
+@pytest.mark.parametrize("floor_share", [0.0, 0.5, 3.0])
+def test_numbers_are_those_of_the_definition(signature, floor_share):
+    floor = floor_share * float(np.median(signature.values))
+    found = frame_numbers(signature, noise_floor_v2=floor)
+    velocities = signature.coords["velocity"].values.tolist()
+    wanted = [literal(row.tolist(), velocities, floor) for row in signature.values.astype(float)]
+    assert found.dims == ("time", "number")
+    assert tuple(found["number"].values) == NUMBERS
+    np.testing.assert_allclose(found.values, np.array(wanted, dtype=np.float32), rtol=1e-6)
+
+
+def test_one_row_and_all_rows_alike(signature):
+    made = signature.copy(data=np.zeros(signature.shape, dtype=np.float32))
+    made.values[0, 7] = 2.0
+    made.values[1] = 1.0
+    n_rows = made.shape[1]
+    velocity = made.coords["velocity"].values
+    found = frame_numbers(made).values
+    np.testing.assert_allclose(found[0], [velocity[7], velocity[7], 2.0, 0.0], rtol=1e-6)
+    first, last = math.ceil(n_rows / 8) - 1, math.ceil(7 * n_rows / 8) - 1
+    np.testing.assert_allclose(found[1], [velocity[first], velocity[last], last - first + 1, 1.0], rtol=1e-6)
+    assert np.isnan(found[2, [0, 1, 3]]).all()
+    assert found[2, 2] == 0
+
+
+def test_a_walker_is_between_the_velocities(signature):
+    lower, upper = frame_numbers(signature).values[:, :2].T
+    assert (lower <= upper).all()
+    assert 0.5 < np.median(upper) < 3.0
+
+
+def test_windows_have_the_mean_and_the_spread_of_their_frames(signature):
+    numbers = frame_numbers(signature).values
+    numbers[3] = [np.nan, np.nan, 0.0, np.nan]
+    found = window_statistics(numbers, frames=10)
+    assert found.shape == (len(numbers) // 10, 8)
+    for window, got in enumerate(found):
+        rows = [n.astype(float) for n in numbers[10 * window : 10 * window + 10] if n[2] > 0]
+        columns = [[10 * math.log10(row[k]) if k == 2 else row[k] for row in rows] for k in range(4)]
+        means = [math.fsum(column) / len(column) for column in columns]
+        spreads = [
+            math.sqrt(math.fsum((x - mean) ** 2 for x in column) / len(column))
+            for column, mean in zip(columns, means, strict=True)
+        ]
+        np.testing.assert_allclose(got, [*means, *spreads], rtol=1e-9, atol=1e-9)
+    assert window_statistics(numbers).shape == (1, 8)
+    assert np.isnan(window_statistics(np.zeros((5, 4)))).all()
+
+
+def test_only_signatures_are_measured(signature):
+    with pytest.raises(AnalysisError):
+        frame_numbers(signature.T)
