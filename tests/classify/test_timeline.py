@@ -82,7 +82,7 @@ def test_windows_begin_every_hop_and_look_at_nothing_else(walk):
     part = walk.between(0.75, 3.75)
     np.testing.assert_array_equal(found[1].recording.baseband.values, part.baseband.values)
     assert found[1].recording.slow_time_s[0] == 0.0
-    assert not found[1].recording.truth
+    np.testing.assert_array_equal(found[1].recording.truth[0].centre_range_m, part.truth[0].centre_range_m)
 
 
 def test_times_of_a_window_are_those_of_the_recording(walk):
@@ -90,6 +90,16 @@ def test_times_of_a_window_are_those_of_the_recording(walk):
     for name in ("start_s", "stop_s", "track_start_s", "track_confirmed_at_s"):
         assert last[0].quality[name] == pytest.approx(first[0].quality[name] + 1.5, abs=0.3)
     assert last[0].segments[0].quality["stop_s"] > 3.5
+
+
+def test_windows_of_a_simulation_take_the_true_gate(walk):
+    last = list(windows_of(walk, 3.0, 0.75))[-1]
+    (result,) = analyze_window(last, Analysis(), gate="truth")
+    path = timeline.Path.of(result, last)
+    inside = path.time_s <= walk.slow_time_s[-1]
+    true_m = np.interp(path.time_s, walk.slow_time_s, walk.truth[0].centre_range_m)
+    np.testing.assert_allclose(path.range_m[inside], true_m[inside], atol=0.02)
+    assert path.time_s[0] == pytest.approx(1.5)
 
 
 def test_a_recording_shorter_than_a_window_says_so(walk):

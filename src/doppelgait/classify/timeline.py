@@ -31,7 +31,7 @@ import numpy.typing as npt
 from doppelgait.classify.decide import Decision, Seen, analysis_of, decide, model_for
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.recorded import cut
+from doppelgait.dataset.recorded import TOLERANCE, cut
 from doppelgait.pipeline import Result, Tracking, analyze
 from doppelgait.processing import Analysis
 from doppelgait.radar import Recording
@@ -155,8 +155,14 @@ def windows_of(recording: Recording, window_s: float, hop_s: float) -> Iterator[
     first_s = float(recording.slow_time_s[0])
     for part in cut(recording, window_s=window_s, step_s=hop_s):
         assert isinstance(part.recording, Recording)
-        start_s = first_s + part.start_s
-        yield Window(start_s, start_s + window_s, part.recording)
+        start_s, content = first_s + part.start_s, part.recording
+        if recording.truth:
+            margin_s = TOLERANCE / recording.radar.prf_hz
+            first = int(np.searchsorted(recording.slow_time_s, start_s - margin_s))
+            pulses = slice(first, first + content.n_pulses)
+            truth = [one.during(pulses, start_s, start_s + window_s) for one in recording.truth]
+            content = replace(content, truth=truth)
+        yield Window(start_s, start_s + window_s, content)
 
 
 def analyze_window(
