@@ -225,3 +225,48 @@ def test_memory_is_that_of_one_window():
 def test_ranges_must_be_a_row():
     with pytest.raises(ConfigError, match="range_m"):
         live([], RADAR, MODEL, range_m=[[1.0]])
+
+
+@pytest.fixture(scope="module")
+def bursts():
+    radar = Radar.preset("infineon-24-burst")
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=6.2), range_m=5.0)])
+    return simulate(scene, radar, rng=rng(3), snr_db=20.0)
+
+
+def live_of(recording, frames=None, **options):
+    frames = frames_of(recording) if frames is None else frames
+    return live(frames, recording.radar, MODEL, window_s=2.0, hop_s=0.7, analysis=Analysis(), **options)
+
+
+def test_a_stream_in_bursts_gives_the_decisions_of_its_file(bursts):
+    found = live_of(bursts)
+    same(list(found), of_file(bursts))
+    assert (found.counts.filled, found.counts.late, found.counts.jumps) == (0, 0, 0)
+
+
+def test_missing_frames_of_bursts_are_filled_in_their_places(bursts):
+    frames = list(frames_of(bursts))
+    lost = [*range(200, 230), *range(500, 520), *range(1000, 1024)]  # within bursts, over the end of one, at its start
+    kept = [frame for number, frame in enumerate(frames) if number not in lost]
+    windows = [window for window, _ in live_of(bursts, kept).windows()]
+    filled = live_of(bursts, kept)
+    whole = list(live_of(bursts).windows())
+    assert [window.start_s for window in windows] == [window.start_s for window, _ in whole]
+    for window, (other, _) in zip(windows, whole, strict=True):
+        np.testing.assert_allclose(window.recording.slow_time_s, other.recording.slow_time_s, rtol=0, atol=1e-12)
+    list(filled)
+    assert filled.counts.filled == len(lost)
+    rows = windows[0].recording.samples.matrix
+    np.testing.assert_array_equal(rows[200:230], np.broadcast_to(frames[199][1], (30, 1)))
+    np.testing.assert_array_equal(rows[230:500], bursts.samples.matrix[230:500])
+
+
+def test_after_a_long_gap_windows_begin_with_a_whole_burst(bursts):
+    frames = list(frames_of(bursts))
+    kept = frames[: 10 * 128] + [(time_s + 60.0, row) for time_s, row in frames[10 * 128 + 50 :]]
+    running = live_of(bursts, kept)
+    windows = [window for window, _ in running.windows()]
+    assert running.counts.jumps == 1
+    after = next(window for window in windows if window.start_s > 30.0)
+    np.testing.assert_array_equal(after.recording.samples.matrix[:128], bursts.samples.matrix[11 * 128 : 12 * 128])

@@ -43,7 +43,7 @@ def make_recording(n_frames: int = N_FRAMES, **changes: object) -> Recording:
     rng = np.random.default_rng(7)
     shape = (n_frames, radar.n_range_bins)
     rows = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
-    coords = {"slow_time": np.arange(n_frames) / radar.prf_hz, "range": radar.range_axis_m()}
+    coords = {"slow_time": radar.frame_time_s(np.arange(n_frames)), "range": radar.range_axis_m()}
     return Recording.from_baseband(make_array(BASEBAND, rows, coords), radar)
 
 
@@ -435,3 +435,14 @@ def test_a_closed_stream_ends_without_waiting_for_a_sender():
     stream.close()
     with pytest.raises(RecordingError, match="ended before a header came"):
         _ = stream.radar
+
+
+def test_a_sensor_in_bursts_begins_with_a_whole_one():
+    recording = make_recording(64, burst_pulses=16, burst_period_s=0.1)
+    rows, stream = recording.samples.matrix, open_stream("udp://:0")
+    late = [frame_record(i, 3.0 + float(recording.slow_time_s[i]), rows[i]) for i in range(5, 64)]
+    send_udp(stream, [header_record(recording_header(recording)), *late, END_RECORD])
+    times_s, found, texts = take(stream)
+    np.testing.assert_array_equal(found, rows[16:])
+    np.testing.assert_allclose(times_s, 3.0 + recording.radar.frame_time_s(np.arange(16, 64)), rtol=0, atol=1e-12)
+    assert (texts, stream.counts.missing) == ([], 0)

@@ -88,7 +88,12 @@ class _Ring:
     def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
         self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s
         self.counts = LiveCounts()
-        self._rows = np.zeros((math.ceil(window_s * radar.prf_hz) + 1, range_m.size), dtype=np.complex64)
+        # windows are cut between blocks, as of files: a frame each, or a burst
+        self._block_rows, self._block_hz = 1, radar.prf_hz
+        if radar.burst_pulses is not None and radar.burst_period_s is not None:
+            self._block_rows, self._block_hz = radar.burst_pulses, 1.0 / radar.burst_period_s
+        n_rows = (math.ceil(window_s * self._block_hz) + 1) * self._block_rows
+        self._rows = np.zeros((n_rows, range_m.size), dtype=np.complex64)
         self._last = self._rows[0].copy()
         self._start_s, self._due_s, self._ahead_s = 0.0, math.nan, 0.0
         self._n_rows, self._n_windows = 0, 0
@@ -105,7 +110,7 @@ class _Ring:
             time_s = float(told_s) + self._ahead_s
             if not math.isfinite(time_s):
                 time_s = self._due_s if self._n_rows else 0.0
-            missing = round((time_s - self._due_s) * prf_hz) if self._n_rows else 0
+            missing = self._missing(time_s) if self._n_rows else 0
             if missing < 0:
                 if self._due_s - time_s <= LATE_S:
                     counts.late += 1
@@ -114,28 +119,48 @@ class _Ring:
                 self._ahead_s += self._due_s - time_s
                 time_s, missing = self._due_s, 0
             if missing > self._rows.shape[0]:
+                if (self._n_rows + missing) % self._block_rows:  # begin anew with a whole burst
+                    continue
                 counts.jumps += 1
                 self._n_rows = self._n_windows = missing = 0
             if self._n_rows == 0:
                 self._start_s = self._due_s = time_s
-            self._due_s += (missing + 1) / prf_hz
-            self._due_s += FOLLOWED * (time_s + 1 / prf_hz - self._due_s)
+            if self._block_rows > 1:
+                self._due_s = self._start_s + float(self.radar.frame_time_s(self._n_rows + missing + 1))
+            else:
+                self._due_s += (missing + 1) / prf_hz
+                self._due_s += FOLLOWED * (time_s + 1 / prf_hz - self._due_s)
             counts.filled += missing
             for _ in range(missing):
                 yield from self._push(self._last)
             self._last = row
             yield from self._push(row)
 
+    def _missing(self, time_s: float) -> int:
+        """Count the frames that should have come before a time; negative for a late one."""
+        prf_hz, period_s = self.radar.prf_hz, self.radar.burst_period_s
+        if period_s is None:
+            return round((time_s - self._due_s) * prf_hz)
+        since_s = time_s - self._start_s
+        burst = math.floor((since_s + 0.5 / prf_hz) / period_s)
+        place = min(round((since_s - burst * period_s) * prf_hz), self._block_rows - 1)
+        return burst * self._block_rows + place - self._n_rows
+
     def _push(self, row: npt.NDArray[np.complex64]) -> Iterator[Window]:
         """Add a row; cut windows at the pulses where files are cut."""
         self._rows[self._n_rows % self._rows.shape[0]] = row
         self._n_rows += 1
-        prf_hz, begin_s = self.radar.prf_hz, self._n_windows * self.hop_s
-        if self._n_rows < math.ceil((begin_s + self.window_s) * prf_hz - TOLERANCE):
+        begin_s = self._n_windows * self.hop_s
+        first, stop = (
+            math.ceil(time_s * self._block_hz - TOLERANCE) * self._block_rows
+            for time_s in (begin_s, begin_s + self.window_s)
+        )
+        if self._n_rows < stop:
             return
         self._n_windows += 1
-        pulses = np.arange(math.ceil(begin_s * prf_hz - TOLERANCE), self._n_rows)
-        coords = {"slow_time": pulses / prf_hz - pulses[0] / prf_hz, "range": self.range_m}
+        pulses = np.arange(first, self._n_rows)
+        times_s = self.radar.frame_time_s(pulses)
+        coords = {"slow_time": times_s - times_s[0], "range": self.range_m}
         rows = self._rows[pulses % self._rows.shape[0]]
         baseband = make_array(BASEBAND, rows, coords, baseband_facts(self.radar))
         start_s = self._start_s + begin_s
@@ -255,8 +280,8 @@ def live(
     ----------
     frames : iterable of (float, array_like of shape (N,), complex)
         Time in s and range bins in V of every frame, for example of :func:`doppelgait.radar.open_stream`. Times may
-        jitter by less than half a frame. Missing frames are filled with the one before; a gap longer than a window
-        begins anew.
+        jitter by less than half a frame; of a radar in bursts the first frame begins one. Missing frames are filled
+        with the one before; a gap longer than a window begins anew.
     radar : Radar
     model : Model, optional
         By default the one that comes with doppelgait and fits the radar.

@@ -212,6 +212,8 @@ class Stream:
 
     def _put(self, frame: Frame, holds: bool) -> None:
         assert self._clock is not None
+        if not self._clock.begins_with(frame):
+            return
         time_s, missing, jump = self._clock.time_s(frame)
         if missing:
             self.say("missing", f"{missing:,} frames are missing before frame {frame.counter} (frame counter)")
@@ -240,6 +242,10 @@ class _Clock:
         self._radar = radar
         self._ahead_s = self._time_s = 0.0
         self._last: tuple[int, float] | None = None
+
+    def begins_with(self, frame: Frame) -> bool:
+        """Return whether frames have begun: of a sensor in bursts, with a whole one."""
+        return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
         """Return time, frames missing before, and what jumped."""
