@@ -26,6 +26,7 @@ from doppelgait.classify.model import Model
 from doppelgait.classify.shipped import model_of_radar
 from doppelgait.classify.timeline import TrackDecision, Tracks, Window, analyze_window, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.dataset.recorded import TOLERANCE
 from doppelgait.pipeline import Tracking
@@ -213,6 +214,7 @@ class Live:
         """Yield every window with its decisions, also where there are none."""
         try:
             while not self._closed.is_set():
+                raise_if_stopped()
                 try:
                     window = self._slot.get(timeout=POLL_S)
                 except queue.Empty:

@@ -114,6 +114,7 @@ def live(
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.shipped import model_of_radar
     from doppelgait.core.config import apply_overrides, json_value
+    from doppelgait.core.interrupt import stop_in_order
     from doppelgait.radar import open_stream
 
     loaded = None if model is None else load_named(model)
@@ -149,12 +150,13 @@ def live(
         say_about(loaded, model)
         said_s, lost, reason = float("-inf"), losses(), "stopped"
         try:
-            for window, decisions in running.windows():
-                for decision in decisions:
-                    put("decision", decision.as_dict())
-                if losses() != lost or window.stop_s - said_s >= STATUS_S:
-                    said_s, lost = window.stop_s, losses()
-                    put("status", {"time_s": window.stop_s, **state()})
+            with stop_in_order():
+                for window, decisions in running.windows():
+                    for decision in decisions:
+                        put("decision", decision.as_dict())
+                    if losses() != lost or window.stop_s - said_s >= STATUS_S:
+                        said_s, lost = window.stop_s, losses()
+                        put("status", {"time_s": window.stop_s, **state()})
             reason = "the source ended"
         except Exception as error:
             reason = str(error)
