@@ -75,7 +75,7 @@ class Sources:
         return max(sizes[0::2]), max(sizes[1::2])
 
     def _window_bytes(self, device: Device) -> int:
-        ring = device.bins * (2 * device.taper.size + 5)
+        ring = device.bins * (2 * device.taper.size + 7)
         return 4 * (ring + device.n_doppler + device.n_columns * device.patch.n_velocity + 4)
 
     def _buffer_bytes(self, device: Device) -> int:
@@ -157,7 +157,9 @@ class Sources:
         if device is not None:
             turns = 2.0 * np.pi * np.arange(device.n_doppler) / device.n_doppler
             self._array("taper", "float", device.taper)
-            self._array("row_edges", "float", device.row_edges)
+            # whole and fraction apart: a strong row next to a weak cell would show the rounding of their sum
+            self._array("edge_rows", "int16_t", np.floor(device.row_edges))
+            self._array("edge_parts", "float", device.row_edges - np.floor(device.row_edges))
             self._array("picture_starts", "int16_t", device.picture_starts)
             self._array("factors", "int16_t", device.factors)
             pairs = [f"{{{_float(c)}, {_float(s)}}}" for c, s in zip(np.cos(turns), np.sin(turns), strict=True)]

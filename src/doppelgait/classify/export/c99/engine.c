@@ -371,13 +371,6 @@ static float (*transform(void))[2]
     return spectrum[which];
 }
 
-/* Length of what the intervals [a, b] and [n, n + 1] share. */
-static float shared(float a, float b, float n)
-{
-    float low = a > n ? a : n, high = b < n + 1.0f ? b : n + 1.0f;
-    return high > low ? high - low : 0.0f;
-}
-
 static void clear(dg_window *window)
 {
     fill_zero(window->rows, DG_DOPPLER);
@@ -392,6 +385,7 @@ void dg_start(dg_window *window)
     for (b = 0; b < DG_BINS; b++) {
         window->weight[b] = 1.0f;
         fill_zero(window->still[b], 2);
+        fill_zero(window->rest[b], 2);
     }
     window->pulses = 0;
     window->place = 0;
@@ -426,14 +420,21 @@ static void add_column(dg_window *window)
     c = (int)(window->column / DG_COLUMNS_PER_CELL);
     for (; c < DG_COLUMNS && c * DG_COLUMNS_PER_CELL < window->column + 1; c++) {
         float low = (float)(c * DG_COLUMNS_PER_CELL - window->column);
-        float share = shared(low, low + (float)DG_COLUMNS_PER_CELL, 0.0f) / (float)DG_COLUMNS_PER_CELL;
+        float high = (float)((c + 1) * DG_COLUMNS_PER_CELL - window->column), share;
+        low = low > 0.0f ? low : 0.0f;
+        high = high < 1.0f ? high : 1.0f;
+        share = high > low ? (high - low) / (float)DG_COLUMNS_PER_CELL : 0.0f; /* of this column in the cell */
         for (v = 0; v < DG_VELOCITIES; v++) {
-            float from = row_edges[v], to = row_edges[v + 1], sum = 0.0f;
-            if (!(to - from > 1e-6f))
+            int from = edge_rows[v], to = edge_rows[v + 1];
+            float width = (float)(to - from) + (edge_parts[v + 1] - edge_parts[v]), sum;
+            if (!(width > 1e-6f)) /* the radar sees no such velocity */
                 continue;
-            for (k = (int)from; k < DG_DOPPLER && (float)k < to; k++)
-                sum += shared(from, to, (float)k) * power[k];
-            window->cells[c][v] += share * sum / (to - from);
+            sum = from == to ? width * power[from] : (1.0f - edge_parts[v]) * power[from];
+            for (k = from + 1; k < to; k++)
+                sum += power[k];
+            if (to > from && to < DG_DOPPLER)
+                sum += edge_parts[v + 1] * power[to];
+            window->cells[c][v] += share * sum / width;
         }
     }
     window->column++;
@@ -448,13 +449,16 @@ int dg_push(dg_window *window, const float *samples)
         for (part = 0; part < 2; part++) {
             float value = samples[2 * b + part];
 #if DG_REMOVE_STILL
-            float share = 1.0f / (float)(window->pulses + 1u);
+            float share = 1.0f / (float)(window->pulses + 1u), step, mean;
             share = share > DG_STILL_SHARE ? share : DG_STILL_SHARE;
             if (window->pulses == 0)
                 window->first[b][part] = value;
             value -= window->first[b][part];
-            window->still[b][part] += share * (value - window->still[b][part]);
-            value -= window->still[b][part];
+            step = share * (value - window->still[b][part]) - window->rest[b][part];
+            mean = window->still[b][part] + step;
+            window->rest[b][part] = (mean - window->still[b][part]) - step;
+            window->still[b][part] = mean;
+            value -= mean;
 #endif
             window->ring[b][window->place][part] = value;
         }

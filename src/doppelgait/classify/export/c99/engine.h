@@ -25,7 +25,7 @@ extern const char *const dg_feature_names[DG_FEATURES];
 typedef struct {
     float ring[DG_BINS][DG_CPI][2];            /* pulses of one processing interval */
     float first[DG_BINS][2];                   /* first pulse; small numbers then keep all digits */
-    float still[DG_BINS][2];                   /* running mean of every bin less that: static echoes */
+    float still[DG_BINS][2], rest[DG_BINS][2]; /* running mean of every bin less that, and its rounding (Kahan) */
     float weight[DG_BINS];                     /* share of a bin inside the gate, 0 to 1 */
     float rows[DG_DOPPLER];                    /* power of every Doppler row */
     float cells[DG_COLUMNS][DG_VELOCITIES];    /* power, later levels 0 to 1 */
