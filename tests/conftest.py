@@ -29,7 +29,7 @@ LONGEST = (
     "system/thirdparty/test_thirdparty.py", "system/classify/test_classify.py",
     "system/studies/test_sim_to_real_shared.py", "system/dataset/test_executors.py", "system/docs/test_examples.py",
     "browser/test_dataset_page.py", "system/dataset/test_scenes.py", "system/test_packaging.py",
-    "browser/test_try_page.py", "system/dataset/test_build.py",
+    "browser/test_try_page.py", "system/dataset/test_build.py", "system/classify/test_over_time.py",
 )  # fmt: skip
 """Files of a quarter of a minute and more, by their time: begun first, so that no worker ends long after the others."""
 
