@@ -138,7 +138,7 @@ class _Ring:
             yield from self._push(row)
 
     def _missing(self, time_s: float) -> int:
-        """Count the frames that should have come before a time; negative for a late one."""
+        """Count frames missing before a time; negative for a late one."""
         prf_hz, period_s = self.radar.prf_hz, self.radar.burst_period_s
         if period_s is None:
             return round((time_s - self._due_s) * prf_hz)

@@ -244,7 +244,7 @@ class _Clock:
         self._last: tuple[int, float] | None = None
 
     def begins_with(self, frame: Frame) -> bool:
-        """Return whether frames have begun: of a sensor in bursts, with a whole one."""
+        """Return whether frames have begun, in bursts with a whole one."""
         return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
