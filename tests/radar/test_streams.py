@@ -19,7 +19,7 @@ import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_recording
+from doppelgait.radar import Radar, Recording, open_stream, read_recording, write_arrays, write_recording
 from doppelgait.radar.frames import (
     END_RECORD,
     Frame,
@@ -109,6 +109,21 @@ def test_a_recording_in_hdf5_is_streamed_with_its_times(tmp_path):
     path = tmp_path / "walk.h5"
     write_recording(RECORDING, path)
     assert_whole(*take(open_stream(path, timeout_s=0))[:2])
+
+
+def test_any_recording_is_streamed(tmp_path):
+    write_arrays(RECORDING, tmp_path / "walk.npz")
+    assert_whole(*take(open_stream(tmp_path / "walk.npz"))[:2])
+    folder = write_xethru_recording(RECORDING, tmp_path, data_type="radar_baseband_float", **SESSION)
+    streams = [open_stream(one, timeout_s=0) for one in (folder, folder / "xethru_recording_meta.dat")]
+    for stream in streams:
+        assert len(take(stream)[0]) == N_FRAMES
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing that a radar said")
+    with pytest.raises(RecordingError, match=r"before a header came; .*no record"):
+        _ = open_stream(tmp_path / "notes.txt", timeout_s=0).radar
 
 
 def test_the_format_is_the_documented_one():
@@ -422,7 +437,7 @@ def test_lengths_that_are_declared_are_not_waited_for():
         ("tcp://localhost", ConfigError, "give tcp://HOST:PORT"),
         ("udp://:99999", ConfigError, "give udp://HOST:PORT"),
         ("tcp://203.0.113.7:5", RecordingError, "cannot be opened"),
-        ("absent.dgf", RecordingError, "is no file"),
+        ("absent.dgf", RecordingError, "is no file and no recording"),
     ],
 )
 def test_sources_that_cannot_be_opened(source, error, message):

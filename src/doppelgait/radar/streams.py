@@ -25,11 +25,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
-from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header
+from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header, header_of
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.recordings import hdf5_frames, sniff_hdf5
+from doppelgait.radar.readers import formats_of, read_recording
+from doppelgait.radar.recording import Recording
+from doppelgait.radar.recordings import hdf5_frames
 from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, Records, convert_records, recording_from_xethru
-from doppelgait.radar.xethru.records import data_type_of_file, parse_records
+from doppelgait.radar.xethru.records import META_NAME, data_type_of_file, parse_records
 
 LOCAL = "127.0.0.1"
 CHUNK_BYTES = 1 << 16
@@ -120,7 +122,8 @@ class Stream:
             while self._header is None and not self._ended:
                 self._changed.wait(POLL_S)
             if self._header is None:
-                raise RecordingError(self._error or f"{self.source}: ended before a header came")
+                fault = "".join(f"; {text}" for text in self._unsaid)
+                raise RecordingError(self._error or f"{self.source}: ended before a header came{fault}")
             return self._header
 
     def __iter__(self) -> Self:
@@ -286,7 +289,7 @@ def open_stream(
     source : str or path-like
         ``-`` (standard input), ``tcp://HOST:PORT`` or ``udp://HOST:PORT`` (listens there; without HOST on 127.0.0.1,
         port 0 takes a free one), each with frames in the format of :mod:`doppelgait.radar.frames`; a file with such
-        frames or a XeThru data file (``.dat``, or its folder), which may still grow; or a doppelgait recording.
+        frames or a XeThru data file (``.dat``, or its folder), which may still grow; or any recording that is read.
     expect : Radar, optional
         Frames of a radar with another carrier, frame rate or bin spacing are refused.
     timeout_s : float
@@ -296,8 +299,8 @@ def open_stream(
         Time of radar that the queue holds. When it is full, files and standard input wait; of sockets the oldest
         frames are dropped and counted.
     **options
-        Of XeThru files, as :func:`doppelgait.radar.read_recording` takes them; ``prf_hz`` where the records state no
-        frame rate.
+        Of recordings, as :func:`doppelgait.radar.read_recording` takes them; XeThru files whose records state no frame
+        rate need ``prf_hz``.
 
     Returns
     -------
@@ -337,25 +340,35 @@ def open_stream(
         items = _parse(_tcp_bytes(listener, stream), stream) if name == "tcp" else _udp_frames(listener, stream)
     else:
         path = Path(text)
-        if path.is_dir():
-            found = [one for one in sorted(path.glob("xethru_*")) if _is_xethru_data(one)]
+        if path.is_dir() or path.name == META_NAME:
+            folder = path if path.is_dir() else path.parent
+            found = [one for one in sorted(folder.glob("xethru_*")) if _is_xethru_data(one)]
             path = found[0] if len(found) == 1 else path
-        if not path.is_file():
-            raise RecordingError(
-                f"{path}: is no file, nor a folder with one XeThru data file; a source is one of these, -, "
-                "tcp://HOST:PORT or udp://HOST:PORT"
-            )
-        if _is_xethru_data(path):
+        kinds = formats_of(path)
+        if _is_xethru_data(path) and path.is_file():
             xethru = _xethru_options(path, options)
             options, items = {}, _xethru_frames(path, stream, xethru)
-        elif sniff_hdf5(path):
+        elif kinds == ["doppelgait"]:
             items = hdf5_frames(path)
-        else:
+        elif kinds and kinds != ["frames"]:
+            recording = read_recording(path, **options)
+            options, items = {}, _recorded_frames(recording)
+        elif path.is_file():
             items = _parse(_file_bytes(path, stream), stream)
+        else:
+            raise RecordingError(
+                f"{path}: is no file and no recording; a source is one of these, -, tcp://HOST:PORT or udp://HOST:PORT"
+            )
     if options:
-        raise ConfigError(f"{stream.source}: takes no option {', '.join(options)}; only XeThru files have some")
+        raise ConfigError(f"{stream.source}: takes no option {', '.join(options)}; only recordings have some")
     threading.Thread(target=stream.receive, args=(items, holds), daemon=True, name=f"frames of {text}").start()
     return stream
+
+
+def _recorded_frames(recording: Recording) -> Iterator[Header | Frame]:
+    yield header_of(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
+    for time_s, row in zip(recording.slow_time_s.tolist(), recording.samples.matrix, strict=True):
+        yield Frame(None, time_s, row)
 
 
 def _is_xethru_data(path: Path) -> bool:
