@@ -11,6 +11,10 @@ from doppelgait.dataset.finish import DATA_VERSION
 NAMES = sorted(model_cards())
 
 
+def test_there_are_models_for_three_carriers():
+    assert NAMES == ["fmcw-24", "fmcw-60", "x4"]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     card, model = model_cards()[name], shipped_model(name)
@@ -20,6 +24,7 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     assert card["conditions"] == {key: list(span) for key, span in model.facts.conditions.items()}
     assert "synthetic" in card["trained_on"]
     assert card["licence"] == "Apache-2.0"
+    assert set(card["recorded_movers"]) == {"all", "held", "tuning", "by_gait"}
     assert card["size_kb"] < 400
     assert card["synthetic_test"]["balanced_accuracy"]["value"] > 0.9
     assert model.facts.alarm == "human"
@@ -28,7 +33,7 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
 
 @pytest.mark.parametrize(
     ("carrier_hz", "prf_hz", "name"),
-    [(7.29e9, 500, "x4"), (7.29e9, 1600, "x4"), (7.29e9, 1740, "x4")],
+    [(7.29e9, 500, "x4"), (7.29e9, 1600, "x4"), (7.29e9, 1740, "x4"), (24e9, 1000, "fmcw-24"), (61e9, 5434, "fmcw-60")],
 )
 def test_the_radar_chooses(carrier_hz, prf_hz, name):
     assert fitting_model(carrier_hz, prf_hz) == name

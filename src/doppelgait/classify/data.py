@@ -34,6 +34,10 @@ ENVELOPE, ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_hz", "extended_d
 """Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
 
+ALARM_CLASS = "human"
+"""Class of the alarm by default."""
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Rows for training and testing.
@@ -51,6 +55,8 @@ class Rows:
         Numbers of the classes.
     groups : ndarray of str, shape (n,)
         Targets, or scenes that targets share.
+    alarm : str
+        Class of the alarm; there is none where the classes do not have it.
     """
 
     datasets: tuple[Dataset, ...]
@@ -60,6 +66,7 @@ class Rows:
     classes: tuple[str, ...]
     labels: IntArray
     groups: npt.NDArray[np.str_]
+    alarm: str = ALARM_CLASS
 
     def __len__(self) -> int:
         return len(self.labels)

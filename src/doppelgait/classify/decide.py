@@ -56,7 +56,7 @@ class Decision:
         True where a flag, the conditions or features outside the training range keep it from deciding, so that its
         probabilities mean nothing; False where they are only not sure enough.
     alarm : bool or None
-        True where it triggers the alarm that detects 95 % of people; None where the model has no alarm or was not
+        True where it triggers the alarm that detects 95 % of its class; None where the model has no alarm or was not
         trained on such a radar, for which no threshold holds. An abstention by a flag or by features outside the
         training range does not keep it from triggering.
     flags : tuple of str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
+from doppelgait.classify.alarm import Day, run_day, score_day
 from doppelgait.classify.data import Rows, Table, rows_of, table_of, take_rows
 from doppelgait.classify.learned import join_inputs
 from doppelgait.classify.model import (
@@ -168,7 +169,8 @@ def evaluate(
     dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
     left_out: str | None = None, own: Dataset | None = None, own_shares: Mapping[str, float] | None = None,
     unknown: Dataset | None = None, motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1,
-    keep: bool = False, on_progress: Callable[[int, int], None] | None = None,
+    keep: bool = False, alarm_class: str | None = None, day: Day | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> Evaluation:  # fmt: skip
     """Train and score models.
 
@@ -204,6 +206,10 @@ def evaluate(
         that of the first seed, and its scores of all seeds stand beside it.
     keep : bool
         After a cross-validation train each model once more, on all rows.
+    alarm_class : str, optional
+        Class that the alarm is for; ``human`` by default.
+    day : Day, optional
+        Score the alarm of the model that is kept over a day (:func:`doppelgait.classify.alarm.run_day`).
     on_progress : callable, optional
         Called with (models trained, models to train).
 
@@ -219,6 +225,7 @@ def evaluate(
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
     rows, nameless = _rows_to_test(dataset, other, own, own_shares)
+    rows = replace(rows, alarm=_alarm_of(rows, alarm_class, needed=day is not None))
     strangers = None if unknown is None else unknown_rows(unknown, rows)
     for option, given in (("--adapt", own), ("--unknown", unknown)):
         if given is not None and (n_folds or left_out):
@@ -249,12 +256,7 @@ def evaluate(
     bare = [name for name in trained if not runs[name].calibrated]
     if bare:
         said.append(f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows")
-    fewest = min(fold.held.size for fold in folds)
-    if fewest < LEAST_FAR:
-        said.append(
-            f"{fewest} held rows: no model can turn anything away by its distance from what was learnt; it takes "
-            f"{LEAST_FAR}"
-        )
+    said += _missing_safeguards(rows, folds)
     said += [
         f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
         f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
@@ -278,6 +280,8 @@ def evaluate(
             )  # fmt: skip
             document["models"][name] |= further
             document["notes"] += [f"{name}: {note}" for note in notes]
+    if day is not None and best is not None and best in kept:
+        document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
     return Evaluation(document, answers_table(rows, answers), best, kept)
 
 
@@ -314,6 +318,29 @@ def _rows_to_test(
                 f"--share: {given}: must name every class ({', '.join(rows.classes)}), each above 0, together 1"
             )
     return rows, unknown_rows(own, rows)
+
+
+def _alarm_of(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
+    """Return the class of the alarm, which must be there if it is named or needed."""
+    if alarm_class is not None and alarm_class not in rows.classes:
+        raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {', '.join(rows.classes)}")
+    alarm = alarm_class or rows.alarm
+    if needed and alarm not in rows.classes:
+        raise ConfigError(f"--alarm: no class {alarm}; name one of {', '.join(rows.classes)} by --alarm-class")
+    return alarm
+
+
+def _missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
+    """Say what the models cannot do for lack of a class or of held rows."""
+    said, fewest = [], min(fold.held.size for fold in folds)
+    if rows.alarm not in rows.classes:
+        said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
+    if fewest < LEAST_FAR:
+        said.append(
+            f"{fewest} held rows: no model can turn anything away by its distance from what was learnt; it takes "
+            f"{LEAST_FAR}"
+        )
+    return said
 
 
 def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:

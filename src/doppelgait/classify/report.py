@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from doppelgait.classify.alarm import day_table, episode_table
 from doppelgait.classify.evaluate import Evaluation
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_axes, new_figure, quantity_label
@@ -253,8 +254,8 @@ UNKNOWN_TEXT = (
     "is called a class with a decision.</p>"
 )
 ALARM_TEXT = (
-    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of people: by the "
-    "rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
+    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
+    "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
 )
 STYLE = """body { font-family: sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .7rem; text-align: right; }
@@ -361,6 +362,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
         "the class (nuisance); the speed alone.</p>",
         *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
+        *_day_parts(document),
         *([ADAPTATION_TEXT, _format_table(own)] if own else []),
         *([UNKNOWN_TEXT, _format_table(strangers)] if strangers else []),
         *(
@@ -374,6 +376,20 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     ]
     head = f"<meta charset='utf-8'><title>{escape(str(data['name']))}: classification</title><style>{STYLE}</style>"
     return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+
+
+def _day_parts(document: Mapping[str, Any]) -> list[str]:
+    """Format the alarm over a day; empty without one."""
+    found = document.get("alarm_day")
+    if found is None:
+        return []
+    words = (
+        f"<h2>The alarm over a day: {escape(found['day'])}</h2><p>{escape(found['model'])} triggers for "
+        f"{escape(found['alarm'])}. False triggers with intervals of 95 % (weighted Poisson counts), over simulated "
+        f"episodes, {found['repeats']} of each kind; missed: episodes with somebody without a trigger; time from the "
+        "start of an episode.</p>"
+    )
+    return [words, _format_table(day_table(found)), _format_table(episode_table(found))]
 
 
 def _describe(facts: Mapping[str, Any]) -> str:
@@ -424,7 +440,7 @@ def _over_seeds(values: Sequence[float | None] | None) -> str:
 def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the alarm rates of every class, by model.
 
-    The alarm detects 95 % of people; empty where there is no such class.
+    The alarm detects 95 % of its class; empty where there is no such class.
     """
     rows = []
     for name, model in document["models"].items():

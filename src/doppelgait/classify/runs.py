@@ -25,7 +25,6 @@ from doppelgait.classify.model import (
 from doppelgait.classify.novelty import learn_novelty
 from doppelgait.classify.open_set import blocked_rows
 from doppelgait.classify.scores import (
-    ALARM_CLASS,
     DETECTED_SHARE,
     Answers,
 )
@@ -102,6 +101,7 @@ def run_model(
             parts.append(Answers(
                 index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
                 np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
+                rows.alarm,
             ))  # fmt: skip
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
             importance.append(_importance(rows, table, model, fold, seed) if shuffled else {})
@@ -113,7 +113,8 @@ def run_model(
     order = np.argsort(np.concatenate([fold.test for fold in folds if fold.test.size]), kind="stable")
     names = ("labels", "groups", "probability", "threshold", "decided")
     columns = {key: np.concatenate([getattr(part, key) for part in parts])[order] for key in names}
-    answers = Answers(index=pd.concat([part.index for part in parts]).iloc[order], classes=rows.classes, **columns)
+    index = pd.concat([part.index for part in parts]).iloc[order]
+    answers = Answers(index=index, classes=rows.classes, alarm=rows.alarm, **columns)
     return Run(answers, models, float(np.mean(losses)), mean)
 
 
@@ -147,9 +148,9 @@ def learn(
     if kind.learner != "majority" and held.labels.size:
         calibration = calibrate(learned.log_probability(held.values), held.labels)
     threshold = people = None
-    if ALARM_CLASS in rows.classes:
-        is_alarm = held.labels == rows.classes.index(ALARM_CLASS)
-        probability = calibration(learned.log_probability(held.values))[:, rows.classes.index(ALARM_CLASS)]
+    if rows.alarm in rows.classes:
+        is_alarm = held.labels == rows.classes.index(rows.alarm)
+        probability = calibration(learned.log_probability(held.values))[:, rows.classes.index(rows.alarm)]
         found = detection_threshold(probability, is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
@@ -176,7 +177,7 @@ def learn(
         seed=seed,
         analysis=dict(config.get("analysis") or {}),
         conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
-        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
+        alarm=rows.alarm if rows.alarm in rows.classes else None,
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
     novelty = None
     if table.names and name not in BASELINES:

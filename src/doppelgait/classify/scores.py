@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from doppelgait.classify.data import ALARM_CLASS
 from doppelgait.classify.learned import FloatArray, IntArray
 from doppelgait.classify.model import class_weights
 
@@ -206,7 +207,6 @@ def expected_calibration_error(bins: list[dict[str, float]]) -> float:
     return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
 
 
-ALARM_CLASS = "human"
 DETECTED_SHARE = 0.95
 MOST_POINTS = 200
 """Of a ROC curve."""
@@ -231,6 +231,8 @@ class Answers:
         Of the alarm class, set on held-out rows; NaN where there was none.
     decided : ndarray of bool, shape (n,)
         Rows with a decision.
+    alarm : str
+        Class of the alarm.
     """
 
     index: pd.DataFrame
@@ -240,6 +242,7 @@ class Answers:
     probability: FloatArray
     threshold: FloatArray
     decided: Bools
+    alarm: str = ALARM_CLASS
 
     @property
     def guesses(self) -> IntArray:
@@ -268,7 +271,7 @@ def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
     bins = reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
     detected = answers.classes
     if n_classes <= 2:  # one curve: of the class to detect if it is there
-        detected = (ALARM_CLASS,) if ALARM_CLASS in answers.classes else answers.classes[:1]
+        detected = (answers.alarm,) if answers.alarm in answers.classes else answers.classes[:1]
     curves: dict[str, dict[str, Any]] = {}
     for name in detected:
         number = answers.classes.index(name)
@@ -326,15 +329,15 @@ def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
 
 
 def alarm_point(answers: Answers) -> dict[str, Any] | None:
-    """Compute alarm rates at 95 % detection of people, or None.
+    """Compute alarm rates at 95 % detection of its class, or None.
 
     None where there is no such class or no threshold.
 
     ``held``: with the threshold of the held-out rows, as in use. ``curve``: from the ROC curve of the test rows.
     """
-    if ALARM_CLASS not in answers.classes:
+    if answers.alarm not in answers.classes:
         return None
-    number = answers.classes.index(ALARM_CLASS)
+    number = answers.classes.index(answers.alarm)
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return None

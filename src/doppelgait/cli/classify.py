@@ -250,6 +250,13 @@ def evaluate(
         Path | None,
         typer.Option("--unknown", help="A dataset with further classes, which the models should abstain from."),
     ] = None,
+    alarm_class: Annotated[
+        str | None, typer.Option("--alarm-class", help="Class that the alarm is for; human by default.")
+    ] = None,
+    alarm: Annotated[
+        bool,
+        typer.Option("--alarm", help="Score the kept model as an alarm over simulated days, minutes of computing."),
+    ] = False,
     save: Annotated[
         Path | None,
         typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
@@ -270,6 +277,7 @@ def evaluate(
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
     or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
+    from doppelgait.classify.alarm import day_table, episode_table, read_day
     from doppelgait.classify.evaluate import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import (
@@ -296,7 +304,8 @@ def evaluate(
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
             left_out=left_out, own=None if adapt is None else open_dataset(adapt),
-            own_shares=_shares_of(shares), unknown=None if unknown is None else open_dataset(unknown),
+            own_shares=_shares_of(shares), alarm_class=alarm_class, day=read_day() if alarm else None,
+            unknown=None if unknown is None else open_dataset(unknown),
             motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
         )  # fmt: skip
@@ -315,6 +324,11 @@ def evaluate(
     if unknown is not None:
         print()
         print_table(unknown_table(found.document))
+    if alarm:
+        print()
+        print_table(day_table(found.document["alarm_day"]))
+        print()
+        print_table(episode_table(found.document["alarm_day"]))
     for note in found.document["notes"]:
         say(f"note: {note}")
     say(f"report: {page}")

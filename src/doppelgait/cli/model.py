@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import print_json, print_table, say
+from doppelgait.cli.output import print_json, print_table, progress, say
 
 app = typer.Typer(help="Export trained models to other programs and devices.", no_args_is_help=True,
                   rich_markup_mode=None)  # fmt: skip
@@ -63,3 +63,40 @@ def export(
         return
     print_table([{"": name.replace("_", " "), "number": value} for name, value in made.facts.items()])
     say(f"{made.folder}: {', '.join(made.files)}")
+
+
+@app.command("alarm")
+def alarm(
+    model: Annotated[
+        str, typer.Argument(help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait.")
+    ],
+    day: Annotated[
+        Path | None, typer.Option("--day", help="Day of episodes, TOML; by default the built-in home-alarm-day.")
+    ] = None,
+    repeats: Annotated[
+        int | None, typer.Option("--repeats", min=1, help="Recordings of each kind of episode; as the day says.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Score a model as an alarm over simulated days.
+
+    False triggers a day and per animal-hour, missed entries and time to detect, by threshold.
+
+    Example: doppelgait model alarm x4 --repeats 50
+    """
+    from doppelgait.classify.alarm import day_table, episode_table, read_day, run_day, score_day
+    from doppelgait.classify.model_file import load_model
+    from doppelgait.classify.shipped import model_cards, shipped_model
+
+    chosen = read_day(day)
+    if repeats is not None:
+        chosen = chosen.model_copy(update={"repeats": repeats})
+    loaded = shipped_model(model) if model in model_cards() else load_model(model)
+    with progress("days", quiet=as_json) as on_progress:
+        found = score_day(chosen, run_day(chosen, loaded, on_progress=on_progress), loaded)
+    if as_json:
+        print_json(found)
+        return
+    print_table(day_table(found))
+    print()
+    print_table(episode_table(found))

@@ -1,0 +1,292 @@
+"""Metrics of an alarm over a day: false triggers, time to detect, missed entries.
+
+A day (:class:`Day`) is a list of kinds of episodes, each a scene file with distributions and its hours a day. Every
+episode is simulated several times and classified in windows as a stream is (:mod:`doppelgait.classify.timeline`). The
+alarm's score at a time is the highest fused probability of its class over the tracks that had evidence; it triggers
+where the score rises to the threshold.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from doppelgait.classify.decide import analysis_of
+from doppelgait.classify.model import Model
+from doppelgait.classify.timeline import TrackDecision, classify_over_time
+from doppelgait.core.config import FrozenModel, read_toml, validate
+from doppelgait.core.draws import resolve
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.pipeline import simulate
+from doppelgait.pipeline.run import parse_run
+
+BUILT_IN = Path(__file__).with_name("home-alarm-day.toml")
+THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99)
+"""Beside the model's own threshold."""
+FloatArray = npt.NDArray[np.float64]
+
+
+class EpisodeSection(FrozenModel):
+    """A kind of episode.
+
+    Parameters
+    ----------
+    label : str
+    should_trigger : bool
+        Whether somebody is there whom the alarm is for.
+    animals : int
+        Animals in it, for triggers per animal-hour.
+    hours_per_day : float
+    duration_s : float
+        Of one recording.
+    targets : list
+        As in a scene file, values may be distributions.
+    """
+
+    label: str = Field(min_length=1)
+    should_trigger: bool = False
+    animals: int = Field(default=0, ge=0, le=10)
+    hours_per_day: float = Field(gt=0, le=24)
+    duration_s: float = Field(ge=3, le=600)
+    targets: list[dict[str, Any]]
+
+
+class Day(FrozenModel):
+    """A day of episodes.
+
+    Parameters
+    ----------
+    name : str
+    seed : int
+    repeats : int
+        Recordings of each kind.
+    scene : dict
+        What all scenes have in common, as in a scene file.
+    episodes : tuple of EpisodeSection
+    """
+
+    name: str
+    seed: int = Field(default=2018, ge=0)
+    repeats: int = Field(default=10, ge=1, le=100_000)
+    scene: dict[str, Any]
+    episodes: tuple[EpisodeSection, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What the alarm did in one recording.
+
+    Parameters
+    ----------
+    label : str
+        Kind of episode.
+    times_s, scores : ndarray, shape (n,)
+        Ends of windows, and the alarm's score there.
+    """
+
+    label: str
+    times_s: FloatArray
+    scores: FloatArray
+
+    def triggers(self, threshold: float) -> FloatArray:
+        """Return the times at which the score rises to a threshold."""
+        over = self.scores >= threshold
+        return np.asarray(self.times_s[over & ~np.concatenate([[False], over[:-1]])], dtype=np.float64)
+
+
+def read_day(path: str | Path | None = None) -> Day:
+    """Read a day from a TOML file; by default the built-in ``home-alarm-day``."""
+    file = BUILT_IN if path is None else Path(path)
+    table, text = read_toml(file)
+    return validate(Day, table, where=file.name, text=text)
+
+
+def run_day(
+    day: Day, model: Model, *, window_s: float | None = None, hop_s: float | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[Episode]:  # fmt: skip
+    """Simulate a day and classify it in windows.
+
+    Parameters
+    ----------
+    day : Day
+    model : Model
+    window_s, hop_s : float, optional
+        As for :func:`doppelgait.classify.classify_over_time`.
+    on_progress : callable, optional
+        Called with (recordings done, recordings).
+
+    Raises
+    ------
+    ConfigError
+        If the model has no alarm, or a scene is wrong.
+    """
+    alarm = model.facts.alarm
+    if alarm is None:
+        raise ConfigError(
+            f"model {model.facts.dataset_name}: has no alarm: its classes are {', '.join(model.facts.classes)}; train "
+            "with --alarm-class"
+        )
+    found, total = [], day.repeats * len(day.episodes)
+    for number in range(total):
+        section = day.episodes[number // day.repeats]
+        table = resolve(
+            {**day.scene, "duration_s": section.duration_s, "targets": section.targets}, seed=day.seed, example=number,
+            key="day", turn=number % day.repeats,
+        )  # fmt: skip
+        run = parse_run({**table, "seed": day.seed, "example": number}, where=f"{day.name}, {section.label}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)  # a fan and a runner's feet alias, as they do at home
+            recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
+        decisions = classify_over_time(recording, model, window_s=window_s, hop_s=hop_s, analysis=analysis_of(model))
+        found.append(Episode(section.label, *alarm_scores(decisions, alarm)))
+        if on_progress is not None:
+            on_progress(number + 1, total)
+    return found
+
+
+def alarm_scores(decisions: Sequence[TrackDecision], alarm: str) -> tuple[FloatArray, FloatArray]:
+    """Return times and the alarm's score: the highest over the tracks seen then.
+
+    A track counts from its first window that was evidence; in a window that is none it keeps its score.
+    """
+    kept: dict[int, float] = {}
+    times, scores = [], []
+    for stop_s, group in groupby(decisions, key=lambda one: one.stop_s):
+        now = []
+        for one in group:
+            if not one.window.blocked:
+                kept[one.track] = one.probabilities[alarm]
+            now.append(kept.get(one.track, 0.0))
+        times.append(stop_s)
+        scores.append(max(now))
+    return np.array(times, dtype=np.float64), np.array(scores, dtype=np.float64)
+
+
+def score_day(day: Day, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
+    """Score the alarm over a day, by threshold.
+
+    Returns
+    -------
+    dict
+        ``day``, ``alarm``; ``thresholds``, of each: ``threshold``; ``model``, whether it is the model's own;
+        ``false_per_day`` and ``false_per_animal_hour``, each with ``low`` and ``high`` of 95 %; ``entries`` and
+        ``missed``, with exact ``missed_low`` and ``missed_high`` of the share; ``seconds_to_detect``, median and 90 %
+        of those detected, from the start of the recording, or None; ``by_episode``.
+    """
+    own = model.facts.alarm_threshold
+    chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
+    return {
+        "day": day.name,
+        "alarm": model.facts.alarm,
+        "repeats": day.repeats,
+        "thresholds": [_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen],
+    }
+
+
+def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
+    by_label: dict[str, list[FloatArray]] = {}
+    for one in episodes:
+        by_label.setdefault(one.label, []).append(one.triggers(threshold))
+    counts, per_day, per_animal, kinds, first_s, entries = [], [], [], [], [], 0
+    for section in day.episodes:
+        times = by_label[section.label]
+        hours, count = len(times) * section.duration_s / 3600.0, sum(each.size for each in times)
+        kinds.append({
+            "label": section.label, "hours": hours, "recordings": len(times),
+            "triggered": sum(each.size > 0 for each in times), "per_hour": count / hours,
+            "should_trigger": section.should_trigger,
+        })  # fmt: skip
+        if section.should_trigger:
+            entries += len(times)
+            first_s += [float(each[0]) for each in times if each.size]
+        else:
+            counts.append(count)
+            per_day.append(section.hours_per_day / hours)
+            per_animal.append(section.hours_per_day / hours if section.animals else 0.0)
+    animal_hours = sum(s.animals * s.hours_per_day for s in day.episodes if not s.should_trigger)
+    found = {
+        "threshold": threshold,
+        "false_per_day": weighted_poisson(counts, per_day),
+        "entries": entries,
+        "missed": entries - len(first_s),
+        "seconds_to_detect": [float(q) for q in np.quantile(first_s, (0.5, 0.9))] if first_s else None,
+        "by_episode": kinds,
+    }
+    if entries:
+        from doppelgait.classify.scores import clopper_pearson
+
+        found["missed_low"], found["missed_high"] = clopper_pearson(float(entries - len(first_s)), entries)
+    if animal_hours:
+        with_animals = [number for number, weight in enumerate(per_animal) if weight]
+        found["false_per_animal_hour"] = weighted_poisson(
+            [counts[number] for number in with_animals], [per_animal[number] / animal_hours for number in with_animals]
+        )
+    return found
+
+
+def weighted_poisson(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
+    """Return a weighted sum of Poisson counts with its interval.
+
+    By the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for equal weights.
+
+    Parameters
+    ----------
+    counts : sequence of int
+    weights : sequence of float
+        Above 0.
+    share : float
+        Of the interval.
+    """
+    from scipy.stats import gamma
+
+    n, w = np.asarray(counts, dtype=np.float64), np.asarray(weights, dtype=np.float64)
+    total, variance, most = float(n @ w), float(n @ w**2), float(w.max())
+    tail = (1.0 - share) / 2.0
+    low = 0.0 if total == 0 else float(gamma.ppf(tail, total**2 / variance, scale=variance / total))
+    upper_mean, upper_variance = total + most, variance + most**2
+    scale = upper_variance / upper_mean
+    return {"value": total, "low": low, "high": float(gamma.isf(tail, upper_mean / scale, scale=scale))}
+
+
+def day_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Format the scores of a day, a row per threshold."""
+    rows = []
+    for one in found["thresholds"]:
+        seconds = one["seconds_to_detect"]
+        animal = one.get("false_per_animal_hour")
+        rows.append({
+            "threshold": f"{one['threshold']:.3g}" + (" (the model's)" if one["model"] else ""),
+            "false triggers a day": _with_span(one["false_per_day"]),
+            "per animal-hour": "-" if animal is None else _with_span(animal),
+            "missed entries": f"{one['missed']} of {one['entries']}"
+            + (f" ({one['missed_low']:.0%} to {one['missed_high']:.0%})" if one["entries"] else ""),
+            "time to detect (s)": "-" if seconds is None else f"{seconds[0]:.1f}, 90 % in {seconds[1]:.1f}",
+        })  # fmt: skip
+    return rows
+
+
+def episode_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Format recordings that triggered by kind of episode, a column per threshold."""
+    rows = []
+    for number, kind in enumerate(found["thresholds"][0]["by_episode"]):
+        row = {"episode": kind["label"], "should trigger": "yes" if kind["should_trigger"] else "no",
+               "recordings": str(kind["recordings"])}  # fmt: skip
+        for one in found["thresholds"]:
+            row[f"at {one['threshold']:.3g}"] = str(one["by_episode"][number]["triggered"])
+        rows.append(row)
+    return rows
+
+
+def _with_span(found: Mapping[str, float]) -> str:
+    digits = 1 if not math.isfinite(found["value"]) or found["high"] >= 10 else 2
+    return f"{found['value']:.{digits}f} ({found['low']:.{digits}f} to {found['high']:.{digits}f})"
