@@ -415,7 +415,7 @@ class Radar(FrozenModel):
 
     @model_serializer(mode="wrap")
     def _dump(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out unset bursts, so that files of unbroken frames stay as they were."""
+        """Leave out unset bursts: files of unbroken frames stay unchanged."""
         table: dict[str, Any] = handler(self)
         return {k: v for k, v in table.items() if v is not None or k not in ("burst_pulses", "burst_period_s")}
 
