@@ -47,7 +47,7 @@ def test_every_declared_reader_exists_and_takes_its_options_by_name():
     assert {"acconeer", "arrays", "cw-text", "doppelgait", "matlab-rf", "sigmf", "xethru"} <= set(RADAR_READERS)
     for name in RADAR_READERS:
         assert callable(RADAR_READERS[name].facts["sniff"])
-    assert set(writers_by_suffix()) == {"", ".h5", ".npz", ".sigmf-meta"}
+    assert set(writers_by_suffix()) == {"", ".dgf", ".h5", ".npz", ".sigmf-meta"}
 
 
 def test_content_decides_not_the_name(tmp_path):
