@@ -8,6 +8,8 @@ import shutil
 import numpy as np
 import pytest
 
+import doppelgait as dg
+from doppelgait.classify import patches
 from doppelgait.classify.export.device import network_part, parts_of, plan_device
 from doppelgait.classify.export.examples import (
     dataset_levels,
@@ -182,6 +184,38 @@ def test_features_alone_count_where_there_is_no_signature(build, tmp_path):
     sure = expected.max(axis=1) >= 0.8
     assert 0 < sure.sum() < 100
     assert rows[:, 1].tolist() == np.where(sure, expected.argmax(axis=1), -1).tolist()
+
+
+MOVING = STREAM.replace("float pulse[2 * DG_BINS];", "static float pulse[3 * DG_BINS];\n    int b;").replace(
+    "if (n == 0)\n            window.weight[0] = 0.25f;",
+    "for (b = 0; b < DG_BINS; b++)\n            window.weight[b] = pulse[2 * DG_BINS + b];",
+)
+"""Weights of all bins come with every pulse."""
+
+
+def test_a_gate_that_follows_a_simulated_person_gives_what_analyze_gives(build, tmp_path):
+    model = export_model_of("network", patch=SMALL, seed=3)
+    walk = dg.motion.boulic_walk(speed_mps=1.0, height_m=1.75, duration_s=2.5)
+    scene = dg.Scene(targets=[dg.Target(walk, label="human", range_m=4)], radar_position_m=(0, 0, 1))
+    recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=500.0), rng=dg.rng(2), snr_db=10)
+    times_s, range_m = (recording.baseband[name].values for name in ("slow_time", "range"))
+    settings = CSettings(window_s=1.5, bins=range_m.size, still_time_s=None, n_examples=1)
+    made = export_model(model, "c", tmp_path / "out", settings)
+    device = plan(model, bins=range_m.size, window_s=1.5, still_time_s=None)
+    seen = dg.analyze(recording, gate="truth")[0].signature
+    expected = network_probability(model, [patches.levels(seen[: device.n_stft], SMALL)])[0]
+    # the window in the middle of whose interval the gate was where it is now
+    centre_m = np.interp(times_s - device.taper.size // 2 / 500.0, seen["time"], seen["centre_range"])[:, None]
+    bin_m = range_m[1] - range_m[0]
+    inside = np.minimum(centre_m + 0.8, range_m + bin_m / 2) - np.maximum(centre_m - 0.8, range_m - bin_m / 2)
+    samples = np.ascontiguousarray(recording.baseband.values).view(np.float32)
+    rows = np.hstack([samples, np.clip(inside / bin_m, 0.0, 1.0)]).astype(np.float32)
+    (tmp_path / "moving.c").write_text(MOVING)
+    done = run([str(build(made.folder, tmp_path / "moving.c"))], input=rows.tobytes(), capture_output=True)
+    n, probability, *_ = done.stdout.decode().split()
+    assert int(n) == device.window_pulses
+    assert abs(float(probability) - expected[1]) < 1e-3
+    assert 0.02 < expected[1] < 0.98
 
 
 def test_silence_is_not_decided(build, tmp_path):
