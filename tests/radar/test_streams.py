@@ -275,7 +275,7 @@ def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
     path = tmp_path / "walk.dgf"
     path.write_bytes(OPENING + bytes(content) + END_RECORD)
     wanted = oracle(bytes(content), ROWS.shape[1])
-    stream = open_stream(path)
+    stream = open_stream(path, timeout_s=0)
     times_s, rows, texts = take(stream)
     np.testing.assert_array_equal(rows, ROWS[wanted])
     np.testing.assert_allclose(times_s, RECORDING.slow_time_s[wanted], rtol=0, atol=1e-12)
@@ -429,6 +429,23 @@ def test_lengths_that_are_declared_are_not_waited_for():
         list(parser.feed(b"DGfr" + struct.pack("<BBHI", 1, kind, 0, length)))
     assert len([one for one in parser.feed(frames(0, 3)) if isinstance(one, Frame)]) == 3
     assert parser.malformed == 4
+
+
+@pytest.mark.parametrize("length", [5, 20, 100])
+def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
+    cut = frame_record(399, 0.0, np.zeros(20))[:length]
+    path = tmp_path / "walk.dgf"
+    path.write_bytes(OPENING + frames(0, 5) + cut + END_RECORD)
+    stream = open_stream(path, timeout_s=0)
+    _, rows, texts = take(stream)
+    np.testing.assert_array_equal(rows, ROWS[:5])
+    assert stream.counts.malformed == 1
+    assert not any("end record" in text for text in texts)
+    wide = header_record(Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
+    long = [frame_record(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
+    path.write_bytes(wide + b"".join(long[:5]) + long[5][:length] + long[6] + long[7])
+    with pytest.warns(DoppelgaitWarning):
+        assert read_recording(path).n_pulses == 7
 
 
 @pytest.mark.parametrize(

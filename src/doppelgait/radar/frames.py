@@ -25,6 +25,8 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -250,10 +252,14 @@ class FrameParser:
         finally:
             del self._buffer[:at]
 
-    def finish(self) -> None:
-        """Count and forget a record that was begun: no more bytes come."""
-        if self._buffer:
+    def finish(self) -> Iterator[Header | Frame]:
+        """Yield what is whole behind a record that was begun: no more bytes come."""
+        while self._buffer.startswith(MAGIC):
             self._count(f"a record that ends after {len(self._buffer)} bytes")
+            del self._buffer[0]
+            yield from self.feed(b"")
+        if self._buffer:
+            self._count(f"{len(self._buffer)} bytes that are no record")
             self._buffer.clear()
 
     def _implausible(self, version: int, kind: int, length: int) -> str:
@@ -297,7 +303,7 @@ def write_frames(recording: Recording, path: str | Path) -> None:
         If the file cannot be written.
     """
     header = recording_header(recording)
-    with atomic_path(path) as partial, partial.open("wb") as file:
+    with atomic_path(path) as place, place.open("wb") as file:
         file.write(header_record(header))
         for number, (time_s, row) in enumerate(zip(recording.slow_time_s, recording.samples.matrix, strict=True)):
             file.write(frame_record(number, float(time_s), row))
@@ -348,17 +354,16 @@ def read_frames(path: Path) -> Recording:
     counters: list[int] = []
     rows: list[npt.NDArray[np.complex64]] = []
     with path.open("rb") as file:
-        while content := file.read(CHUNK_BYTES):
-            for item in parser.feed(content):
-                if isinstance(item, Frame):
-                    start_s = item.clock_s if not rows else start_s
-                    counters.append(item.counter or 0)
-                    rows.append(item.row)
-                elif header is None:
-                    header = item
-                elif said := header.difference(item):
-                    raise RecordingError(f"{path}: holds frames of two radars: {said}")
-    parser.finish()
+        chunks = iter(partial(file.read, CHUNK_BYTES), b"")
+        for item in chain(chain.from_iterable(map(parser.feed, chunks)), parser.finish()):
+            if isinstance(item, Frame):
+                start_s = item.clock_s if not rows else start_s
+                counters.append(item.counter or 0)
+                rows.append(item.row)
+            elif header is None:
+                header = item
+            elif said := header.difference(item):
+                raise RecordingError(f"{path}: holds frames of two radars: {said}")
     if header is None or len(rows) < 2:
         raise RecordingError(f"{path}: holds {'no header' if header is None else f'{len(rows)} frames, 2 are needed'}")
     if parser.malformed:

@@ -392,9 +392,10 @@ def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
         _count_malformed(parser, stream)
         if parser.ended:
             return
-    parser.finish()
+    yield from parser.finish()
     _count_malformed(parser, stream)
-    stream.say_killed()
+    if not parser.ended:
+        stream.say_killed()
 
 
 def _count_malformed(parser: FrameParser, stream: Stream) -> None:
@@ -513,7 +514,7 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
                 sender = address
             heard = time.monotonic()
             yield from parser.feed(content)
-            parser.finish()
+            yield from parser.finish()
             _count_malformed(parser, stream)
             if parser.ended:
                 return
