@@ -21,6 +21,7 @@ _HOME = {
     "levels": "patches",
     "load_model": "model_file",
     "model_cards": "shipped",
+    "open_model": "shipped",
     "patch": "patches",
     "save_model": "model_file",
     "shipped_model": "shipped",

@@ -69,6 +69,23 @@ def model_of_radar(radar: Radar) -> Model:
     return shipped_model(fitting_model(radar.carrier_hz, radar.prf_hz))
 
 
+def open_model(name: str | Path) -> Model:
+    """Load a model by the name of one that comes with the package, or from a file.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`doppelgait.classify.load_model`.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import open_model
+    >>> open_model("x4").facts.alarm
+    'human'
+    """
+    return shipped_model(str(name)) if str(name) in model_cards() else load_model(name)
+
+
 def fitting_model(carrier_hz: float, prf_hz: float) -> str:
     """Return the name of the shipped model for a radar.
 

@@ -51,9 +51,10 @@ def classify(
     """
     from doppelgait.classify.decide import classify as run_classification
     from doppelgait.classify.decide import model_for
+    from doppelgait.classify.shipped import open_model
     from doppelgait.pipeline.result import is_result_file, read_results
 
-    loaded = None if model is None else load_named(model)
+    loaded = None if model is None else open_model(model)
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
@@ -117,14 +118,6 @@ def classify(
         print_table(rows) if rows else print("no target found")
         if loaded is not None and decisions:
             say_about(loaded, model)
-
-
-def load_named(name: str) -> Model:
-    """Load a model that comes with the package by its name, or a file."""
-    from doppelgait.classify.model_file import load_model
-    from doppelgait.classify.shipped import model_cards, shipped_model
-
-    return shipped_model(name) if name in model_cards() else load_model(name)
 
 
 def about_model(model: Model, file: str | None) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
-from doppelgait.cli.classify import about_model, load_named, say_about
+from doppelgait.cli.classify import about_model, say_about
 from doppelgait.cli.output import say
 
 STATUS_S = 60.0
@@ -112,12 +112,12 @@ def live(
     Example: doppelgait live frames.dgf --model home-alarm-model.npz --window-s 4 --hop-s 1
     """
     from doppelgait.classify.live import live as run_live
-    from doppelgait.classify.shipped import model_of_radar
+    from doppelgait.classify.shipped import model_of_radar, open_model
     from doppelgait.core.config import apply_overrides, json_value
     from doppelgait.core.interrupt import stop_in_order
     from doppelgait.radar import open_stream
 
-    loaded = None if model is None else load_named(model)
+    loaded = None if model is None else open_model(model)
     kept = None if log is None else DecisionLog(log)
 
     def put(kind: str, facts: dict[str, Any]) -> None:

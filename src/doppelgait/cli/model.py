@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.classify import load_named
 from doppelgait.cli.output import print_json, print_table, progress, say
 
 app = typer.Typer(help="Export trained models to other programs and devices.", no_args_is_help=True,
@@ -21,7 +20,9 @@ def _group() -> None:
 
 @app.command("export")
 def export(
-    model: Annotated[str, typer.Argument(help="Model of 'evaluate --save', .npz, or x4 and so on, which come along.")],
+    model: Annotated[
+        str, typer.Argument(help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait.")
+    ],
     form: Annotated[str, typer.Option("--form", help="onnx, c, or numpy (a scorer that needs NumPy alone).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
     integers: Annotated[bool, typer.Option("--int8", help="C: the network in 8-bit integers, not float32.")] = False,
@@ -54,10 +55,11 @@ def export(
     or doppelgait model export x4 --form c --int8 --prf-hz 500 -o firmware/model
     """
     from doppelgait.classify.export.write import CSettings, export_model
+    from doppelgait.classify.shipped import open_model
 
     settings = CSettings(integers=integers, prf_hz=prf_hz, carrier_hz=carrier_hz, window_s=window_s, bins=bins,
                          still_time_s=still_s or None, data=data, n_examples=n_examples, seed=seed)  # fmt: skip
-    made = export_model(load_named(model), form, output, None if settings == CSettings() and form != "c" else settings)
+    made = export_model(open_model(model), form, output, None if settings == CSettings() and form != "c" else settings)
     if as_json:
         print_json({"folder": str(made.folder), "files": list(made.files), **made.facts})
         return
@@ -85,11 +87,12 @@ def alarm(
     Example: doppelgait model alarm x4 --repeats 50
     """
     from doppelgait.classify.alarm import day_table, episode_table, read_day, run_day, score_day
+    from doppelgait.classify.shipped import open_model
 
     chosen = read_day(day)
     if repeats is not None:
         chosen = chosen.model_copy(update={"repeats": repeats})
-    loaded = load_named(model)
+    loaded = open_model(model)
     with progress("days", quiet=as_json) as on_progress:
         found = score_day(chosen, run_day(chosen, loaded, on_progress=on_progress), loaded)
     if as_json:

@@ -7,8 +7,11 @@ above a block says what else it is: ``<!-- file: NAME -->`` or ``<!-- not run: R
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import shlex
+import shutil
+import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
@@ -63,6 +66,7 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Use a page's blocks in an empty folder; what they register is forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "installed"))
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")  # the pages begin in a clone
     for group in plugins.plugin_groups().values():
         len(group)  # the built-in ones
     monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
@@ -94,6 +98,15 @@ def _run_command(words: list[str], folder: Path) -> None:
     elif words[0] == "doppelgait":
         code = app(quick(words[1:]), standalone_mode=False)
         assert not code, f"{shlex.join(words)}: exit status {code}"
+    elif words[0] in ("python", "cc", "./selftest"):
+        if words[0] != "python" and shutil.which("cc") is None:
+            if os.environ.get("CI") == "true":
+                pytest.fail("no C compiler: the page's C code cannot be tried")
+            return
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+        line = " ".join(words)  # with its pipes
+        done = subprocess.run(line, shell=True, cwd=folder, env=os.environ | {"PATH": path}, timeout=300, check=False)
+        assert done.returncode == 0, f"{line}: exit status {done.returncode}"
     else:
         pytest.fail(f"{shlex.join(words)}: no command that these tests can run; mark the block 'not run'")
 
