@@ -130,7 +130,8 @@ def _plan_models() -> list[tuple[str, type[BaseModel]]]:
         f"{config}:PlanConfig", f"{config}:DatasetSection", f"{config}:FieldSpec", f"{config}:SplitSection",
         f"{config}:ClassSection", f"{config}:SourceSection", "doppelgait.dataset.motions:FolderMotion",
         "doppelgait.motion.hybrid:Hybrid",
-        "doppelgait.dataset.config:ImportConfig",
+        "doppelgait.dataset.config:ImportConfig", "doppelgait.classify.alarm:Day",
+        "doppelgait.classify.alarm:EpisodeSection",
     )  # fmt: skip
 
 

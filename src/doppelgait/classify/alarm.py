@@ -41,11 +41,13 @@ class EpisodeSection(FrozenModel):
     Parameters
     ----------
     label : str
+        Name of the kind.
     should_trigger : bool
         Whether somebody is there whom the alarm is for.
     animals : int
         Animals in it, for triggers per animal-hour.
     hours_per_day : float
+        How long a day it lasts; weighs its false triggers.
     duration_s : float
         Of one recording.
     targets : list
@@ -66,12 +68,15 @@ class Day(FrozenModel):
     Parameters
     ----------
     name : str
+        Of the day.
     seed : int
+        Root of all random streams.
     repeats : int
         Recordings of each kind.
     scene : dict
         What all scenes have in common, as in a scene file.
     episodes : tuple of EpisodeSection
+        Its kinds of episodes.
     """
 
     name: str
