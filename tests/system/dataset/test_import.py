@@ -227,7 +227,10 @@ def test_what_is_no_gate(value):
     ("table", "says"),
     [
         ({"gate": "truth"}, r"gate: 'truth' is not allowed: must be track or FROM:TO"),
-        ({"fields": ["truth_range_m"]}, r"fields: .*'truth_range_m' is none of signature, cadence_map, baseband"),
+        (
+            {"fields": ["truth_range_m"]},
+            r"fields: .*'truth_range_m' is none of signature, cadence_map, ti_frames, baseband",
+        ),
         ({"fields": ["signature", "signature"]}, r"names a field twice"),
         ({"hop_s": 1}, r"give window_s, too"),
         ({"window_s": 0}, r"window_s: 0 is not allowed"),
