@@ -246,7 +246,7 @@ def test_a_unit_that_is_guessed_is_said_once(shared, tmp_path):
         (["analyze", "rec.h5", "--method", "liland2018", "--set", "gate_span_m=1"], "has its own gate_span_m"),
         (["simulate", "-o", "x.h5"], "either a scene file or --motion"),
         (["simulate", "nothing.toml", "-o", "x.h5"], "nothing.toml: cannot be read"),
-        (["simulate", "scene.toml", "-o", "x.mat"], "must end in \.dgf, \.h5"),
+        (["simulate", "scene.toml", "-o", "x.mat"], r"must end in \.dgf, \.h5"),
         (["simulate", "scene.toml", "-o", "no/x.h5"], "does not exist"),
         (["simulate", "scene.toml", "-o", "x.h5", "--set", "radar.prf=900"], "prf.*unknown key.*prf_hz"),
         (["simulate", "scene.toml", "-o", "x.h5", "--set", "radar.preset=x5"], "x5.*known are.*x4"),
