@@ -12,15 +12,14 @@ from doppelgait.classify.alarm import (
     Episode,
     alarm_scores,
     day_table,
+    draw_scene,
     episode_table,
     read_day,
     run_day,
     score_day,
     weighted_poisson,
 )
-from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError
-from doppelgait.pipeline.run import parse_run
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 20])
@@ -90,11 +89,11 @@ def test_every_scene_of_the_built_in_day_can_be_drawn():
     day = read_day()
     for number, section in enumerate(day.episodes):
         for turn in range(3):
-            table = resolve({**day.scene, "duration_s": section.duration_s, "targets": section.targets}, seed=day.seed,
-                            example=3 * number + turn, key="day")  # fmt: skip
-            parse_run(table)
+            run = draw_scene(day, section, 3 * number + turn)
+            kinds = [type(effect).__name__ for effect in run.environment]
+            assert kinds == ["GroundBounce", *(["Screen"] if "behind a sofa" in section.label else [])]
     assert 20 <= sum(section.hours_per_day for section in day.episodes) <= 48  # some go on at the same time
-    assert sum(section.should_trigger for section in day.episodes) == 3
+    assert sum(section.should_trigger for section in day.episodes) == 4
 
 
 @pytest.mark.slow

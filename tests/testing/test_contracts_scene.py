@@ -17,6 +17,7 @@ from doppelgait.testing import check_environment, check_rcs
 
 EFFECTS = {
     "ground_bounce": {"roughness_m": 0.01},
+    "screen": {"from_m": [3.0, -1.0], "to_m": [3.0, 1.0], "height_m": 0.8, "loss_db": 20.0},
     "visibility": {"gain_db": [[1.0, -20.0], [3.0, 0.0]]},
     "wall": {"material": "brick", "thickness_m": 0.1, "range_m": 2.0},
     "wall_ghost": {"material": "concrete", "thickness_m": 0.2, "side_m": 2.0},

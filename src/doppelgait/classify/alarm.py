@@ -27,7 +27,7 @@ from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.run import parse_run
+from doppelgait.pipeline.run import Run, parse_run
 
 BUILT_IN = Path(__file__).with_name("home-alarm-day.toml")
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99)
@@ -50,8 +50,8 @@ class EpisodeSection(FrozenModel):
         How long a day it lasts; weighs its false triggers.
     duration_s : float
         Of one recording.
-    targets : list
-        As in a scene file, values may be distributions.
+    targets, environment : list
+        As in a scene file, values may be distributions; the environment comes after the one that all scenes have.
     """
 
     label: str = Field(min_length=1)
@@ -60,6 +60,7 @@ class EpisodeSection(FrozenModel):
     hours_per_day: float = Field(gt=0, le=24)
     duration_s: float = Field(ge=3, le=600)
     targets: list[dict[str, Any]]
+    environment: tuple[dict[str, Any], ...] = ()
 
 
 class Day(FrozenModel):
@@ -144,11 +145,7 @@ def run_day(
     found, total = [], day.repeats * len(day.episodes)
     for number in range(total):
         section = day.episodes[number // day.repeats]
-        table = resolve(
-            {**day.scene, "duration_s": section.duration_s, "targets": section.targets}, seed=day.seed, example=number,
-            key="day", turn=number % day.repeats,
-        )  # fmt: skip
-        run = parse_run({**table, "seed": day.seed, "example": number}, where=f"{day.name}, {section.label}")
+        run = draw_scene(day, section, number)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # a fan and a runner's feet alias, as they do at home
             recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
@@ -157,6 +154,16 @@ def run_day(
         if on_progress is not None:
             on_progress(number + 1, total)
     return found
+
+
+def draw_scene(day: Day, section: EpisodeSection, example: int) -> Run:
+    """Draw the scene of a recording of an episode."""
+    table: dict[str, Any] = {
+        **day.scene, "duration_s": section.duration_s, "targets": section.targets,
+        "environment": [*day.scene.get("environment", ()), *section.environment],
+    }  # fmt: skip
+    drawn = resolve(table, seed=day.seed, example=example, key="day", turn=example % day.repeats)
+    return parse_run({**drawn, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
 
 
 def alarm_scores(decisions: Sequence[TrackDecision], alarm: str) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from typing import Any
 import pytest
 import typer.main
 
+import processes
 from checkout import ROOT
 from doppelgait.cli.app import app
 from doppelgait.core import plugins
@@ -105,7 +105,7 @@ def _run_command(words: list[str], folder: Path) -> None:
             return
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
         line = " ".join(words)  # with its pipes
-        done = subprocess.run(line, shell=True, cwd=folder, env=os.environ | {"PATH": path}, timeout=300, check=False)
+        done = processes.run(["sh", "-c", line], cwd=folder, env=os.environ | {"PATH": path}, timeout=300)
         assert done.returncode == 0, f"{line}: exit status {done.returncode}"
     else:
         pytest.fail(f"{shlex.join(words)}: no command that these tests can run; mark the block 'not run'")

@@ -17,6 +17,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
 from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
 from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
+from doppelgait.scene.environment.screen import Screen, apply_screen
 from doppelgait.scene.environment.visibility import Visibility, apply_visibility
 from doppelgait.scene.environment.wall import Wall, apply_wall
 
@@ -28,12 +29,14 @@ __all__ = [
     "Environment",
     "GroundBounce",
     "Material",
+    "Screen",
     "Setting",
     "Visibility",
     "Wall",
     "WallGhost",
     "apply_environment",
     "apply_ground_bounce",
+    "apply_screen",
     "apply_visibility",
     "apply_wall",
     "apply_wall_ghost",
