@@ -66,8 +66,8 @@ def test_single_wrong_estimates_do_not_fail_a_class():
 
 def test_flagged_and_noisy_gait_frequencies_are_not_judged():
     table = walkers(gait_frequency_hz=np.full(40, 9.0), flags=["x;low_confidence"] * 40)
-    assert truth.check_gait_frequency(table).status == "skipped"
-    assert truth.check_gait_frequency(table.assign(flags="", quality_snr_mu_db=9.9)).status == "skipped"
+    assert truth.check_gait_frequency(table).status == "not applicable"
+    assert truth.check_gait_frequency(table.assign(flags="", quality_snr_mu_db=9.9)).status == "not applicable"
     assert truth.check_gait_frequency(table.assign(flags="")).status == "failed"
 
 
@@ -356,12 +356,15 @@ def test_rounding_of_a_level_tells_no_class():
 # report
 
 
-def test_a_warning_and_a_skipped_check_do_not_fail_a_verification():
-    checks = (Check("a", "passed", ""), Check("b", "warning", ""), Check("c", "skipped", ""))
-    assert Verification(Path("d"), "x", True, checks, (), 0.0).passed
+def test_a_warning_does_not_fail_a_verification_and_a_skipped_check_is_no_pass():
+    checks = (Check("a", "passed", ""), Check("b", "warning", ""), Check("c", "not applicable", ""))
+    assert Verification(Path("d"), "x", True, checks, (), 0.0).verdict == "passed"
+    unproven = Verification(Path("d"), "x", True, (*checks, Check("d", "skipped", "")), (), 0.0)
+    assert (unproven.passed, unproven.verdict) == (False, "not proven")
     failed = Verification(Path("d"), "x", True, (*checks, Check("e", "failed", "no")), (Path("f.png"),), 0.0)
     assert not failed.passed
     assert failed.as_dict()["passed"] is False
+    assert failed.as_dict()["verdict"] == "failed"
     assert failed.as_dict()["figures"] == ["f.png"]
 
 

@@ -256,8 +256,9 @@ def verify(
     else:
         print_table([{"check": c.name, "result": c.status, "found": c.summary} for c in found.checks])
         skipped = sum(check.status == "skipped" for check in found.checks)
-        rest = f", {skipped} checks skipped: not proven by them" if skipped else ""
-        print(f"{directory}: {'passed' if found.passed else 'FAILED'}{rest}, {found.seconds:.1f} s")
+        rest = f", {skipped} checks could not be made" if skipped else ""
+        verdict = found.verdict if found.passed else found.verdict.upper()
+        print(f"{directory}: {verdict}{rest}, {found.seconds:.1f} s")
         if found.figures:
             say(f"{figures}: {', '.join(path.name for path in found.figures)}")
     if not found.passed:

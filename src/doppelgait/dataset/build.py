@@ -26,6 +26,9 @@ from doppelgait.dataset.config import PlanConfig, differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
+    LOG,
+    SCHEMA_VERSION,
+    SUMS,
     count_shards,
     dataset_id,
     finish_dataset,
@@ -33,7 +36,7 @@ from doppelgait.dataset.finish import (
     plan_header,
     write_description,
 )
-from doppelgait.dataset.lock import PATTERN, Part, build_lock
+from doppelgait.dataset.lock import PATTERN, Part, build_lock, running_builds
 from doppelgait.dataset.plan import Plan, Shard, plan_dataset, spread
 from doppelgait.dataset.shard import BuildContext, build_shard
 
@@ -170,8 +173,10 @@ def build_dataset(
         job.target.mkdir(parents=True, exist_ok=True)
         with _stoppable(job.target), build_lock(job.target, chosen):
             tally = _build_missing(job, executor, workers, on_progress)
+            _sweep(job)
             own = {shard.name for shard in mine}
-            missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
+            others = [shard for shard in shards if shard.name not in own]
+            missing = sum(_whole_record(job.target, shard, job.identity) is None for shard in others)
             totals = None
             if not missing:
                 header = plan_header(job.plan.config, job.identity, job.plan.folder)
@@ -204,8 +209,13 @@ def _refuse_foreign(job: _Job) -> None:
         try:
             found = json.loads(description.read_text())
             stated, config = found.get("id"), found.get("config", {})
-        except (ValueError, AttributeError) as error:
+        except (ValueError, AttributeError, RecursionError) as error:
             raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
+        if (schema := found.get("schema_version")) != SCHEMA_VERSION:
+            raise DatasetError(
+                f"{job.target}: has schema version {schema}, this doppelgait makes {SCHEMA_VERSION}; go on with the "
+                "doppelgait that began it, or make the dataset again in another folder"
+            )
         if stated == job.identity:
             return
         if (version := found.get("data_version")) != DATA_VERSION:
@@ -230,7 +240,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     _refuse_foreign(job)  # again, now that no other build can write
     missing = []
     for shard in job.own:
-        record = finished_record(job.target, shard)
+        record = finished_record(job.target, shard, job.identity)
         if record is None:
             missing.append(shard)
         else:
@@ -239,12 +249,13 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     if not missing and (job.target / "dataset.json").is_file():
         return tally
     counts = count_shards(shard.name for shard in job.shards)
+    (job.target / SUMS).unlink(missing_ok=True)
     write_description(
         job.target, plan_header(job.plan.config, job.identity, job.plan.folder).describe(counts, complete=False)
     )
     (job.target / "shards").mkdir(exist_ok=True)
     _sweep(job)
-    context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target))
+    context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target), job.identity)
     done, total = tally.reused, sum(len(shard.examples) for shard in job.own)
     work = partial(_build_one, context=context, release=RELEASE)
     try:
@@ -283,21 +294,28 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
 
 
-def finished_record(target: Path, shard: Shard) -> dict[str, Any] | None:
-    """Return the record of a complete shard without failures, else None."""
-    record = _whole_record(target, shard)
+def finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
+    """Return the record of a complete shard of a dataset without failures, else None."""
+    record = _whole_record(target, shard, identity)
     return None if record is None or record["failures"] else record
 
 
-def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
-    """Return the record of a complete shard, else None."""
+def _whole_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
+    """Return the record of a complete shard of a dataset, else None."""
     raise_if_stopped()
     path = target / "shards" / f"{shard.name}.h5"
     try:
         record: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
         known = {row["scene_id"] for row in record["rows"]} | {failure["id"] for failure in record["failures"]}
-        whole = known == {e.id for e in shard.examples} and file_sha256(path) == record["sha256"]
-    except (OSError, ValueError, KeyError, TypeError):
+        expected = {e.id for e in shard.examples}
+        whole = (
+            (record["dataset"], record["shard"]) == (identity, shard.name)
+            and known == expected
+            and len(record["contents_sha256"]) == 64
+            and file_sha256(path) == record["sha256"]
+            and path.stat().st_size == record["bytes"]
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return record if whole else None
 
@@ -305,11 +323,13 @@ def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
 def _sweep(job: _Job) -> None:
     """Remove half-written files.
 
-    Where other parts may be at work only those of the own shards are removed.
+    While other parts are at work only those of the own shards are removed.
     """
     own = {shard.name for shard in job.own}
-    for leftover in job.target.rglob("*.partial"):
-        if job.part is None or leftover.name.partition(".")[0] in own:
+    leftovers = list(job.target.rglob("*.partial"))  # before the look at the locks: who writes has locked before
+    alone = len(running_builds(job.target)) <= 1
+    for leftover in leftovers:
+        if alone or leftover.name.partition(".")[0] in own:
             leftover.unlink(missing_ok=True)
 
 
@@ -329,7 +349,7 @@ def _stoppable(target: Path) -> Iterator[None]:
 
 
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
-    """Add a line to ``build.jsonl``."""
+    """Add a line to the log of the build."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
-    with (target / "build.jsonl").open("a") as handle:
+    with (target / LOG).open("a") as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")

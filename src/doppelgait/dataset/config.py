@@ -57,6 +57,8 @@ def _shown(value: Any) -> str:
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
+MAX_SHARDS = 200_000
+"""Shards of a dataset, of two files each."""
 LEAKS = (
     *(f"target.{name}" for name in Target.model_fields if name not in ("motion", "label", "background")),
     "radar.prf_hz",

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from doppelgait import __version__
 from doppelgait.core.config import canonical_json, read_toml, validate
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.files import atomic_path, write_atomically
+from doppelgait.core.files import atomic_path, file_sha256, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
-from doppelgait.dataset.config import SPLITS, FieldSpec, PlanConfig
+from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
 from doppelgait.features import FEATURE_UNITS
@@ -26,8 +26,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-SCHEMA_VERSION = 2
-"""Form of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half precision."""
+SCHEMA_VERSION = 3
+"""Form of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half precision.
+3: the id of the dataset in every record, shard and index; a list of the hashes of all files."""
+
+SUMS = "SHA256SUMS"
+"""Hash of every file of a finished dataset, in the form that ``sha256sum -c`` reads. It is written last."""
+LOG = "build.jsonl"
 
 DATA_VERSION = 12
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
@@ -142,6 +147,10 @@ class Totals:
     columns : dict
         Kind of every column of the index: ``string``, ``float64`` or ``int64``.
     labels : list of str
+    hashes : dict
+        SHA-256 of every shard file, by the name of the shard.
+    contents_sha256 : str
+        Over the hashes of the contents of all shards: specification, whole numbers and arrays.
     """
 
     rows: int = 0
@@ -150,6 +159,8 @@ class Totals:
     failures: list[dict[str, Any]] = field(default_factory=list)
     columns: dict[str, str] = field(default_factory=dict)
     labels: list[str] = field(default_factory=list)
+    hashes: dict[str, str] = field(default_factory=dict)
+    contents_sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -231,9 +242,9 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
 
 
 def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_failed_share: float = 0.0) -> Totals:
-    """Write index, split lists, card and description of a folder.
+    """Write index, split lists, card, description and hashes of a folder.
 
-    All shards must exist. The description is written last.
+    All shards must exist.
 
     Parameters
     ----------
@@ -252,26 +263,42 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
     import pandas as pd
 
     totals = tally(read_records(target, names))
-    write_index(target / "index.parquet", read_records(target, names), totals.columns)
+    write_index(target / "index.parquet", read_records(target, names), totals.columns, header.id)
     kept = [name for name in totals.columns if name not in LONG_COLUMNS]
     index = pd.read_parquet(target / "index.parquet", columns=kept)
     write_splits(target / "splits", index)
     write_atomically(target / "README.md", header.card(index, totals.n_failed).encode())
     complete = totals.n_failed <= max_failed_share * header.n_examples
     description = header.describe(count_shards(names), complete=complete, labels=totals.labels)
-    write_description(target, {**description, "contents_sha256": contents_sha256(target, names)})
+    write_description(target, {**description, "contents_sha256": totals.contents_sha256})
+    write_sums(target, totals.hashes)
     return totals
 
 
-def contents_sha256(target: Path, names: Iterable[str]) -> str:
-    """Return the SHA-256 over the records of all shards.
+def write_sums(target: Path, shards: Mapping[str, str]) -> None:
+    """Write the list of the hashes of all files.
 
-    The records hold every row and the hash of every array file.
+    Parameters
+    ----------
+    target : Path
+    shards : mapping
+        SHA-256 of every shard file, by the name of the shard.
     """
-    digest = hashlib.sha256()
-    for name in names:
-        digest.update(hashlib.sha256((target / "shards" / f"{name}.json").read_bytes()).digest())
-    return digest.hexdigest()
+    hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
+    single = ("README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
+    for name in (*single, *(f"shards/{name}.json" for name in shards)):
+        hashes[name] = file_sha256(target / name)
+    log, done = target / LOG, False
+    while not done:
+        if log.exists():
+            hashes[LOG] = file_sha256(log)
+        write_atomically(target / SUMS, sums_text(hashes).encode())
+        done = not log.exists() or file_sha256(log) == hashes[LOG]  # else another part has written to it meanwhile
+
+
+def sums_text(hashes: Mapping[str, str]) -> str:
+    """Format the hashes of files by their names."""
+    return "".join(f"{hashes[name]}  {name}\n" for name in sorted(hashes))
 
 
 def card_of(directory: str | Path) -> str:
@@ -313,10 +340,13 @@ def read_description(folder: Path) -> dict[str, Any]:
         raise DatasetError(f"{folder}: is a file; give the folder of a dataset") from None
     except FileNotFoundError:
         raise DatasetError(f"{folder}: holds no dataset, dataset.json is missing") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read: {error}") from None
     if not isinstance(description, dict):
         raise DatasetError(f"{path}: is damaged: holds no table")
+    for key, kind in (("id", str), ("name", str), ("n_examples", int), ("config", dict), ("schema_version", int)):
+        if key in description and type(description[key]) is not kind:
+            raise DatasetError(f"{path}: is damaged: {key} = {shorten(description[key])}")
     return description
 
 
@@ -346,7 +376,19 @@ def count_shards(names: Iterable[str]) -> dict[str, int]:
 
 
 def shard_names(counts: Mapping[str, int]) -> list[str]:
-    """List the names of all shards, from the number of every split."""
+    """List the names of all shards, from the number of every split.
+
+    Raises
+    ------
+    DatasetError
+        If these are no numbers of shards, or there are more than a dataset may have.
+    """
+    known = isinstance(counts, Mapping) and set(counts) <= set(SPLITS)
+    if not known or not all(type(n) is int and n >= 0 for n in counts.values()) or sum(counts.values()) > MAX_SHARDS:
+        raise DatasetError(
+            f"dataset.json: shards = {shorten(counts)} is not allowed; it must be the number of shards of "
+            f"{', '.join(SPLITS)}, up to {MAX_SHARDS} in all"
+        )
     return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
 
 
@@ -359,8 +401,10 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
 
 def tally(records: Iterable[Record]) -> Totals:
     """Count the rows and failures of records, and find the columns."""
-    totals, labels = Totals(), set()
+    totals, labels, contents = Totals(), set(), hashlib.sha256()
     for record in records:
+        totals.hashes[record["shard"]] = record["sha256"]
+        contents.update(record.get("contents_sha256", "").encode())
         totals.rows += len(record["rows"])
         totals.bytes += record["bytes"]
         totals.n_failed += len(record["failures"])
@@ -374,6 +418,7 @@ def tally(records: Iterable[Record]) -> Totals:
                     totals.columns[name] = TEXT if name in TEXT_COLUMNS else INTEGER if name == "row" else NUMBER
     totals.columns["shard_sha256"] = TEXT
     totals.labels = sorted(labels)
+    totals.contents_sha256 = contents.hexdigest()
     return totals
 
 
@@ -388,7 +433,7 @@ def make_index(records: Iterable[Record]) -> pd.DataFrame:
     return frame
 
 
-def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str]) -> None:
+def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str], identity: str) -> None:
     """Write the index as Parquet, block by block.
 
     Parameters
@@ -397,13 +442,15 @@ def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str
     records : iterable of dict
     columns : mapping
         Kind of every column, from :func:`tally`.
+    identity : str
+        Id of the dataset.
     """
     import pyarrow.parquet as pq
 
-    rows = _rows(records)
-    with atomic_path(path, os_errors=True) as partial, pq.ParquetWriter(partial, _table([], columns).schema) as writer:
+    rows, schema = _rows(records), _table([], columns).schema.with_metadata({"dataset": identity})
+    with atomic_path(path, os_errors=True) as partial, pq.ParquetWriter(partial, schema) as writer:
         while part := list(islice(rows, ROWS_AT_A_TIME)):
-            writer.write_table(_table(part, columns))
+            writer.write_table(_table(part, columns).cast(schema))
 
 
 def _rows(records: Iterable[Record]) -> Iterator[dict[str, Any]]:

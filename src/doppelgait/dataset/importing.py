@@ -21,7 +21,16 @@ from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.build import log_entry
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig
-from doppelgait.dataset.finish import DATA_VERSION, Header, Totals, finish_dataset, read_records, shard_names, tally
+from doppelgait.dataset.finish import (
+    DATA_VERSION,
+    SCHEMA_VERSION,
+    Header,
+    Totals,
+    finish_dataset,
+    read_records,
+    shard_names,
+    tally,
+)
 from doppelgait.dataset.labels import LabelEntry, read_labels, recording_sha256
 from doppelgait.dataset.plan import Shard, split_into_shards
 from doppelgait.dataset.recorded import RecordedExamples
@@ -184,7 +193,7 @@ def import_dataset(
     names = [shard.name for shard in shards]
     try:
         with new_folder(target) as partial:
-            _build(partial, shards, RecordedExamples(settings, source, str(partial), hashes), on_progress)
+            _build(partial, shards, RecordedExamples(settings, source, str(partial), hashes, identity), on_progress)
             totals = tally(read_records(partial, names))
             if not totals.rows:
                 first = totals.failures[0]
@@ -257,12 +266,16 @@ def _same_import(target: Path, identity: str) -> list[str] | None:
         return None
     try:
         found = json.loads(description.read_text())
-        if found["id"] == identity:
+        if (schema := found.get("schema_version")) == SCHEMA_VERSION and found["id"] == identity:
             return shard_names(found["shards"])
         version = found.get("data_version")
         what = f"{found.get('origin', 'another')} dataset {found['id']}"
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
+    if schema != SCHEMA_VERSION:
+        raise DatasetError(
+            f"{target}: has schema version {schema}, this doppelgait makes {SCHEMA_VERSION}; import into another folder"
+        )
     if version != DATA_VERSION:
         raise DatasetError(
             f"{target}: was made with data version {version}, this doppelgait makes {DATA_VERSION} and other bytes; "

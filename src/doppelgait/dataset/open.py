@@ -465,8 +465,29 @@ def open_dataset(directory: str | Path) -> Dataset:
                 "newer doppelgait"
             )
         check_description(description)
-        index = pd.read_parquet(folder / "index.parquet")
+        identity = description["id"] if version >= 3 else None  # older ones have it in no other file
+        index = read_index(folder / "index.parquet", identity)
         check_index(index, description["classes"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError, RecursionError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
-    return Dataset(folder, description, index, ShardFiles(folder / "shards"))
+    return Dataset(folder, description, index, ShardFiles(folder / "shards", identity))
+
+
+def read_index(path: Path, identity: str | None) -> pd.DataFrame:
+    """Read the index of a dataset.
+
+    Raises
+    ------
+    ValueError
+        If it is that of another dataset.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        found = (file.schema_arrow.metadata or {}).get(b"dataset", b"").decode(errors="replace")
+        if identity is not None and found != identity:
+            raise ValueError(f"index.parquet: is of dataset {found!r}, dataset.json of {identity!r}")
+        table = file.read()
+    table.validate(full=True)  # texts, too: pandas decodes them when they are used
+    frame: pd.DataFrame = table.to_pandas()
+    return frame

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.config import SPLITS, PlanConfig
+from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig
 from doppelgait.dataset.motions import Progress, expand_folders, motion_files, refuse_copies, refuse_two_spellings
 from doppelgait.dataset.resolve import ExampleSpec, class_of, example_id, resolve_example, rows_of
 from doppelgait.dataset.splits import assign_splits, groups_of
@@ -61,6 +61,8 @@ def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
     for split in SPLITS:
         chosen = [entry for entry in entries if entry.split == split]
         count = -(-len(chosen) // size)
+        if count > MAX_SHARDS:
+            raise ConfigError(f"shard_size = {size}: gives {count} shards, allowed are {MAX_SHARDS}; set a larger one")
         for number in range(count):
             part = chosen[number * size : (number + 1) * size]
             yield Shard(f"{split}-{number:05d}-of-{count:05d}", split, tuple(part))

@@ -164,12 +164,15 @@ class RecordedExamples:
         Folder of the dataset.
     hashes : mapping
         SHA-256 of every recording.
+    identity : str
+        Id of the dataset.
     """
 
     config: ImportConfig
     folder: Path
     directory: str
     hashes: Mapping[str, str]
+    identity: str
 
     def make(self, entry: PlannedEntry) -> Made:
         """Analyse the windows of an entry.

@@ -23,7 +23,7 @@ from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
-from doppelgait.dataset.shard_files import Arrays, stored_arrays, write_shard
+from doppelgait.dataset.shard_files import Arrays, hash_contents, stored_arrays, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze, run_simulation
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -188,6 +188,11 @@ class Maker(Protocol):
         """Folder of the dataset."""
         ...
 
+    @property
+    def identity(self) -> str:
+        """Id of the dataset."""
+        ...
+
     def make(self, entry: Any) -> Made:
         """Make an example.
 
@@ -208,11 +213,14 @@ class BuildContext:
         Folder that relative motion paths start from.
     directory : str
         Folder of the dataset.
+    identity : str
+        Id of the dataset; empty for examples that are made for another purpose.
     """
 
     config: PlanConfig
     folder: str
     directory: str
+    identity: str = ""
 
     def make(self, entry: PlannedExample) -> Made:
         """Simulate and analyse a planned example."""
@@ -240,7 +248,8 @@ def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None]
     Returns
     -------
     dict
-        ``shard``, ``sha256``, ``bytes``, ``rows`` (index rows) and ``failures`` (id, reason, spec). The same is in
+        ``dataset`` (its id), ``shard``, ``contents_sha256`` (:func:`doppelgait.dataset.shard_files.hash_contents`),
+        ``sha256`` and ``bytes`` of the file, ``rows`` (index rows) and ``failures`` (id, reason, spec). The same is in
         ``NAME.json`` next to the shard, written last: a shard counts as built only with it.
     """
     rows: list[dict[str, Any]] = []
@@ -257,9 +266,11 @@ def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None]
             tick(entry, made)
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
     with files.atomic_path(path, os_errors=True) as partial:
-        write_shard(partial, shard.split, [row["id"] for row in rows], arrays)
+        write_shard(partial, shard.split, [row["id"] for row in rows], arrays, identity=maker.identity)
         record = {
+            "dataset": maker.identity,
             "shard": shard.name,
+            "contents_sha256": hash_contents(rows, arrays),
             "sha256": files.file_sha256(partial),
             "bytes": partial.stat().st_size,
             "rows": rows,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import local
@@ -16,6 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 from deflate import zlib_compress
 
+from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import axis
 from doppelgait.core.own_hdf5 import own_member
@@ -104,15 +106,16 @@ def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArra
     return stored
 
 
-def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]) -> None:
+def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays], *, identity: str = "") -> None:
     """Write one dataset per field, (row, ...), with one chunk per row.
 
-    Where shapes differ every row has a dataset of its own.
+    Where shapes differ every row has a dataset of its own. ``identity`` is the id of the whole dataset.
     """
     import h5py
 
     image = io.BytesIO()  # a full disk then meets one plain write, not the middle of HDF5
     with h5py.File(image, "w", track_order=True) as file:
+        file.attrs["dataset"] = identity
         file.attrs["split"] = split
         file.create_dataset("id", data=np.array(ids, dtype=h5py.string_dtype()), track_times=False)
         file.flush()
@@ -124,6 +127,27 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
             for number, value in values.items():
                 _write_chunks(file, f"{name}/{number}", [value])
     path.write_bytes(image.getbuffer())
+
+
+MEASURED_TEXTS = ("flags", "warnings", "notes", "quality_verdict")
+"""Columns of text that an analysis writes."""
+
+
+def hash_contents(rows: Sequence[Mapping[str, Any]], arrays: Iterable[Arrays]) -> str:
+    """Hash specification, whole numbers and arrays of rows (SHA-256).
+
+    Measured numbers are left out: their last bits depend on the processor and on the libraries for matrices. Those of
+    the arrays do not, once rounded to single or half precision.
+    """
+    digest = hashlib.sha256()
+    for row, stored in zip(rows, arrays, strict=True):
+        exact = {name: value for name, value in row.items() if isinstance(value, str | int)}
+        digest.update(canonical_json({name: exact[name] for name in exact.keys() - set(MEASURED_TEXTS)}).encode())
+        for name in sorted(stored):
+            values = stored[name]
+            digest.update(f"\n{name} {values.dtype.str} {values.shape}\n".encode())
+            digest.update(np.ascontiguousarray(values).data if values.size else b"")
+    return digest.hexdigest()
 
 
 LEVEL = 1
@@ -164,14 +188,16 @@ class ShardFiles:
     ----------
     folder : Path
         Folder ``shards`` of a dataset.
+    identity : str, optional
+        Id of the dataset, which every file must have; None for datasets whose files have none.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, identity: str | None = None) -> None:
+        self.folder, self.identity = folder, identity
         self._local = local()
 
-    def __reduce__(self) -> tuple[type[ShardFiles], tuple[Path]]:
-        return ShardFiles, (self.folder,)
+    def __reduce__(self) -> tuple[type[ShardFiles], tuple[Path, str | None]]:
+        return ShardFiles, (self.folder, self.identity)
 
     def read(self, shard: str, name: str, row: int) -> npt.NDArray[Any] | None:
         """Read array ``name`` of one row of a shard, as stored.
@@ -222,7 +248,10 @@ class ShardFiles:
             # of shards may be no link either; that of the whole dataset may.
             if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
                 raise ValueError("it lies outside the folder of the dataset")
-            files[shard] = (h5py.File(self._path(shard), "r", rdcc_nbytes=0), {})  # a row is seldom read twice
+            opened = h5py.File(self._path(shard), "r", rdcc_nbytes=0)  # a row is seldom read twice
+            files[shard] = (opened, {})
+            if self.identity is not None and opened.attrs.get("dataset") != self.identity:
+                raise ValueError(f"it is of dataset {opened.attrs.get('dataset')!r}, not of {self.identity}")
             if len(files) > MAX_OPEN:
                 files.popitem(last=False)[1][0].close()
         file, known = files[shard]
@@ -243,6 +272,14 @@ class ShardFiles:
             self._local.files = OrderedDict()
         files: OrderedDict[str, tuple[Any, dict[str, Any]]] = self._local.files
         return files
+
+    def read_row(self, shard: str, row: int) -> dict[str, Array]:
+        """Read all arrays and axes of one row."""
+        with self._faults_named(shard, "list", row):
+            self._find(shard, "id", row)
+            names = [name for name in self._files()[shard][0] if name != "id"]
+        found = {name: self.read(shard, name, row) for name in names}
+        return {name: values for name, values in found.items() if values is not None}
 
     def _path(self, shard: str) -> Path:
         return self.folder / f"{shard}.h5"

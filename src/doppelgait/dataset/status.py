@@ -1,20 +1,19 @@
-"""Status of a dataset, and the hash of its content."""
+"""Status of a dataset."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from doppelgait.core.errors import DatasetError
 from doppelgait.core.files import file_sha256
+from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.finish import read_description, shard_names
 from doppelgait.dataset.lock import PATTERN, read_lock, running_builds
 
-__all__ = ["ShardStatus", "Status", "dataset_hash", "dataset_status", "read_description"]
+__all__ = ["ShardStatus", "Status", "dataset_status", "read_description"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,8 @@ class ShardStatus:
     ----------
     name : str
     state : {"done", "missing", "damaged"}
-        ``missing``: never finished. ``damaged``: the file is not what its record says; the next build makes it again.
+        ``missing``: never finished. ``damaged``: the file is not what its record says, or is of another dataset; the
+        next build makes it again.
     n_examples, n_rows, n_failed, bytes : int
         0 for shards that are not done.
     """
@@ -106,7 +106,9 @@ def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     counts = description.get("shards")
     if not counts:  # from the names of the shards that are there
         found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
-        counts = {split: int(count) for split, _, _, count in (parts for parts in found if len(parts) == 4)}
+        named = (parts for parts in found if len(parts) == 4 and parts[0] in SPLITS and parts[3].isdecimal())
+        counts = {split: int(count) for split, _, _, count in named}
+    identity = description.get("id") if description.get("schema_version", 0) >= 3 else None
     removed = []
     for path in () if running else sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
         holder = read_lock(path) if path.suffix == ".lock" else None
@@ -119,59 +121,25 @@ def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
         name=str(description.get("name")),
         complete=bool(description.get("complete")),
         planned=int(description.get("n_examples", 0)),
-        shards=tuple(_shard_status(folder, name, quick=quick) for name in shard_names(counts)),
+        shards=tuple(_shard_status(folder, name, identity, quick=quick) for name in shard_names(counts)),
         running=tuple(str(holder) for holder in running),
         partial=tuple(str(path.relative_to(folder)) for path in sorted(folder.rglob("*.partial"))),
         removed=tuple(removed),
     )
 
 
-def _shard_status(folder: Path, name: str, *, quick: bool) -> ShardStatus:
+def _shard_status(folder: Path, name: str, identity: str | None, *, quick: bool) -> ShardStatus:
     path = folder / "shards" / f"{name}.h5"
     try:
         record = json.loads(path.with_suffix(".json").read_text())
         size = os.stat(path).st_size
-        whole = size == record["bytes"] and (quick or file_sha256(path) == record["sha256"])
+        whole = identity in (None, record.get("dataset")) and size == record["bytes"]
+        whole = whole and (quick or file_sha256(path) == record["sha256"])
         examples = {row["scene_id"] for row in record["rows"]}
         counts = (len(examples), len(record["rows"]), len(record["failures"]))
     except FileNotFoundError as error:
         record_only = str(error.filename) == str(path)
         return ShardStatus(name, "damaged" if record_only else "missing")
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return ShardStatus(name, "damaged")
     return ShardStatus(name, "done", *counts, size) if whole else ShardStatus(name, "damaged")
-
-
-def dataset_hash(directory: str | Path) -> str:
-    """Hash the content of a dataset (SHA-256).
-
-    Two builds made the same dataset if their hashes are equal.
-
-    Of the description, the rows of the index (not the bytes of its file, which depend on the version of the Parquet
-    writer), the lists of the splits, and every shard file. The log and the card are not in it.
-
-    Raises
-    ------
-    DatasetError
-        If the dataset is not finished.
-    """
-    import pyarrow.parquet as pq
-
-    folder = Path(directory)
-    digest = hashlib.sha256()
-    try:
-        for path in (folder / "dataset.json", *sorted((folder / "splits").glob("*.txt"))):
-            digest.update(f"{path.name}\n{file_sha256(path)}\n".encode())
-        with pq.ParquetFile(folder / "index.parquet") as file:  # columns and rows, each as a line of JSON
-            kinds = [[field.name, str(field.type).removeprefix("large_")] for field in file.schema_arrow]
-            digest.update(json.dumps(kinds).encode())
-            for batch in file.iter_batches(4096):
-                for row in batch.to_pylist():
-                    digest.update(json.dumps(list(row.values())).encode())
-        for name in shard_names(read_description(folder)["shards"]):
-            digest.update(f"{name}\n{file_sha256(folder / 'shards' / f'{name}.h5')}\n".encode())
-    except FileNotFoundError as error:
-        raise DatasetError(
-            f"{folder}: no finished dataset here ({error.filename} is missing); build it first"
-        ) from None
-    return digest.hexdigest()

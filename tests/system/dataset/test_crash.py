@@ -15,10 +15,10 @@ import pytest
 
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, tiny_plan
+from dataset_plans import check_whole, dataset_hash, tiny_plan
 from doppelgait.core.worker import THREAD_VARIABLES
 from doppelgait.dataset.build import build_dataset
-from doppelgait.dataset.status import dataset_hash, dataset_status
+from doppelgait.dataset.status import dataset_status
 
 pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks worker processes up in /proc"),

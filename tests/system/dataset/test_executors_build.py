@@ -12,11 +12,11 @@ from contextlib import ExitStack
 import pytest
 
 import processes
-from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
+from dataset_plans import build_part, check_whole, dataset_hash, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import card_of
-from doppelgait.dataset.status import dataset_hash, dataset_status
+from doppelgait.dataset.status import dataset_status
 
 
 @pytest.fixture(scope="module")
@@ -142,24 +142,6 @@ def test_an_unknown_executor_is_one_error_before_anything_is_written(tmp_path):
     with pytest.raises(ConfigError, match="known are serial, processes, dask"):
         build_dataset(tiny_plan(), tmp_path / "d", executor="threads")
     assert not (tmp_path / "d").exists()
-
-
-def test_the_hash_sees_every_part_of_a_dataset(tmp_path):
-    import pandas as pd
-
-    build_dataset(tiny_plan(), tmp_path, executor="serial")
-    hashes = [dataset_hash(tmp_path)]
-    index = pd.read_parquet(tmp_path / "index.parquet")
-    index.to_parquet(tmp_path / "index.parquet", row_group_size=5)
-    assert dataset_hash(tmp_path) == hashes[0]
-    index.loc[7, "snr_frame_db"] += 1e-9
-    index.to_parquet(tmp_path / "index.parquet")
-    hashes.append(dataset_hash(tmp_path))
-    for path in ("splits/test.txt", "dataset.json", "shards/train-00001-of-00004.h5"):
-        with (tmp_path / path).open("ab") as handle:
-            handle.write(b" ")
-        hashes.append(dataset_hash(tmp_path))
-    assert len(set(hashes)) == len(hashes)
 
 
 def test_the_card_of_a_half_built_dataset_tells_what_is_there(tmp_path):

@@ -16,12 +16,12 @@ import doppelgait.dataset.build as build
 import doppelgait.dataset.lock as lock
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, tiny_plan, whole_hash
+from dataset_plans import check_whole, dataset_hash, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset
-from doppelgait.dataset.finish import DATA_VERSION
+from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION
 from doppelgait.dataset.lock import Part, build_lock, running_builds
-from doppelgait.dataset.status import dataset_hash, dataset_status
+from doppelgait.dataset.status import dataset_status
 
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
 
@@ -63,7 +63,7 @@ def test_a_disk_that_is_full_at_any_file_is_one_error_and_loses_nothing(tmp_path
     endless = FullDisk(10**6)
     monkeypatch.setattr(os, "fsync", endless)
     build_dataset(mini_plan(), tmp_path / "whole", executor="serial")
-    files = 2 * 2 + len(["description", "index", "train", "validation", "test", "card", "description"])
+    files = 2 * 2 + len(["description", "index", "train", "validation", "test", "card", "description", "hashes"])
     assert endless.calls == files
     for number in range(files):
         folder = tmp_path / str(number)
@@ -73,7 +73,7 @@ def test_a_disk_that_is_full_at_any_file_is_one_error_and_loses_nothing(tmp_path
         assert leftovers(folder) == []
         monkeypatch.setattr(os, "fsync", endless)
         if (folder / "dataset.json").exists():
-            assert not dataset_status(folder).complete
+            assert dataset_status(folder).complete == (number == files - 1)
             assert dataset_status(folder).count("damaged") == 0
         report = build_dataset(mini_plan(), folder, executor="serial")
         assert report.n_reused == 2 * min(2, max(0, (number - 1) // 2))
@@ -426,7 +426,8 @@ def test_another_configuration_is_refused_with_the_difference_before_anything_is
 
 
 def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(tmp_path):
-    old = {"name": "tiny", "id": "0123456789abcdef", "origin": "simulated", "schema_version": 2, "data_version": 7,
+    old = {"name": "tiny", "id": "0123456789abcdef", "origin": "simulated", "data_version": 7,
+           "schema_version": SCHEMA_VERSION,
            "config": mini_plan().model_dump(mode="json"), "doppelgait_version": "0.1.0"}  # fmt: skip
     (tmp_path / "dataset.json").write_text(json.dumps(old))
     (tmp_path / "shards").mkdir()

@@ -400,7 +400,7 @@ def test_the_folder_is_like_that_of_a_built_dataset(imported):
     report, target, recordings = imported
     description = json.loads((target / "dataset.json").read_text())
     assert description["id"] == report.dataset_id
-    assert (description["origin"], description["schema_version"], description["complete"]) == ("imported", 2, True)
+    assert (description["origin"], description["schema_version"], description["complete"]) == ("imported", 3, True)
     assert description["shards"] == {"test": 2}
     assert (target / "splits" / "test.txt").read_text().split() == open_dataset(target).index["id"].tolist()
     index = pd.read_parquet(target / "index.parquet")
@@ -501,8 +501,8 @@ def test_a_full_disk_and_an_interruption_leave_nothing(recordings, monkeypatch):
     labels, target = write(recordings, LABELS), recordings.parent / "mine"
     kept = shard.write_shard
 
-    def full(path, *arguments):
-        kept(path, *arguments)
+    def full(path, *arguments, **options):
+        kept(path, *arguments, **options)
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
     monkeypatch.setattr(shard, "write_shard", full)

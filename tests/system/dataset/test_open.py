@@ -308,7 +308,7 @@ def edited(folder, target, **changes):
 
 
 def test_newer_schema_is_refused(folder, tmp_path):
-    with pytest.raises(DatasetError, match="schema version 99, this doppelgait reads up to 2; install a newer"):
+    with pytest.raises(DatasetError, match="schema version 99, this doppelgait reads up to 3; install a newer"):
         open_dataset(edited(folder, tmp_path / "new", schema_version=99))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dataset_plans import dataset_hash
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset import open_dataset
@@ -19,7 +20,6 @@ from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
-from doppelgait.dataset.status import dataset_hash
 from doppelgait.dataset.verify import verify_dataset
 from doppelgait.features import frame_numbers
 from doppelgait.pipeline import run_simulation

@@ -22,7 +22,7 @@ from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.dataset.status import read_description
 
 Progress = Callable[[int, int], None]
-Status = Literal["passed", "warning", "failed", "skipped"]
+Status = Literal["passed", "warning", "failed", "skipped", "not applicable"]
 
 SHOWN_NAMES = 5
 
@@ -34,8 +34,9 @@ class Check:
     Parameters
     ----------
     name : str
-    status : {"passed", "warning", "failed", "skipped"}
-        ``warning``: worth a look, the dataset stays valid. ``skipped``: could not be checked; the summary says why.
+    status : {"passed", "warning", "failed", "skipped", "not applicable"}
+        ``warning``: worth a look, the dataset stays valid. ``skipped``: could not be checked, the summary says why;
+        the dataset is not proven. ``not applicable``: nothing to check in such a dataset, or not asked for.
     summary : str
         What was found, in one line.
     numbers : dict
@@ -72,8 +73,15 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """True if no check failed."""
-        return all(check.status != "failed" for check in self.checks)
+        """True if no check failed and none had to be skipped."""
+        return not any(check.status in ("failed", "skipped") for check in self.checks)
+
+    @property
+    def verdict(self) -> Literal["passed", "failed", "not proven"]:
+        """``not proven``: no check failed, but some could not be made."""
+        if any(check.status == "failed" for check in self.checks):
+            return "failed"
+        return "passed" if self.passed else "not proven"
 
     def check(self, name: str) -> Check:
         """Return the check of a name."""
@@ -82,7 +90,8 @@ class Verification:
     def as_dict(self) -> dict[str, Any]:
         """Return the verification for JSON."""
         figures = [str(path) for path in self.figures]
-        return {**asdict(self), "directory": str(self.directory), "figures": figures, "passed": self.passed}
+        outcome = {"figures": figures, "passed": self.passed, "verdict": self.verdict}
+        return {**asdict(self), "directory": str(self.directory), **outcome}
 
 
 def some(names: Sequence[str]) -> str:
@@ -125,7 +134,13 @@ class Contents:
     @cached_property
     def dataset(self) -> Dataset:
         """The dataset opened, with the rows that are here."""
-        return Dataset(self.directory, dict(self.description), self.index, ShardFiles(self.directory / "shards"))
+        files = ShardFiles(self.directory / "shards", self.description["id"])
+        return Dataset(self.directory, dict(self.description), self.index, files)
+
+    @property
+    def no_plan_status(self) -> Status:
+        """Status of a check that lacks the plan."""
+        return "not applicable" if self.measured else "skipped"
 
     @property
     def measured(self) -> bool:

@@ -42,7 +42,7 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
     """
     splits = contents.index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
-        return Check("duplicates", "skipped", "rows of one split only")
+        return Check("duplicates", "not applicable", "rows of one split only")
     if "signature" not in contents.description["fields"]:
         columns = [f"feature_{name}" for name in FEATURE_UNITS]
         values = contents.index[columns].to_numpy(dtype=np.float64)

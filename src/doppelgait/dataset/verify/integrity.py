@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,9 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, PlanConfig
-from doppelgait.dataset.finish import count_shards, dataset_id
+from doppelgait.dataset.finish import LOG, SUMS, count_shards, dataset_id, sums_text
 from doppelgait.dataset.lock import running_builds
-from doppelgait.dataset.shard_files import facts_of
+from doppelgait.dataset.shard_files import ShardFiles, facts_of, hash_contents
 from doppelgait.dataset.verify.contents import Check, Contents, plain, some
 
 
@@ -28,6 +28,10 @@ class ShardFindings:
 
     Parameters
     ----------
+    hashes : dict
+        SHA-256 of every shard file that can be read.
+    contents : list of str
+        Hash of the contents of every whole shard, computed from its rows and arrays.
     whole, missing : tuple of str
         Shards that are what their records say; shards of which nothing is there.
     damaged, unlisted : dict
@@ -41,16 +45,19 @@ class ShardFindings:
     damaged: dict[str, str]
     unlisted: dict[str, str]
     failed: dict[str, str]
+    hashes: dict[str, str]
+    contents: list[str]
 
 
 def look_at_shards(
-    directory: Path, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
+    directory: Path, identity: str, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
 ) -> ShardFindings:
     """Compare every shard with its record, and this with the index.
 
     Shards are hashed; one is in memory at a time.
     """
-    findings = ShardFindings((), (), {}, {}, {})
+    findings = ShardFindings((), (), {}, {}, {}, {}, [])
+    files = ShardFiles(directory / "shards", identity)
     places = {} if index is None else index.groupby("shard", sort=False).indices
     whole, missing = [], []
     for name in names:
@@ -61,12 +68,11 @@ def look_at_shards(
             if len(places.get(name, ())):
                 findings.unlisted[name] = "the index has rows of it, the shard is not there"
             continue
-        record, reason = _record(path)
+        record, reason = _record(path, identity, files, findings)
         if record is None:
             findings.damaged[name] = reason
             continue
         whole.append(name)
-        findings.failed.update({f["id"]: f["reason"] for f in record["failures"]})
         if index is not None:
             difference = _difference(index.iloc[places.get(name, [])], record)
             if difference:
@@ -77,16 +83,19 @@ def look_at_shards(
         rows = np.concatenate([places[name] for name in names if name in places] or [np.empty(0, dtype=int)])
         if not findings.unlisted and not np.array_equal(rows, np.arange(rows.size)):
             findings.unlisted["index.parquet"] = "its rows are in another order than the shards"
-    return ShardFindings(tuple(whole), tuple(missing), findings.damaged, findings.unlisted, findings.failed)
+    return replace(findings, whole=tuple(whole), missing=tuple(missing))
 
 
-def _record(path: Path) -> tuple[dict[str, Any] | None, str]:
-    """Return the record of an intact shard, or why it is damaged."""
+def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
+    """Return the record of an intact shard, or why it is damaged; keep its hashes."""
     import h5py
 
     try:
+        findings.hashes[path.stem] = file_sha256(path)
         record = json.loads(path.with_suffix(".json").read_text())
-        if file_sha256(path) != record["sha256"]:
+        if record["dataset"] != identity:
+            return None, f"is of dataset {record['dataset']}"
+        if findings.hashes[path.stem] != record["sha256"]:
             return None, "the file is not the one that its record describes (another hash)"
         rows = record["rows"]
         with h5py.File(path, "r") as file:
@@ -98,10 +107,17 @@ def _record(path: Path) -> tuple[dict[str, Any] | None, str]:
             return None, "its record counts the rows differently"
         if {row["split"] for row in rows} - {split} or not path.stem.startswith(f"{split}-"):
             return None, f"is of split {split} and has rows of another"
+        contents = hash_contents(rows, (files.read_row(path.stem, number) for number in range(len(rows))))
+        files.close()
+        if contents != record["contents_sha256"]:
+            return None, "specification, whole numbers or arrays are not those that its record was made of"
+        failures = {failure["id"]: failure["reason"] for failure in record["failures"]}
     except FileNotFoundError as error:
         return None, f"{Path(error.filename).name} is missing"
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except Exception as error:  # whatever HDF5 and JSON make of damage
         return None, f"cannot be read: {error}"
+    findings.contents.append(contents)
+    findings.failed.update(failures)
     return record, ""
 
 
@@ -167,7 +183,7 @@ def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
         counts[split] = len(ids)
         try:
             found = path.read_text().splitlines()
-        except OSError:
+        except (OSError, UnicodeDecodeError):
             wrong.append(f"splits/{split}.txt cannot be read")
             continue
         if found != ids:
@@ -179,6 +195,52 @@ def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
     return Check(
         "splits", "failed" if wrong else "passed", "; ".join(wrong) or f"lists as in the index: {listed}", counts
     )
+
+
+def check_files(directory: Path, names: Sequence[str], shards: Mapping[str, str], *, complete: bool) -> Check:
+    """Check the hash of every file, and the list of the hashes itself.
+
+    Parameters
+    ----------
+    directory : Path
+    names : sequence of str
+        All shards of the dataset.
+    shards : mapping
+        SHA-256 of the shard files, by the name of the shard.
+    complete : bool
+    """
+    path = directory / SUMS
+    if not path.exists():
+        words = f"{SUMS} is missing" + (", though the dataset says it is complete; build it again" if complete else "")
+        return Check("files", "failed" if complete else "skipped", words)
+    listed = [line.partition("  ") for line in path.read_bytes().decode(errors="replace").splitlines()]
+    stated = {name: sha256 for sha256, _, name in listed}
+    single = (LOG, "README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
+    known = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
+    wrong = []
+    for name in dict.fromkeys((*single, *(f"shards/{name}.{kind}" for name in names for kind in ("h5", "json")))):
+        try:
+            found = known.get(name) or file_sha256(directory / name)
+        except OSError:
+            if name != LOG or name in stated:
+                wrong.append(f"{name} cannot be read")
+        else:
+            known[name] = found
+            if name not in stated:
+                wrong.append(f"{SUMS} has no {name}")
+            elif stated[name] != found:
+                wrong.append(f"{name} is not the file that the dataset was finished with")
+    if not wrong and path.read_bytes() != sums_text(known).encode():
+        wrong.append(f"{SUMS} is damaged")
+    numbers = {"files": len(known), "different": len(wrong)}
+    if wrong:
+        return Check("files", "failed", f"{some(wrong)}; build the dataset again", numbers)
+    ours = {*known, SUMS}
+    there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*") if not path.is_dir())
+    foreign = [name for name in there if name not in ours and not name.endswith((".partial", ".lock"))]
+    if foreign:
+        return Check("files", "warning", f"no part of the dataset: {some(foreign)}", numbers)
+    return Check("files", "passed", f"{len(known)} files, each with the hash it was finished with", numbers)
 
 
 def check_leftovers(directory: Path) -> Check:
@@ -203,7 +265,8 @@ def check_identity(contents: Contents) -> Check:
     Configuration and source files are hashed again.
     """
     if contents.plan is None or contents.unlike:
-        return Check("identity", "skipped", contents.no_plan or f"cannot be hashed again: {contents.unlike}")
+        status = contents.no_plan_status if contents.plan is None else "skipped"
+        return Check("identity", status, contents.no_plan or f"cannot be hashed again: {contents.unlike}")
     stated = contents.description["id"]
     try:
         config = validate(PlanConfig, contents.description["config"], where="dataset.json")
@@ -223,7 +286,7 @@ def check_identity(contents: Contents) -> Check:
 def check_rows(contents: Contents) -> Check:
     """Check label, split, group and subjects of every row."""
     if contents.plan is None:
-        return Check("rows", "skipped", contents.no_plan)
+        return Check("rows", contents.no_plan_status, contents.no_plan)
     planned = {}
     for entry in contents.plan.examples:
         label = contents.plan.config.classes[entry.class_number].label
@@ -250,7 +313,7 @@ def check_balance(contents: Contents, *, missing_shards: int) -> Check:
         found: Any = contents.index.groupby(["label", "split"]).size() if len(contents.index) else {}
         there = {f"{label}/{split}": int(count) for (label, split), count in dict(found).items()}
         words = f"{contents.no_plan}; found " + ", ".join(f"{name} {count}" for name, count in there.items())
-        return Check("class balance", "skipped", words, {"counts": there})
+        return Check("class balance", contents.no_plan_status, words, {"counts": there})
     if missing_shards:
         words = f"{missing_shards} shards are not here; {len(set(contents.index['scene_id']))} examples are"
         return Check("class balance", "skipped", words)

@@ -309,7 +309,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         if part["label"].nunique() > 1 and len(part.columns) > 2
     ]
     if not findings:
-        return Check("nuisance", "skipped", f"one class, or no nuisance parameter that differs{declared}")
+        return Check("nuisance", "not applicable", f"one class, or no nuisance parameter that differs{declared}")
     numbers = {words: guess.as_dict() for words, guess in findings}
     told = [_words(words, guess, table) for words, guess in findings if guess.leaks]
     if told:
@@ -317,7 +317,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         return Check("nuisance", "warning" if contents.measured else "failed", words, numbers)
     unclear = [f"{words}: {guess.reason}" for words, guess in findings if guess.reason]
     if len(unclear) == len(findings):
-        return Check("nuisance", "skipped", "; ".join(unclear) + declared, numbers)
+        return Check("nuisance", "not applicable", "; ".join(unclear) + declared, numbers)
     listed = "; ".join(
         f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
         f"(p = {guess.p_value:.2g})"

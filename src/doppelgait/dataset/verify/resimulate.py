@@ -85,7 +85,10 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
     """
     if contents.plan is None or contents.unlike or not chosen:
         reason = contents.no_plan or contents.unlike or "none was asked for, or none is there"
-        return Check("re-simulation", "skipped", f"nothing made again: {reason}")
+        status: Any = (
+            contents.no_plan_status if contents.plan is None else "skipped" if contents.unlike else "not applicable"
+        )
+        return Check("re-simulation", status, f"nothing made again: {reason}")
     context = BuildContext(contents.plan.config, str(contents.plan.folder), str(contents.directory))
     found: list[Difference] = []
     for entry in chosen:
@@ -180,7 +183,8 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
     standard deviations of a mean over so few noise values, 10 / ln 10 / sqrt(n) each.
     """
     if contents.plan is None or contents.unlike:
-        return Check("measured SNR", "skipped", contents.no_plan or contents.unlike)
+        status: Any = contents.no_plan_status if contents.plan is None else "skipped"
+        return Check("measured SNR", status, contents.no_plan or contents.unlike)
     few = [
         entry
         for number in sorted({e.class_number for e in chosen})
@@ -210,7 +214,7 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
         errors[entry.id] = snr_db - float(stated)
         tolerance_db[entry.id] = max(SNR_TOLERANCE_DB, 4.0 * 10.0 / math.log(10.0) / math.sqrt(both.size))
     if not errors:
-        return Check("measured SNR", "skipped", "no example to measure, or none with a known SNR")
+        return Check("measured SNR", "not applicable", "no example to measure, or none with a known SNR")
     wrong = [f"{name} by {error:+.1f} dB" for name, error in errors.items() if not abs(error) <= tolerance_db[name]]
     numbers = {"examples": len(errors), "largest_error_db": max(abs(error) for error in errors.values())}
     if wrong:

@@ -51,7 +51,7 @@ def off_as_a_whole(hits: int, rows: int, least: float = LEAST_SHARE) -> bool:
 def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Check:
     """Check rows with ``label``, ``inside`` (bool) and ``error``, class by class."""
     if table.empty:
-        return Check(name, "skipped", f"no row to compare: {what}")
+        return Check(name, "not applicable", f"no row to compare: {what}")
     numbers: dict[str, Any] = {}
     wrong, parts = [], []
     for label, part in table.groupby("label"):
@@ -108,7 +108,7 @@ def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
     """
     asked = {e.id: e.run.noise.snr_db for e in drawn if e.run.noise.kind == "snr"}
     if not asked:
-        return Check("planned SNR", "skipped", "the plan sets no SNR")
+        return Check("planned SNR", "not applicable", "the plan sets no SNR")
     rows = index[index["scene_id"].isin(list(asked)) & (index["source"] != "none")]
     error = np.abs(column(rows, "snr_frame_db") - np.array([asked[name] for name in rows["scene_id"]]))
     table = pd.DataFrame({"label": rows["label"], "error": error, "inside": error <= SNR_TOLERANCE_DB})
@@ -172,7 +172,7 @@ def check_movers(contents: Contents) -> Check:
     check of the torso velocity, which noise meets by chance in 2 % of rows, decides.
     """
     if contents.measured:
-        return Check("movers", "skipped", "imported recordings declare no motion")
+        return Check("movers", "not applicable", "imported recordings declare no motion")
     index = contents.index
     seen = column(index, "quality_snr_mu_db") >= SHOWN_DB
     moving = seen & (abs(column(index, "feature_torso_velocity_mps")) >= MOVING_MPS)

@@ -1,0 +1,205 @@
+"""Damage and mix-ups of a dataset's files: each is found by build, status, open or verify, and none is a traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+import processes
+from checkout import SUPPORT
+from dataset_plans import dataset_hash, tiny_plan
+from doppelgait.core.errors import DatasetError, DoppelgaitError
+from doppelgait.dataset import open_dataset
+from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.finish import SUMS
+from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.verify import verify_dataset
+from shared_work import made_once
+
+FLIPS = int(os.environ.get("DOPPELGAIT_FLIPS", "60"))
+
+
+def plan(**changes):
+    """4 examples in 2 shards."""
+    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2}, **changes)
+
+
+def build(folder, **changes):
+    return build_dataset(plan(**changes), folder, executor="serial")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    return made_once(tmp_path_factory, "dataset-trust", build)
+
+
+@pytest.fixture
+def copy(built, tmp_path):
+    return shutil.copytree(built, tmp_path / "copy")
+
+
+def failed(folder):
+    found = verify_dataset(folder, share=0.0, rng=np.random.default_rng(1))
+    return {check.name for check in found.checks if check.status in ("failed", "skipped")}
+
+
+@pytest.fixture(scope="module")
+def usual(built):
+    """Checks that so small a dataset fails whole: both classes differ in their cross section."""
+    return failed(built)
+
+
+def test_a_shard_of_another_plan_with_the_same_ids_is_built_again(copy, built, tmp_path, usual):
+    build(tmp_path / "other", noise={"kind": "snr", "snr_db": {"uniform": [30, 40]}})
+    name = "train-00000-of-00001"
+    for ending in ("h5", "json"):
+        shutil.copy(tmp_path / "other" / "shards" / f"{name}.{ending}", copy / "shards")
+    (state,) = [shard.state for shard in dataset_status(copy).shards if shard.name == name]
+    assert state == "damaged"
+    assert {"files", "shards"} <= failed(copy) - usual
+    dataset = open_dataset(copy)
+    with pytest.raises(DatasetError, match=r"it is of dataset '\w{16}', not of \w{16}"):
+        dataset["train"].array("signature", 0)
+    report = build(copy)
+    assert (report.n_built, report.n_reused) == (2, 2)
+    assert dataset_hash(copy) == dataset_hash(built)
+    assert failed(copy) == usual
+
+
+def test_the_index_of_another_dataset_is_not_opened(copy, tmp_path):
+    build(tmp_path / "other", noise={"kind": "snr", "snr_db": {"uniform": [30, 40]}})
+    shutil.copy(tmp_path / "other" / "index.parquet", copy)
+    with pytest.raises(DatasetError, match=r"index\.parquet: is of dataset"):
+        open_dataset(copy)
+    assert {"files", "index"} <= failed(copy)
+
+
+def test_what_a_kill_at_the_end_leaves_is_gone_after_the_next_build(copy, usual):
+    for name in ("index.parquet.host-1-0.partial", "splits/test.txt.host-1-2.partial", "SHA256SUMS.host-1-5.partial"):
+        (copy / name).write_bytes(b"half")
+    assert "leftovers" in failed(copy)
+    assert build(copy).n_built == 0
+    assert list(copy.rglob("*.partial")) == []
+    assert failed(copy) == usual
+
+
+@pytest.mark.parametrize("schema", [2, 4])
+def test_a_dataset_of_another_schema_is_not_touched_by_a_build(copy, schema):
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, "schema_version": schema, "complete": False}))
+    (copy / "shards" / "test-00000-of-00001.json").unlink()
+    before = dataset_hash(copy)
+    with pytest.raises(DatasetError, match=f"has schema version {schema}, this doppelgait makes 3"):
+        build(copy)
+    assert dataset_hash(copy) == before
+
+
+DEEP = '{"rows": ' + "[" * 100_000 + "]" * 100_000 + "}"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "check"),
+    [
+        ("splits/train.txt", b"human-\xff\n", "splits"),
+        ("index.parquet", b"PAR1 is no index PAR1", "index"),
+        ("shards/train-00000-of-00001.json", DEEP.encode(), "shards"),
+        ("shards/train-00000-of-00001.json", b"[]", "shards"),
+        ("shards/train-00000-of-00001.json", b'{"dataset": 1e999, "rows": {}}', "shards"),
+        ("README.md", b"another card", "files"),
+        (SUMS, b"", "files"),
+        (SUMS, b"\xff\xfe", "files"),
+    ],
+)
+def test_damage_is_a_finding_and_the_next_build_repairs_it(copy, built, usual, name, content, check):
+    (copy / name).write_bytes(content)
+    assert {"files", check} <= failed(copy)
+    build(copy)
+    assert dataset_hash(copy) == dataset_hash(built)
+    assert failed(copy) == usual
+
+
+def test_a_text_in_the_index_that_is_no_utf8_is_a_finding(copy):
+    path = copy / "index.parquet"
+    path.write_bytes(path.read_bytes().replace(b"boulic", b"boul\xffc"))
+    assert {"files", "index"} <= failed(copy)
+    with pytest.raises(DatasetError, match="is damaged"):
+        open_dataset(copy)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"shards": {"train": 10_000_000}}, {"shards": {"train": -1}}, {"shards": [1]}, {"shards": {"../x": 1}},
+        {"config": []}, {"id": 3}, {"name": None}, {"n_examples": "many"}, {"schema_version": 3.5},
+    ],
+)  # fmt: skip
+def test_a_description_that_makes_no_sense_is_one_line(copy, change):
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, **change}))
+    for look in (failed, dataset_status):
+        with pytest.raises(DatasetError, match=r"dataset\.json"):
+            look(copy)
+
+
+def test_a_description_of_great_depth_is_one_line(copy):
+    (copy / "dataset.json").write_text(DEEP)
+    for look in (failed, dataset_status, open_dataset, build):
+        with pytest.raises(DatasetError):
+            look(copy)
+
+
+def test_a_file_that_is_no_part_of_the_dataset_is_a_warning(copy, usual):
+    (copy / "notes.txt").write_text("mine")
+    found = verify_dataset(copy, share=0.0, rng=np.random.default_rng(1))
+    assert found.check("files").status == "warning"
+    assert found.check("files").summary == "no part of the dataset: notes.txt"
+
+
+def test_every_flip_of_a_bit_is_found(built, tmp_path, usual):
+    """At random places of every file: the list of the hashes and the log are files, too."""
+    copy, rng = shutil.copytree(built, tmp_path / "copy"), np.random.default_rng(24)
+    files = sorted(path for path in copy.rglob("*") if path.is_file())
+    assert len(files) == len(["card", "log", "description", "index", "hashes"]) + 3 + 2 * 2
+    missed = []
+    for number in range(FLIPS):
+        path = files[number % len(files)]
+        whole = path.read_bytes()
+        if not whole:  # the list of a split without rows
+            continue
+        at, bit = int(rng.integers(len(whole))), int(rng.integers(8))
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << bit]) + whole[at + 1 :])
+        try:
+            if "files" not in failed(copy):
+                missed.append((path.name, at, bit))
+        except DoppelgaitError:
+            pass
+        path.write_bytes(whole)
+    assert missed == []
+    assert failed(copy) == usual
+
+
+CONTENTS = """
+import json, sys
+from dataset_plans import tiny_plan
+from doppelgait.dataset.build import build_dataset
+build_dataset(tiny_plan(), sys.argv[1], executor="serial")
+print(json.loads(open(sys.argv[1] + "/dataset.json").read())["contents_sha256"])
+"""
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64" or sys.platform != "linux", reason="kernels of OpenBLAS for x86-64")
+def test_the_hash_of_the_contents_does_not_depend_on_the_kernels_for_matrices(tmp_path):
+    found = {}
+    for kernels in ("Prescott", "Haswell"):
+        variables = {**os.environ, "OPENBLAS_CORETYPE": kernels}
+        variables["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(SUPPORT)]))
+        command = [sys.executable, "-c", CONTENTS, str(tmp_path / kernels)]
+        found[kernels] = processes.run(command, capture_output=True, check=True, text=True, env=variables).stdout
+    assert found["Prescott"] == found["Haswell"]
+    assert len(found["Haswell"]) == 65
