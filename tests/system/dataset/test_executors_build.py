@@ -12,7 +12,7 @@ from contextlib import ExitStack
 import pytest
 
 import processes
-from dataset_plans import build_part, check_whole, dataset_hash, tiny_plan, whole_hash
+from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import card_of
