@@ -9,14 +9,15 @@ from __future__ import annotations
 import json
 import math
 import re
-import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from tomllib import TOMLDecodeError
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
+from doppelgait.core.documents import parse_json, parse_toml
 from doppelgait.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -242,8 +243,8 @@ def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
-        return tomllib.loads(text), text
-    except tomllib.TOMLDecodeError as error:
+        return parse_toml(text), text
+    except ValueError as error:
         raise ConfigError(f"{path}: is not TOML: {error}") from None
 
 
@@ -254,20 +255,19 @@ def apply_overrides(table: Mapping[str, Any], overrides: Sequence[str]) -> dict[
 
     Values are TOML (``900``, ``true``, ``[1, 2]``, ``"text"``); what is not TOML is taken as text.
     """
-    result: dict[str, Any] = json.loads(json.dumps(table, default=str))
+    result: dict[str, Any] = parse_json(json.dumps(table, default=str))
     for override in overrides:
-        key, separator, value = override.partition("=")
+        key, separator, text = override.partition("=")
         if not separator or not key:
             raise ConfigError(f"--set {override}: must be KEY=VALUE, for example radar.prf_hz=900")
-        _set_key(result, key.strip(), _parse_value(value.strip()), override)
+        try:
+            value = parse_toml(f"value = {text.strip()}")["value"]
+        except TOMLDecodeError:
+            value = text.strip()
+        except ValueError as error:
+            raise ConfigError(f"--set {override[:60]}: {error}") from None
+        _set_key(result, key.strip(), value, override)
     return result
-
-
-def _parse_value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None:

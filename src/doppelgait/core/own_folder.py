@@ -5,13 +5,13 @@ They replace nothing but an earlier one of their kind.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, OutputError
 
 PAGE = "index.html"
@@ -43,7 +43,7 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
         raise ConfigError(f"{out}: is a file; give a folder that does not exist yet")
     present = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()] if out.exists() else []
     try:
-        document = json.loads((out / listing).read_text(encoding="utf-8"))
+        document = parse_json((out / listing).read_text(encoding="utf-8"))
         ours = {PAGE, listing, *document["files"]} if document["format"] == file_format else set()
     except (OSError, ValueError, KeyError, TypeError):
         ours = set()

@@ -17,6 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, json_value, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import (
@@ -588,7 +589,7 @@ def read_results(path: str | Path) -> Results:
             check_own(file)
             return Results(
                 source=str(file.attrs["source"]),
-                radar=validate(Radar, json.loads(file.attrs["radar"]), where="radar"),
+                radar=validate(Radar, parse_json(file.attrs["radar"]), where="radar"),
                 targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
             )
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
@@ -606,16 +607,16 @@ def _read_result(group: Any) -> Result:
 
     schemas = {**LABELLED_ARRAYS, **OPTIONAL_ARRAYS}
     arrays: dict[str, Any] = {}
-    for name in json.loads(group.attrs["arrays"]):
+    for name in parse_json(group.attrs["arrays"]):
         values, facts = group[name][()], {key: str(text) for key, text in group[name].attrs.items()}
         if name in schemas:
             coords = {
-                key: (json.loads(one.attrs["dims"]), one[()], json.loads(one.attrs["attrs"]))
+                key: (parse_json(one.attrs["dims"]), one[()], parse_json(one.attrs["attrs"]))
                 for key, one in group[f"axes/{name}"].items()
             }
             array = xr.DataArray(
-                values, coords=coords, dims=json.loads(facts["dims"]), name=facts["name"],
-                attrs=json.loads(facts["attrs"]),
+                values, coords=coords, dims=parse_json(facts["dims"]), name=facts["name"],
+                attrs=parse_json(facts["attrs"]),
             )  # fmt: skip
             values = check_signal(array, schemas[name])
         arrays[name] = values
@@ -632,17 +633,17 @@ def _read_result(group: Any) -> Result:
             str(stored.attrs["source"]),
         )  # fmt: skip
     label = group.attrs["label"]
-    mappings: dict[str, Any] = {name: json.loads(group.attrs[name]) for name in GROUPS}
+    mappings: dict[str, Any] = {name: parse_json(group.attrs[name]) for name in GROUPS}
     numbers: dict[str, Any] = {name: number(name) for name in NUMBERS}
     segments = group.get("segments", {})
     return Result(
-        analysis=validate(Analysis, json.loads(group.attrs["analysis"]), where="analysis"),
+        analysis=validate(Analysis, parse_json(group.attrs["analysis"]), where="analysis"),
         label=None if isinstance(label, h5py.Empty) else str(label),
         gate_source=str(group.attrs["gate"]),
         features=GaitFeatures(**{name: number(name) for name in FEATURE_UNITS}),
         **numbers,
         **mappings,
-        flags=tuple(json.loads(group.attrs["flags"])),
+        flags=tuple(parse_json(group.attrs["flags"])),
         arrays=arrays,
         gate_limits=gate,
         segments=tuple(_read_result(segments[name]) for name in sorted(segments, key=int)),

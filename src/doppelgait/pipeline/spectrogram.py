@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, axis, make_array
 from doppelgait.core.units import db_to_power, doppler_to_velocity_mps, velocity_to_doppler_hz
@@ -141,7 +142,7 @@ def signature_of_levels(
 def gate_of_levels(signature: xr.DataArray) -> Gate:
     """Return the fixed gate of a signature from :func:`signature_of_levels`."""
     times_s, centre_m = axis(signature, "time"), float(axis(signature, "centre_range")[0])
-    half_m = json.loads(signature.attrs["gate"])["span_m"] / 2.0
+    half_m = parse_json(signature.attrs["gate"])["span_m"] / 2.0
     return Gate.fixed(centre_m - half_m, centre_m + half_m, time_s=times_s)
 
 

@@ -19,7 +19,6 @@ A header comes first and may come again; a sender of datagrams repeats it, with 
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 import zlib
@@ -34,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.files import atomic_path
 from doppelgait.core.plugins import plugin
@@ -142,8 +142,8 @@ def parse_header(payload: bytes, where: str) -> Header:
         If it is no JSON object with the keys of the format, or a value is not allowed.
     """
     try:
-        table = json.loads(payload.decode())
-    except (ValueError, RecursionError):
+        table = parse_json(payload.decode())
+    except ValueError:
         raise RecordingError(f"{where}: the header is no JSON in UTF-8") from None
     keys = (*FACTS, "radar")
     if not isinstance(table, dict) or set(table) != set(keys):

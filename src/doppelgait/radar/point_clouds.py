@@ -7,7 +7,6 @@ Industrial Visualizer of TI's Radar Toolbox saves.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
     rows: list[dict[str, float]] = []
     where, before = "the file", slice(0, 0)
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = parse_json(file.read_text(encoding="utf-8"))
         for number, entry in enumerate(content["data"], start=1):
             where, frame = f"frame {number}", entry["frameData"]
             indexes = frame.get("trackIndexes") or []
@@ -185,7 +185,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
                     {"time_s": float(entry["timestamp"]) / 1e3, "x_m": x, "y_m": y, "z_m": z, "doppler_mps": doppler,
                      "snr": snr, "track": track}
                 )  # fmt: skip
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise RecordingError(f"{file}: {where} is no JSON of points with 7 numbers each: {error}") from None
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise RecordingError(

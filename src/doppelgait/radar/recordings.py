@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import (
@@ -157,7 +158,7 @@ def read_hdf5(path: Path) -> Recording:
                 snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
                 seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
                 source=path.name,
-                notes=[str(note) for note in json.loads(file.attrs.get("notes", "[]"))],
+                notes=[str(note) for note in parse_json(file.attrs.get("notes", "[]"))],
                 **pose,
             )
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
@@ -171,7 +172,7 @@ def _own_radar(file: Any) -> Radar:
     if int(file.attrs["format_version"]) > FORMAT_VERSION:
         raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
     check_own(file)
-    return validate(Radar, json.loads(file.attrs["radar"]), where="radar")
+    return validate(Radar, parse_json(file.attrs["radar"]), where="radar")
 
 
 def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
@@ -192,7 +193,7 @@ def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
 
 
 def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
-    parts, markers = (json.loads(group.attrs[key]) for key in ("part", "marker"))
+    parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
     shape = (len(slow_time_s), len(parts))
     dims = ("slow_time", "scatterer")
     values = {
@@ -214,7 +215,7 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
     centre = {name: group[name][:] for name in CENTRE_ARRAYS}
     body = None  # recordings of versions that kept none
     if "body_position_m" in group:
-        markers, parts = (np.array(json.loads(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
+        markers, parts = (np.array(parse_json(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
         coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}
         body = make_array(MOTION, group["body_position_m"][:].astype(np.float32), coords)
     return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)

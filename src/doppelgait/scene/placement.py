@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait.core.config import validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.rng import Streams
 from doppelgait.motion.follow import follow
@@ -300,7 +301,7 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
         if key not in _read_before:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", DoppelgaitWarning)
-                _read_before[key] = read(file, **json.loads(options))
+                _read_before[key] = read(file, **parse_json(options))
             _warnings_of[key] = [str(w.message) for w in caught if issubclass(w.category, DoppelgaitWarning)]
             for other in (w for w in caught if not issubclass(w.category, DoppelgaitWarning)):
                 warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import metres_per_unit
@@ -163,11 +164,13 @@ def _load_json(path: Path) -> dict[str, Any]:
     if path.stat().st_size > MAX_BYTES:
         raise MotionError(f"{path}: has {path.stat().st_size} bytes; JSON files of up to {MAX_BYTES} bytes are read")
     try:
-        content = json.loads(path.read_bytes().decode("utf-8-sig"))
+        content = parse_json(path.read_bytes())
     except json.JSONDecodeError as error:
         raise MotionError(f"{path}: line {error.lineno}, column {error.colno}: is no JSON ({error.msg})") from None
-    except (UnicodeDecodeError, RecursionError) as error:
+    except UnicodeDecodeError as error:
         raise MotionError(f"{path}: is no JSON of a motion ({type(error).__name__}); it must be UTF-8 text") from None
+    except ValueError as error:
+        raise MotionError(f"{path}: is no JSON of a motion: {error}") from None
     if not isinstance(content, dict):
         raise MotionError(f"{path}: is no JSON object with the keys rate_hz, names, positions and units")
     return content

@@ -5,13 +5,13 @@ The CMU and Human3.6M motions of motion-prediction studies have this form.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
@@ -155,8 +155,8 @@ def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
         If it is no JSON, or a key is missing or not right; it names the key.
     """
     try:
-        content = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
+        content = parse_json(read_text(path))
+    except (OSError, ValueError) as error:
         raise MotionError(f"{path}: the skeleton cannot be read: {error}") from None
     if not isinstance(content, dict):
         raise MotionError(f"{path}: the skeleton must be an object with joint_names, parents and offsets")

@@ -7,7 +7,6 @@ A frame is some sweeps in a row, a sweep one complex value per range point; betw
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -110,13 +110,13 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
         raise RecordingError(f"{path}: is of sensor generation {generation!r}; only 'a121' is read")
     base = file["session"] if "session" in file else _numbered(path, file["sessions"], "session", session)
     node = _numbered(path, _numbered(path, base, "group", group), "entry", entry)
-    session_config = json.loads(_text(base["session_config"]))
+    session_config = parse_json(_text(base["session_config"]))
     sensor_id = str(int(node["sensor_id"][()]))
     sensors = session_config["groups"][group]
     if sensor_id not in sensors:
         raise ValueError(f"the configuration of group {group} does not name sensor {sensor_id}")
     config: Mapping[str, Any] = sensors[sensor_id]
-    metadata = json.loads(_text(node["metadata"])) if "metadata" in node else {}
+    metadata = parse_json(_text(node["metadata"])) if "metadata" in node else {}
     subsweeps = tuple(_subsweep(one) for one in config["subsweeps"])
     per_frame = _whole(config, "sweeps_per_frame", 1, 100_000)
     dataset = node["result/frame"]
@@ -132,7 +132,7 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
     values = np.empty(shape, dtype=np.complex64)
     values.real, values.imag = pairs["real"], pairs["imag"]
     step_m = _optional(metadata, "base_step_length_m", 0.1)
-    server = json.loads(_text(file["server_info"])) if "server_info" in file else {}
+    server = parse_json(_text(file["server_info"])) if "server_info" in file else {}
     return Entry(
         values=values,
         ticks=_ticks(node["result"], values.shape[0]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError, warn_caller
 
 META = ".sigmf-meta"
@@ -99,12 +99,12 @@ def read_metadata(path: Path) -> Metadata:
             f"{meta_path}: has {meta_path.stat().st_size:,} bytes, at most {MAX_META_BYTES:,} are read"
         )
     try:
-        content = json.loads(meta_path.read_text(encoding="utf-8"))
+        content = parse_json(meta_path.read_text(encoding="utf-8"))
         common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
         return _parse_metadata(meta_path, data_path, dict(common), _objects(captures), _objects(annotations))
     except OSError as error:
         raise RecordingError(f"{meta_path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError, RecursionError) as error:
+    except (ValueError, LookupError, TypeError) as error:
         raise RecordingError(f"{meta_path}: is damaged or no SigMF metadata: {error}") from None
 
 

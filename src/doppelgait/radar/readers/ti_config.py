@@ -6,7 +6,6 @@ User's Guide" (profileCfg, chirpCfg, frameCfg, channelCfg, adcCfg, adcbufCfg).
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, read_toml, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -134,7 +134,7 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
         if path.suffix.lower() == ".toml":
             table, text = read_toml(path)
         elif path.suffix.lower() == ".json":
-            table = json.loads(path.read_text(encoding="utf-8"))
+            table = parse_json(path.read_text(encoding="utf-8"))
             if not isinstance(table, dict):
                 raise RecordingError(f"{path}: holds no JSON object with the keys of the radar settings")
         else:
@@ -148,7 +148,7 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
         return validate(ChirpConfig, table, where=where, text=text)
     except ConfigError as error:
         raise RecordingError(str(error)) from None
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except ValueError as error:
         raise RecordingError(f"{path}: is no JSON: {error}") from None
 
 

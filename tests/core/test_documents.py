@@ -1,0 +1,125 @@
+"""JSON and TOML of unknown origin: one ValueError in one line for whatever the standard library trips over."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import tomllib
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from checkout import ROOT
+from doppelgait.core.config import apply_overrides, read_toml
+from doppelgait.core.documents import MAX_DEPTH, MAX_DIGITS, parse_json, parse_toml
+from doppelgait.core.errors import ConfigError
+
+
+@pytest.mark.parametrize("text", ["[" * 50_000, "[" * 900 + "]" * 900, '{"a":' * 100 + "1" + "}" * 100])
+def test_deep_json_is_a_value_error(text: str) -> None:
+    with pytest.raises(ValueError, match="deeper than 64 levels"):
+        parse_json(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a = " + "[" * 5000,
+        "a = " + "[" * 100 + "]" * 100,
+        "a = " + "{a = " * 100 + "1" + "}" * 100,
+        ".".join(["a"] * 100_000) + " = 1",
+        "[" + ' . "b" . '.join(["a"] * 100_000) + "]",
+    ],
+    ids=["open lists", "lists", "tables", "dotted key", "dotted header"],
+)
+def test_deep_toml_is_a_value_error(text: str) -> None:
+    with pytest.raises(ValueError, match="deeper than 64 levels"):
+        parse_toml(text)
+
+
+@pytest.mark.parametrize("digits", ["1" * 41, "-" + "1" * 41, "9" * 5000])
+def test_integers_that_no_number_holds_are_refused(digits: str) -> None:
+    with pytest.raises(ValueError, match="more than 40 digits"):
+        parse_json(f'{{"seed": {digits}}}')
+    with pytest.raises(ValueError, match="more than 40 digits"):
+        parse_toml(f"seed = {digits}")
+    with pytest.raises(ValueError, match="more than 40 digits"):
+        parse_toml("seeds = [1, {b = 0x" + "f" * 40 + "}]")
+
+
+def test_what_is_allowed_stays_as_it_was() -> None:
+    nested = "[" * MAX_DEPTH + "1" + "]" * MAX_DEPTH
+    assert parse_json(nested) == json.loads(nested)
+    assert parse_toml("a = " + nested[1:-1]) == tomllib.loads("a = " + nested[1:-1])
+    assert parse_json("9" * MAX_DIGITS) == int("9" * MAX_DIGITS)
+    assert parse_json('"\\ud83d\\ude00 \\u00e9"') == "\U0001f600 \u00e9"
+    assert parse_json(b'\xef\xbb\xbf{"a": 1}') == {"a": 1}
+    text = "a.b.c = [0.1, 0.2, " + ", ".join(["0.25"] * 200) + "]\nb = '...'  # " + "." * 200 + "\n"
+    assert parse_toml(text) == tomllib.loads(text)
+
+
+def test_every_toml_file_of_the_project_is_read_as_before() -> None:
+    files = [*(ROOT / "src").rglob("*.toml"), *(ROOT / "examples").rglob("*.toml"), ROOT / "pyproject.toml"]
+    assert len(files) > 20
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        assert parse_toml(text) == tomllib.loads(text), file
+
+
+def test_half_a_character_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"half a character, \\ud800"):
+        parse_json('{"notes": ["a", "\\ud800"]}')
+
+
+def test_random_text_raises_nothing_else() -> None:
+    rng = random.Random(3)
+    pieces = [
+        "{",
+        "}",
+        "[",
+        "]",
+        ":",
+        ",",
+        '"a"',
+        "1",
+        "9" * 50,
+        "1e999",
+        "null",
+        "\\ud800",
+        '"',
+        "=",
+        ".",
+        "a",
+        "\n",
+        "'''",
+    ]
+    for _ in range(3000):
+        text = "".join(rng.choices(pieces, k=rng.randrange(1, 30)))
+        for parse in (parse_json, parse_toml):
+            with suppress(ValueError):
+                parse(text)
+
+
+def test_a_users_file_gives_one_error_that_names_it(tmp_path: Path) -> None:
+    file = tmp_path / "plan.toml"
+    for text in ("a = " + "[" * 5000, "a = " + "1" * 5000, "a = 0x" + "f" * 5000):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=r"plan\.toml: is not TOML: it (is nested|has an integer)"):
+            read_toml(file)
+        with pytest.raises(ConfigError, match=r"--set a=.*: it (is nested|has an integer)"):
+            apply_overrides({}, [text.replace(" ", "")])
+
+
+def test_only_the_module_of_documents_parses_json_and_toml() -> None:
+    """Text that the package wrote into itself is free: shipped models, object code."""
+    free = {"core/documents.py", "core/kernels/compiled.py", "classify/shipped.py", "classify/export/scorer.py"}
+    package = ROOT / "src" / "doppelgait"
+    found = {
+        str(path.relative_to(package))
+        for path in package.rglob("*.py")
+        if path.parent.name not in ("dataset", "verify", "classify")
+        and re.search(r"\b(json|tomllib)\.loads?\(", path.read_text(encoding="utf-8"))
+    }
+    assert found - free == set(), "use parse_json and parse_toml of core/documents.py"
