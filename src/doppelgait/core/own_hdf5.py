@@ -1,13 +1,90 @@
-"""Protection against HDF5 files that read values from other files.
+"""The one way to open HDF5 files; unsafe ones are refused.
 
 HDF5 has three ways to make a file show what lies in another one: links, datasets with external storage (the bytes of
-any file become numbers) and virtual datasets. We write none of them, so a file that has one is not as we wrote it.
+any file become numbers) and virtual datasets. Neither our own files nor those of the vendors that are read have them.
+A damaged file can keep the library busy without end, and a small one can declare or unpack to any amount of values.
 """
 
 from __future__ import annotations
 
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+from doppelgait.core.cost import cost_fault, limit_bytes
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file."""
+USER_BLOCKS = (0, 512, 1024, 2048)
+"""Where the signature may stand; MATLAB puts it at 512."""
+HEAP = b"GCOL\x01\x00\x00\x00"
+HEAP_BYTES, OBJECT_BYTES = 16, 16
+"""Bytes before the objects of a heap, and before the content of an object (8-byte lengths, as h5py writes)."""
+TEXT_BYTES = 4096
+"""Length that is assumed of one of many texts, such as ids."""
+MAX_OBJECTS = 4_000_000
+"""Texts in heaps that are followed at most."""
+FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
+"""Filters by number that are read, each once in a dataset."""
+INFLATES = 1040
+"""Bytes that one byte of a deflate stream can become at most."""
+PIECE = 1 << 20
+
+FAULTS = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
+"""What h5py raises at damaged bytes."""
+
+
+def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:
+    """Open an HDF5 file of unknown origin for reading.
+
+    Parameters
+    ----------
+    path : path-like
+    members : bool
+        Check all links and datasets now. False where the caller reads attributes of the root only, or takes every
+        member by :func:`own_member`.
+    soft_links : bool
+        Allow links to other places of the same file, which vendors' files have.
+    **options
+        Of ``h5py.File``.
+
+    Returns
+    -------
+    h5py.File
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened.
+    ValueError
+        If a chain of texts has no end, a member lies in another file, or the values take more memory than
+        :func:`~doppelgait.core.cost.limit_bytes` allows.
+    """
+    import h5py
+
+    place = Path(path)
+    facts = place.stat()
+    if fault := _file_fault(place, (facts.st_ino, facts.st_size, facts.st_mtime_ns)):
+        raise ValueError(fault)
+    file = h5py.File(place, "r", **options)
+    try:
+        if members:
+            _check_members(file, place, soft_links)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def is_hdf5(path: str | Path) -> bool:
+    """Return whether a file has the signature of HDF5."""
+    with Path(path).open("rb") as file:
+        return _signature_at(file.read(USER_BLOCKS[-1] + len(SIGNATURE))) is not None
 
 
 def stated_format(path: str | Path) -> str | None:
@@ -15,12 +92,10 @@ def stated_format(path: str | Path) -> str | None:
 
     None for any file that is not of doppelgait.
     """
-    import h5py
-
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, members=False) as file:
             stated = file.attrs.get("format")
-    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
+    except FAULTS:
         return None
     return stated if isinstance(stated, str) else None
 
@@ -42,7 +117,7 @@ def own_member(group: Any, name: str) -> Any:
     Raises
     ------
     ValueError
-        If it is a link, or its values lie elsewhere.
+        If it is a link, its values lie elsewhere or take too much memory.
     """
     import h5py
 
@@ -54,36 +129,149 @@ def own_member(group: Any, name: str) -> Any:
     if group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
         raise ValueError(f"{name!r} is a link, which is not followed: it may lead to another file")
     found = group[name]
-    _check_values(found, name)
+    n_bytes = _value_bytes(found, name, TEXT_BYTES)
+    if n_bytes > limit_bytes(0):
+        _check_limit(n_bytes, Path(os.fsdecode(group.file.filename)))
     return found
 
 
-def check_own(file: Any) -> None:
-    """Check that an HDF5 file holds all of its members itself.
+def _check_limit(n_bytes: int, path: Path) -> None:
+    stored_bytes = path.stat().st_size
+    if n_bytes > limit_bytes(stored_bytes):
+        raise ValueError(cost_fault(n_bytes, stored_bytes, "its values"))
 
-    It reads no values.
 
-    Parameters
-    ----------
-    file : h5py.File
-
-    Raises
-    ------
-    ValueError
-        Naming the first that is a link or whose values lie elsewhere.
-    """
+def _check_members(file: Any, path: Path, soft_links: bool) -> None:
+    """Check where all members lie, and their size; read no values."""
     import h5py
 
     found: list[tuple[str, int]] = []
     file.id.links.visit(lambda name, link: found.append((name.decode(errors="replace"), link.type)), info=True)
+    stored_bytes = path.stat().st_size
+    groups = {h5py.h5o.get_info(file.id).addr}
+    n_bytes = 0
     for name, kind in found:
+        if kind == h5py.h5l.TYPE_SOFT and soft_links:
+            continue
         if kind != h5py.h5l.TYPE_HARD:
-            raise ValueError(f"{name!r} is a link, which is not followed: it may lead to another file")
-        _check_values(file[name], name)
+            raise ValueError(f"{name[:80]!r} is a link, which is not followed: it may lead to another file")
+        member = file[name]
+        n_bytes += _value_bytes(member, name, stored_bytes)
+        if isinstance(member, h5py.Group):
+            address = h5py.h5o.get_info(member.id).addr
+            if address in groups:
+                raise ValueError(f"the group {name[:80]!r} has two names; a group may be inside itself then")
+            groups.add(address)
+    _check_limit(n_bytes, path)
 
 
-def _check_values(found: Any, name: str) -> None:
+def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
+    """Return the bytes of a dataset's values, 0 for a group.
+
+    ``text_bytes`` is what each text of variable length is taken to have.
+
+    Raises
+    ------
+    ValueError
+        If they lie in another file, or are packed in a way that is not read.
+    """
     import h5py
 
-    if isinstance(found, h5py.Dataset) and (found.external or found.is_virtual):
-        raise ValueError(f"the values of {name!r} lie in another file, which is not read")
+    if not isinstance(found, h5py.Dataset):
+        return 0
+    if found.external or found.is_virtual:
+        raise ValueError(f"the values of {name[:80]!r} lie in another file, which is not read")
+    kind, properties = found.id.get_type(), found.id.get_create_plist()
+    each: int = kind.get_size()
+    count: int = found.id.get_space().get_simple_extent_npoints()
+    variable = kind.detect_class(h5py.h5t.VLEN) or (kind.get_class() == h5py.h5t.STRING and kind.is_variable_str())
+    if variable:  # several values may share one text
+        each += text_bytes
+    if properties.get_layout() != h5py.h5d.CHUNKED:
+        return each * count
+    chunk_bytes = each
+    for length in properties.get_chunk():
+        chunk_bytes *= length
+    filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+    if not set(filters) <= set(FILTERS) or len(set(filters)) < len(filters):
+        raise ValueError(
+            f"{name[:80]!r} is packed by the filters {filters}; read are {', '.join(FILTERS.values())}, each once"
+        )
+    if 1 in filters and found.id.get_storage_size() * INFLATES > limit_bytes(0):
+        _check_chunks(found, name, chunk_bytes)
+    return max(each * count, chunk_bytes)
+
+
+def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
+    """Refuse packed chunks that unpack to more than they should.
+
+    The library unpacks a chunk whatever that becomes. Small chunks cannot become much and are not looked at.
+    """
+    large: list[Any] = []
+    dataset.id.chunk_iter(
+        lambda info: large.append(info.chunk_offset) if info.size * INFLATES > limit_bytes(0) else None
+    )
+    for place in large:
+        _, packed = dataset.id.read_direct_chunk(place)
+        unpacker, size = zlib.decompressobj(), 0
+        while packed and size <= chunk_bytes + 4:  # fletcher32 adds 4 bytes
+            size += len(unpacker.decompress(packed, PIECE))
+            packed = unpacker.unconsumed_tail
+        if size > chunk_bytes + 4:
+            raise ValueError(f"a chunk of {name[:80]!r} unpacks to more than its {chunk_bytes:,} bytes")
+
+
+@lru_cache(maxsize=64)
+def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
+    """Return why the HDF5 library must not get a file, or "".
+
+    Texts lie in global heaps, chains of objects that each hold their length; the library follows a length of 0 without
+    end. Layout: "HDF5 File Format Specification", sections II.A and III.E. ``stamp`` makes the result valid for one
+    state of the file.
+    """
+    with path.open("rb") as file:
+        head = file.read(USER_BLOCKS[-1] + 64)
+        at = _signature_at(head)
+        if at is None:
+            return "it is no HDF5 file"
+        version = head[at + 8] if len(head) > at + 8 else 0
+        sizes = head[at + 13 : at + 15] if version < 2 else head[at + 9 : at + 11]
+        if sizes != b"\x08\x08":
+            return f"its addresses and lengths have {tuple(sizes)} bytes, not 8"
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            for start in _endless_heaps(content):
+                return f"its heap at byte {start} has no end"
+    return ""
+
+
+def _signature_at(head: bytes) -> int | None:
+    return next((at for at in USER_BLOCKS if head[at : at + len(SIGNATURE)] == SIGNATURE), None)
+
+
+def _endless_heaps(content: mmap.mmap) -> Iterator[int]:
+    """Yield the start of every heap whose objects do not end.
+
+    Chains of a damaged file may run into each other; every object is looked at once.
+    """
+    size = len(content)
+    faults: dict[int, int] = {}  # by the start of an object: the first one from there that leads nowhere
+    start = content.find(HEAP)
+    while start >= 0:
+        if start + HEAP_BYTES <= size:  # else it is cut off; the library reports that
+            end = min(start + struct.unpack_from("<Q", content, start + 8)[0], size)
+            at, chain, fault = start + HEAP_BYTES, [], size
+            while at + OBJECT_BYTES <= size:
+                if at in faults:
+                    fault = faults[at]
+                    break
+                chain.append(at)
+                number, n_bytes = struct.unpack_from("<H6xQ", content, at)
+                step = OBJECT_BYTES + -(-n_bytes // 8) * 8 if number else n_bytes  # object 0 is the free rest with head
+                if step < OBJECT_BYTES or step >= 1 << 63:
+                    fault = at
+                    break
+                at += step
+            faults.update(dict.fromkeys(chain, fault))
+            if fault + OBJECT_BYTES <= end or len(faults) > MAX_OBJECTS:
+                yield start
+        start = content.find(HEAP, start + 1)

@@ -20,7 +20,7 @@ from deflate import zlib_compress
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import axis
-from doppelgait.core.own_hdf5 import own_member
+from doppelgait.core.own_hdf5 import open_hdf5, own_member
 from doppelgait.dataset.config import FieldSpec
 
 Array = npt.NDArray[Any]
@@ -248,7 +248,7 @@ class ShardFiles:
             # of shards may be no link either; that of the whole dataset may.
             if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
                 raise ValueError("it lies outside the folder of the dataset")
-            opened = h5py.File(self._path(shard), "r", rdcc_nbytes=0)  # a row is seldom read twice
+            opened = open_hdf5(self._path(shard), members=False, rdcc_nbytes=0)  # a row is seldom read twice
             files[shard] = (opened, {})
             if self.identity is not None and opened.attrs.get("dataset") != self.identity:
                 raise ValueError(f"it is of dataset {opened.attrs.get('dataset')!r}, not of {self.identity}")

@@ -29,7 +29,7 @@ from doppelgait.core.labels import (
     Schema,
     check_signal,
 )
-from doppelgait.core.own_hdf5 import check_own, stated_format
+from doppelgait.core.own_hdf5 import open_hdf5, stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, frame_numbers
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.parts import measure_parts
@@ -572,13 +572,11 @@ def read_results(path: str | Path) -> Results:
     AnalysisError
         If the file is missing, of another version, no result file, damaged, or takes values from another file.
     """
-    import h5py
-
     if not Path(path).is_file():
         raise AnalysisError(f"{path}: no such file")
     remedy = f"make it again: doppelgait analyze RECORDING -o {Path(path).name}"
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
             if int(file.attrs["format_version"]) != FORMAT_VERSION:
@@ -586,7 +584,6 @@ def read_results(path: str | Path) -> Results:
                     f"{path}: is a result of another version of doppelgait (format_version "
                     f"{file.attrs['format_version']}, this one reads {FORMAT_VERSION}); {remedy}"
                 )
-            check_own(file)
             return Results(
                 source=str(file.attrs["source"]),
                 radar=validate(Radar, parse_json(file.attrs["radar"]), where="radar"),

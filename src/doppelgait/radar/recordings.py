@@ -24,17 +24,15 @@ from doppelgait.core.labels import (
     label_values,
     make_array,
 )
-from doppelgait.core.own_hdf5 import check_own
+from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.frames import Frame, Header, header_of
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers import check_hdf5, read_recording
+from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import CENTRE_ARRAYS, NAN, Recording, TargetTruth, baseband_facts, further_facts
 
 __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
-"""First bytes of an HDF5 file."""
 FORMAT = "doppelgait-recording"
 FORMAT_VERSION = 1
 BLOCK = 256
@@ -113,12 +111,10 @@ def sniff_hdf5(path: Path) -> bool:
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             return False
-    import h5py
-
     try:
-        with h5py.File(path, "r") as content:
+        with open_hdf5(path, members=False) as content:
             return bool(content.attrs.get("format") == FORMAT)
-    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
+    except FAULTS:
         return True
 
 
@@ -131,12 +127,10 @@ def read_hdf5(path: Path) -> Recording:
     RecordingError
         If the file is missing, is not such a recording, is damaged, or takes values from another file.
     """
-    import h5py
-
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             radar = _own_radar(file)
             coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
             further = {
@@ -161,7 +155,7 @@ def read_hdf5(path: Path) -> Recording:
                 notes=[str(note) for note in parse_json(file.attrs.get("notes", "[]"))],
                 **pose,
             )
-    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
+    except (*FAULTS, DoppelgaitError) as error:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 
@@ -171,24 +165,20 @@ def _own_radar(file: Any) -> Radar:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
     if int(file.attrs["format_version"]) > FORMAT_VERSION:
         raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
-    check_own(file)
     return validate(Radar, parse_json(file.attrs["radar"]), where="radar")
 
 
 def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
     """Yield the frames of a recording, ``BLOCK`` of them in memory."""
-    import h5py
-
     try:
-        check_hdf5(path)
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             radar, baseband, time_s = _own_radar(file), file["baseband"], file["slow_time_s"]
             yield header_of(radar, file["range_m"][:], baseband.attrs, time_s[:])
             for start in range(0, baseband.shape[0], BLOCK):
                 rows = baseband[start : start + BLOCK].astype(np.complex64)
                 for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):
                     yield Frame(None, clock_s, row)
-    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ConfigError) as error:
+    except (*FAULTS, ConfigError) as error:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 

@@ -15,6 +15,7 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import file_sha256
+from doppelgait.core.own_hdf5 import open_hdf5, own_member
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.finish import LOG, SUMS, count_shards, dataset_id, sums_text
 from doppelgait.dataset.lock import running_builds
@@ -88,8 +89,6 @@ def look_at_shards(
 
 def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
     """Return the record of an intact shard, or why it is damaged; keep its hashes."""
-    import h5py
-
     try:
         findings.hashes[path.stem] = file_sha256(path)
         record = json.loads(path.with_suffix(".json").read_text())
@@ -98,8 +97,8 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
         if findings.hashes[path.stem] != record["sha256"]:
             return None, "the file is not the one that its record describes (another hash)"
         rows = record["rows"]
-        with h5py.File(path, "r") as file:
-            ids = [text.decode() for text in file["id"][:]]
+        with open_hdf5(path, members=False) as file:
+            ids = [text.decode() for text in own_member(file, "id")[:]]
             split = str(file.attrs["split"])
         if ids != [row["id"] for row in rows]:
             return None, "holds other ids than its record"

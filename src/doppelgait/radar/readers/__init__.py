@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import mmap
 import os
-import struct
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -92,8 +90,6 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     if not file.name:
         raise RecordingError(f"{path}: is no recording; give a file, or the folder of a XeThru recording")
     try:
-        if file.is_file():
-            check_hdf5(file)
         if format is None:
             name = _find_format(file)
         elif format not in RADAR_READERS:
@@ -249,51 +245,3 @@ def _known() -> str:
 def writers_by_suffix() -> dict[str, Plugin[Writer]]:
     """Return the writers by suffix; "" for a folder."""
     return {one.facts["suffix"]: one for one in RADAR_WRITERS.values()}
-
-
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-USER_BLOCKS = (0, 512, 1024, 2048)
-"""Where the signature may stand; MATLAB puts it at 512."""
-HEAP = b"GCOL\x01\x00\x00\x00"
-HEAP_BYTES, OBJECT_BYTES = 16, 16
-"""Bytes before the objects of a heap, and before the content of an object (8-byte lengths, as h5py writes)."""
-
-
-def check_hdf5(path: Path) -> None:
-    """Refuse an HDF5 file with an endless chain of objects.
-
-    Other files pass. The chain is one of a global heap.
-
-    Texts lie in global heaps, chains of objects that each hold their length; the HDF5 library follows a length of 0
-    without end. Layout: "HDF5 File Format Specification", section III.E.
-
-    Raises
-    ------
-    RecordingError
-        If it is such a file.
-    """
-    with path.open("rb") as file:
-        head = file.read(USER_BLOCKS[-1] + len(HDF5_SIGNATURE))
-        if not any(head[at : at + len(HDF5_SIGNATURE)] == HDF5_SIGNATURE for at in USER_BLOCKS):
-            return
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            at = content.find(HEAP)
-            while at >= 0:
-                if not _chain_ends(content, at):
-                    raise RecordingError(f"{path}: is a damaged HDF5 file: its heap at byte {at} has no end")
-                at = content.find(HEAP, at + 1)
-
-
-def _chain_ends(content: mmap.mmap, start: int) -> bool:
-    """Return whether the chain of objects of a heap ends."""
-    if start + HEAP_BYTES > len(content):
-        return True  # cut off; the library says so
-    end = min(start + struct.unpack_from("<Q", content, start + 8)[0], len(content))
-    at = start + HEAP_BYTES
-    while at + OBJECT_BYTES <= end:
-        number, n_bytes = struct.unpack_from("<H6xQ", content, at)
-        step = OBJECT_BYTES + -(-n_bytes // 8) * 8 if number else n_bytes  # object 0 is the free rest, head included
-        if step < OBJECT_BYTES or step >= 1 << 63:
-            return False
-        at += step
-    return True

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError, warn_caller
+from doppelgait.core.own_hdf5 import FAULTS, is_hdf5, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.measured import check_number, label_measured, radar_of_facts
@@ -223,21 +224,18 @@ CARRIER_HZ = 60.5e9
 ENVELOPE_FWHM_M = {1: 0.04, 2: 0.07, 3: 0.14, 4: 0.19, 5: 0.32}
 """Full width at half maximum of the amplitude of one echo, by profile (vendor's constants)."""
 INT16_CODES = 2**15
-HDF5_ERRORS = (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, ArithmeticError, MemoryError)
 LATE_TICKS = 1.5
 """Frames whose ticks lie this close to a straight line are taken as evenly spaced: ticks are whole numbers."""
 
 
 def sniff_acconeer(path: Path) -> bool:
     """Return whether a file is HDF5 of Acconeer's exploration tool."""
-    import h5py
-
-    if not Path(path).is_file() or not h5py.is_hdf5(path):
+    if not Path(path).is_file() or not is_hdf5(path):
         return False
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, members=False) as file:
             return "generation" in file and ("sessions" in file or "session" in file)
-    except HDF5_ERRORS:
+    except FAULTS:
         return False
 
 
@@ -347,19 +345,17 @@ def read_acconeer(
 
 
 def _open(path: Path, **which: int) -> Entry:
-    import h5py
-
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    if not h5py.is_hdf5(path):
+    if not is_hdf5(path):
         raise RecordingError(f"{path}: is no HDF5 file; read are those that Acconeer's exploration tool saves")
     for name, value in which.items():
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
             raise RecordingError(f"{path}: {name} = {value!r} is not allowed; it must be a whole number from 0")
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path, soft_links=True) as file:
             return open_entry(path, file, **which)
-    except HDF5_ERRORS as error:
+    except FAULTS as error:
         raise RecordingError(f"{path}: is damaged or no recording of an A121 sensor: {error}") from None
 
 

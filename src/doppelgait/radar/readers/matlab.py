@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import RecordingError
+from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import check_finite, check_number, check_shape, label_measured, preset_radar
@@ -214,7 +215,7 @@ def _shapes(path: Path) -> dict[str, tuple[int, ...]]:
         return {name: one.shape for name, one in list_variables(path, max_bytes=8 * MAX_VALUES).items()}
     import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
 
-    with h5py.File(path, "r") as hdf5:
+    with open_hdf5(path, soft_links=True) as hdf5:
         return {name: hdf5[name].shape[::-1] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
 
 
@@ -322,10 +323,8 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     try:
         content: dict[str, Any]
         if is_hdf5:
-            import h5py
-
             shapes = _shapes(path)
-            with h5py.File(path, "r") as hdf5:
+            with open_hdf5(path, soft_links=True) as hdf5:
                 name = _pick(path, shapes, matrix)
                 facts = {fact: hdf5[fact][()].T for fact in FACTS if fact in shapes}
                 content = {MATRIX: hdf5[name][()].T, "name": name, **facts}

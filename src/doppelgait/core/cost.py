@@ -1,0 +1,81 @@
+"""Budget for reading: how much memory a file may take.
+
+A few kilobytes can declare, or unpack to, any amount of values. Every reader computes what the values of a file will
+take before it allocates them, and checks that here.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from doppelgait.core.errors import ConfigError
+
+VARIABLE = "DOPPELGAIT_READ_LIMIT_MB"
+"""Environment variable that raises the limit, in MB (1 MB is 1,000,000 bytes)."""
+DEFAULT_MB = 256.0
+PER_BYTE = 16
+"""Bytes of values for each byte of the file: an honest text file of numbers takes up to 13."""
+MB = 1_000_000
+CELL_BYTES = 72
+"""A number of a text file, as a Python string in a list and as a double."""
+
+
+def limit_bytes(stored_bytes: int) -> int:
+    """Return the memory that the values of a file may take.
+
+    The larger of 256 MB, or the environment variable ``DOPPELGAIT_READ_LIMIT_MB``, and 16 times the size of the file.
+
+    Parameters
+    ----------
+    stored_bytes : int
+        Size of the file.
+
+    Raises
+    ------
+    ConfigError
+        If the environment variable is no number above 0.
+    """
+    stated = os.environ.get(VARIABLE, "")
+    try:
+        limit_mb = float(stated) if stated else DEFAULT_MB
+    except ValueError:
+        limit_mb = -1.0
+    if not 0.0 < limit_mb < 1e9:
+        raise ConfigError(f"{VARIABLE} = {stated[:40]!r} is not allowed; it must be a number of MB above 0")
+    return max(int(limit_mb * MB), PER_BYTE * stored_bytes)
+
+
+def check_cost(
+    path: Path, n_bytes: int | float, error: Callable[[str], Exception] = ValueError, *, what: str = "its values"
+) -> None:
+    """Refuse a file whose values take more memory than the limit.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its size counts.
+    n_bytes : int or float
+        What the values will take.
+    error : callable
+        Type of the error.
+    what : str
+        Subject of the message.
+
+    Raises
+    ------
+    Exception
+        Of the type ``error``; it names the file, both amounts and the remedy.
+    """
+    if n_bytes > limit_bytes(stored := path.stat().st_size):
+        raise error(f"{path}: {cost_fault(n_bytes, stored, what)}")
+
+
+def cost_fault(n_bytes: int | float, stored_bytes: int, what: str) -> str:
+    """Describe values that take more memory than the limit."""
+    need_mb = -(-n_bytes // MB)
+    return (
+        f"{what} would take {need_mb:,.0f} MB of memory, but it has {stored_bytes:,} bytes and may take "
+        f"{limit_bytes(stored_bytes) // MB:,} MB. If you trust it, raise the limit: {VARIABLE}={need_mb:.0f}"
+    )

@@ -1,0 +1,207 @@
+"""One safe way to open HDF5: endless heaps, values of other files, and small files that declare or unpack to a lot."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from checkout import ROOT
+from doppelgait.core.cost import DEFAULT_MB, VARIABLE, check_cost, limit_bytes
+from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.own_hdf5 import HEAP, _endless_heaps, open_hdf5, own_member
+
+
+def plain(path: Path, **datasets: object) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, values in datasets.items():
+            file[name] = values
+    return path
+
+
+def test_no_other_place_of_the_package_opens_hdf5_for_reading() -> None:
+    package = ROOT / "src" / "doppelgait"
+    found = {
+        str(path.relative_to(package))
+        for path in package.rglob("*.py")
+        if re.search(r"(?<!\w)(h5py\.)?File\((?![^)]*\"w\")[^)]*\"r|h5py\.is_hdf5", path.read_text(encoding="utf-8"))
+    }
+    assert found == {"core/own_hdf5.py"}, "use open_hdf5 of core/own_hdf5.py"
+
+
+def test_a_plain_file_is_opened_as_h5py_does(tmp_path: Path) -> None:
+    path = plain(tmp_path / "a.h5", **{"group/values": np.arange(5.0), "text": "long " * 2000})
+    with open_hdf5(path) as file:
+        assert file["group/values"][:].tolist() == [0, 1, 2, 3, 4]
+        assert file["text"][()].decode() == "long " * 2000
+    (tmp_path / "no.h5").write_bytes(b"no HDF5")
+    with pytest.raises(ValueError, match="no HDF5 file"):
+        open_hdf5(tmp_path / "no.h5")
+
+
+def test_addresses_of_other_sizes_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "small.h5", "w", libver="earliest"):
+        pass
+    content = bytearray((tmp_path / "small.h5").read_bytes())
+    content[14] = 4
+    (tmp_path / "small.h5").write_bytes(content)
+    with pytest.raises(ValueError, match="have \\(8, 4\\) bytes, not 8"):
+        open_hdf5(tmp_path / "small.h5")
+
+
+def chain_ends(content: bytes, start: int) -> bool:
+    """The literal rule for one heap: its objects follow each other up to its end."""
+    end = min(start + struct.unpack_from("<Q", content, start + 8)[0], len(content))
+    at = start + 16
+    while at + 16 <= end:
+        number, n_bytes = struct.unpack_from("<H6xQ", content, at)
+        step = 16 + -(-n_bytes // 8) * 8 if number else n_bytes
+        if step < 16 or step >= 1 << 63:
+            return False
+        at += step
+    return True
+
+
+def test_heaps_without_end_are_those_of_the_literal_rule() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        content = bytearray()
+        for _ in range(rng.integers(1, 12)):
+            if rng.random() < 0.4:
+                content += HEAP + struct.pack("<Q", int(rng.integers(0, 400)))
+            step = [0, 8, 16, 24, 40, 2**63, 2**64 - 16][rng.integers(7)]
+            content += struct.pack("<H6xQ", int(rng.integers(0, 2)), step)
+        starts = [match.start() for match in re.finditer(re.escape(HEAP), bytes(content))]
+        wanted = [start for start in starts if start + 16 <= len(content) and not chain_ends(bytes(content), start)]
+        assert list(_endless_heaps(bytes(content))) == wanted  # type: ignore[arg-type]
+
+
+def test_every_object_of_a_heap_is_looked_at_once() -> None:
+    """20,000 heaps, the chain of each through all later ones: the literal rule needs 200 million steps."""
+
+    one = HEAP + struct.pack("<Q", 2**40) + struct.pack("<H6xQ", 1, 16) + bytes(16)
+    assert list(_endless_heaps(one * 20_000)) == []  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("way", ["external", "external link", "virtual", "soft link"])
+def test_values_of_other_files_are_refused(tmp_path: Path, way: str) -> None:
+    (tmp_path / "secret").write_bytes(bytes(800))
+    plain(tmp_path / "other.h5", values=np.zeros(100))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        if way == "external":
+            file.create_dataset("x", (100,), "f8", external=[(str(tmp_path / "secret"), 0, 800)])
+        elif way == "external link":
+            file["x"] = h5py.ExternalLink("other.h5", "/values")
+        elif way == "soft link":
+            file["x"] = h5py.SoftLink("/y")
+        else:
+            layout = h5py.VirtualLayout((100,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "values", shape=(100,))
+            file.create_virtual_dataset("x", layout)
+    with pytest.raises(ValueError, match=r"is a link, which is not followed|lie in another file, which is not read"):
+        open_hdf5(tmp_path / "a.h5")
+    with (
+        open_hdf5(tmp_path / "a.h5", members=False) as file,
+        pytest.raises(ValueError, match=r"is a link|another file"),
+    ):
+        own_member(file, "x")
+    if way == "soft link":
+        with open_hdf5(tmp_path / "a.h5", soft_links=True):
+            pass
+
+
+def test_declared_shapes_are_checked_before_anything_is_allocated(tmp_path: Path, monkeypatch) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", (10_000_000_000,), "f8", chunks=(1000,))
+    with pytest.raises(ValueError, match=r"would take 80,000 MB .* may take 256 MB.*DOPPELGAIT_READ_LIMIT_MB=80000"):
+        open_hdf5(tmp_path / "a.h5")
+    with open_hdf5(tmp_path / "a.h5", members=False) as file, pytest.raises(ValueError, match="80,000 MB"):
+        own_member(file, "x")
+    monkeypatch.setenv(VARIABLE, "80000")
+    with open_hdf5(tmp_path / "a.h5") as file:
+        assert file["x"].shape == (10_000_000_000,)
+
+
+def test_small_values_in_a_large_chunk_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", (10,), "f8", maxshape=(None,), chunks=(100_000_000,))
+    with pytest.raises(ValueError, match="800 MB"):
+        open_hdf5(tmp_path / "a.h5")
+
+
+def test_many_texts_that_share_one_long_text_are_counted_as_long(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"] = np.array(["a" * 60_000] + [""] * 9_999, dtype=h5py.string_dtype())
+    with pytest.raises(ValueError, match="MB of memory"):
+        open_hdf5(tmp_path / "a.h5")
+
+
+def test_a_chunk_that_unpacks_to_more_than_its_size_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        packed = file.create_dataset("x", (4096,), "u1", chunks=(4096,), compression="gzip")
+        packed.id.write_direct_chunk((0,), zlib.compress(bytes(400_000_000), 9))
+    with pytest.raises(ValueError, match="a chunk of 'x' unpacks to more than its 4,096 bytes"):
+        open_hdf5(tmp_path / "a.h5")
+
+
+def test_an_honest_large_chunk_is_read(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).integers(0, 255, 600_000, dtype="u1")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", data=values, chunks=(600_000,), compression="gzip", shuffle=True, fletcher32=True)
+    with open_hdf5(tmp_path / "a.h5") as file:
+        np.testing.assert_array_equal(file["x"][:], values)
+
+
+def test_filters_that_are_stacked_or_unknown_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", (100,), "u1", chunks=(100,), compression="lzf")
+    with pytest.raises(ValueError, match=r"packed by the filters \[32000\]"):
+        open_hdf5(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        properties.set_chunk((100,))
+        properties.set_deflate(9)
+        properties.set_deflate(9)
+        h5py.h5d.create(file.id, b"x", h5py.h5t.NATIVE_UINT8, h5py.h5s.create_simple((100,)), properties)
+    with pytest.raises(ValueError, match=r"packed by the filters \[1, 1\]"):
+        open_hdf5(tmp_path / "b.h5")
+
+
+def test_groups_inside_themselves_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a/b/values"] = 1.0
+        file["a/b/again"] = file["a"]
+    with pytest.raises(ValueError, match="has two names"):
+        open_hdf5(tmp_path / "a.h5")
+
+
+# ---- the budget
+
+
+def test_the_limit_is_the_larger_of_a_number_and_a_multiple_of_the_file(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert limit_bytes(1000) == DEFAULT_MB * 1e6
+    assert limit_bytes(10**9) == 16 * 10**9
+    monkeypatch.setenv(VARIABLE, "2000.5")
+    assert limit_bytes(1000) == 2_000_500_000
+    for text in ("many", "0", "-3", "nan", "inf"):
+        monkeypatch.setenv(VARIABLE, text)
+        with pytest.raises(ConfigError, match=f"{VARIABLE} = '{text}' is not allowed"):
+            limit_bytes(1000)
+
+
+def test_the_error_names_file_amounts_and_remedy(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    (tmp_path / "a.csv").write_bytes(bytes(70))
+    check_cost(tmp_path / "a.csv", 256_000_000, MotionError)
+    words = (
+        r"a\.csv: its values would take 257 MB of memory, but it has 70 bytes and may take 256 MB\. "
+        r"If you trust it, raise the limit: DOPPELGAIT_READ_LIMIT_MB=257"
+    )
+    with pytest.raises(MotionError, match=words):
+        check_cost(tmp_path / "a.csv", 256_000_001, MotionError)
