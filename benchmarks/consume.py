@@ -19,6 +19,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from doppelgait.dataset import Dataset, PlanConfig, open_dataset
 from doppelgait.dataset.export import export_dataset
@@ -108,7 +110,8 @@ def large_index(dataset: Dataset, rows: int) -> dict[str, Any]:
         shutil.copyfile(dataset.directory / "dataset.json", folder / "dataset.json")
         index = pd.concat([dataset.index] * repeats, ignore_index=True).iloc[:rows]
         index = index.assign(id=[f"{text}-{n}" for n, text in enumerate(index["id"])])
-        index.to_parquet(folder / "index.parquet", index=False)
+        table = pa.Table.from_pandas(index, preserve_index=False)
+        pq.write_table(table.replace_schema_metadata({"dataset": dataset.description["id"]}), folder / "index.parquet")
         run = subprocess.run([sys.executable, "-c", LARGE, name], check=True, capture_output=True, text=True)
         found: dict[str, Any] = json.loads(run.stdout)
         return found | {"index_mb": (folder / "index.parquet").stat().st_size / 1e6}

@@ -8,6 +8,7 @@ import time
 import pandas as pd
 import pytest
 
+from dataset_plans import put_index
 from doppelgait.dataset import PlanConfig, build_dataset
 
 N_EACH = 30
@@ -53,7 +54,7 @@ def folder(tmp_path_factory):
     build_dataset(plan, path, executor="serial")
     index = pd.read_parquet(path / "index.parquet")
     index.loc[TRACKED, "gate"] = "track"  # as in a plan with such gates, whose limits are not stored
-    index.to_parquet(path / "index.parquet")
+    put_index(path, index)
     return path
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from functools import partial
 
 from doppelgait.core.config import validate
@@ -41,6 +42,16 @@ def dataset_hash(folder):
     for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in (LOG, SUMS)):
         digest.update(f"{path.relative_to(folder)}\n{file_sha256(path)}\n".encode())
     return digest.hexdigest()
+
+
+def put_index(folder, index):
+    """Write an index that says which dataset it is of, as a table of pandas does not."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    identity = json.loads((folder / "dataset.json").read_text())["id"]
+    table = pa.Table.from_pandas(index, preserve_index=False).replace_schema_metadata({"dataset": identity})
+    pq.write_table(table, folder / "index.parquet")
 
 
 def check_whole(folder, expected_hash):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dataset_plans import put_index
 from doppelgait.core.errors import AnalysisError, DatasetError, RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5, own_member
 from doppelgait.dataset import open_dataset
@@ -168,7 +169,7 @@ def with_column(name, make):
     (with_column("label", lambda n: "cow"), "label 'cow' is not one of human, dog"),
 ])  # fmt: skip
 def test_a_damaged_index_is_named(copy, change, words):
-    change(pd.read_parquet(copy / "index.parquet")).to_parquet(copy / "index.parquet")
+    put_index(copy, change(pd.read_parquet(copy / "index.parquet")))
     with pytest.raises(DatasetError, match=r"is damaged: index\.parquet: ") as caught:
         open_dataset(copy)
     assert words in str(caught.value)

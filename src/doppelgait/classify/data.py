@@ -20,6 +20,7 @@ from doppelgait.classify.learned import FloatArray, Inputs, IntArray, join_input
 from doppelgait.classify.patches import Levels, Patch, levels
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.example import carrier_of, feature_columns, label_arrays
@@ -156,6 +157,7 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
             part.check_fields(["signature"])
         pictures = np.empty(len(rows), dtype=object)
         for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
+            raise_if_stopped()
             pictures[number] = levels_of(signature_of(rows.datasets[origin], place), patch or Patch())
         return Table(pictures, ())
     if features == "extended+signature":

@@ -18,6 +18,7 @@ from doppelgait.classify.model import class_weights
 from doppelgait.classify.patches import Levels, Patch, cut
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import plugin
 
 NO_TORCH = "torch is not installed, which signature-network needs to train: pip install 'doppelgait[torch]'"
@@ -176,6 +177,7 @@ def _train_epoch(
     model.train()
     order = rng.permutation(train.labels.size)
     for first in range(0, order.size, settings.batch_size):
+        raise_if_stopped()
         rows = order[first : first + settings.batch_size]
         if rows.size < 2:  # batch normalisation needs two
             continue

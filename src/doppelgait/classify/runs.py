@@ -30,6 +30,7 @@ from doppelgait.classify.scores import (
 )
 from doppelgait.classify.training import BASELINES, MEMBERS, fit, join, kind_of, standard_columns
 from doppelgait.classify.validate import Fold
+from doppelgait.core.interrupt import raise_if_stopped
 
 SHUFFLES = 5
 """Shuffles of a feature for its importance."""
@@ -201,6 +202,7 @@ def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -
     generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
     lost = {}
     for number, name in enumerate(table.names):
+        raise_if_stopped()
         found = []
         for _ in range(SHUFFLES):
             shuffled = values.copy()

@@ -1,1 +1,37 @@
 """The ``doppelgait`` command. Each command parses, calls one library function and prints."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+
+
+def main() -> None:
+    """Run the command line; signals are looked after before anything else is loaded."""
+    from doppelgait.core.interrupt import SIGNALS, end_on_signals
+
+    try:
+        end_on_signals()
+        from doppelgait.cli.app import main as run
+
+        run()
+        code = 0
+    except KeyboardInterrupt:
+        code = 130
+    except SystemExit as end:
+        if not isinstance(end.code, int | None):
+            raise
+        code = end.code or 0
+    # The end of Python is left out: it takes a quarter of a second, in which a signal counts as before the start, and
+    # after an interruption it may wait for ever for what a thread holds, for example a file of HDF5.
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):  # a full disk, a closed pipe
+            code = code or 1
+    os._exit(code)

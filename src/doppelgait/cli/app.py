@@ -28,6 +28,7 @@ from doppelgait.cli import (
 )
 from doppelgait.cli.output import say, show_warnings_plainly
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.interrupt import signal_came
 from doppelgait.core.worker import collect_garbage_rarely
 
 app = typer.Typer(
@@ -86,18 +87,21 @@ def main() -> None:
 
     A user's mistake is one paragraph on standard error and exit status 2, or 1 if the work failed.
     """
-    collect_garbage_rarely()
-    show_warnings_plainly()
     try:
+        collect_garbage_rarely()
+        show_warnings_plainly()
         app()
-    except DoppelgaitError as error:
-        if _debug:
-            raise
-        say(f"error: {error}")
-        sys.exit(error.exit_code)
     except KeyboardInterrupt as stop:
         say(f"\n{stop}" if str(stop) else "\nstopped")
         sys.exit(130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(1)
+    except Exception as error:
+        if signal_came():  # a library took the interruption for an error
+            say("\nstopped")
+            sys.exit(130)
+        if isinstance(error, BrokenPipeError):
+            sys.stderr.close()
+            sys.exit(1)
+        if _debug or not isinstance(error, DoppelgaitError):
+            raise
+        say(f"error: {error}")
+        sys.exit(error.exit_code)

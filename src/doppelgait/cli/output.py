@@ -8,11 +8,12 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 
 ASKS = re.compile(r"\bgive (?!a |one )|name it,|(?=\b[a-z_]+ must be given)")
 """Where a reader's message begins to ask for options: ``give subsweep=0 to 3``, ``give carrier_hz``."""
@@ -86,18 +87,24 @@ def show_warnings_plainly() -> None:
 
 
 @contextmanager
-def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None] | None]:
+def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Report progress of long work as ``on_progress(done, total)``.
 
-    On a terminal it is a bar, elsewhere plain lines.
+    On a terminal it is a bar, elsewhere plain lines. Signals stop the work in order: at the next report, or before.
     """
-    if quiet:
-        yield None
-        return
-    if sys.stderr.isatty():
-        with _bar(what) as advance:
-            yield advance
-        return
+    lines = _tenths(what) if not sys.stderr.isatty() else _bar(what)
+    with stop_in_order(), nullcontext(None) if quiet else lines as report:
+
+        def on_progress(done: int, total: int) -> None:
+            raise_if_stopped()
+            if report is not None:
+                report(done, total)
+
+        yield on_progress
+
+
+@contextmanager
+def _tenths(what: str) -> Iterator[Callable[[int, int], None]]:
     began = time.monotonic()
     last_tenth = 0
 

@@ -5,19 +5,31 @@ A signal sets a mark, and the work checks it where it can stop.
 
 from __future__ import annotations
 
+import os
+import select
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+GRACE_SECONDS = 8.0
+"""How long a command may take to stop in order, before it is ended."""
 
 
 class _Mark:
     """Mark that a signal to stop has arrived."""
 
     requested = False
+    """In the block of :func:`stop_in_order` that runs now."""
+    active = False
+    """Whether there is such a block."""
+    came = False
+    """Ever, in a command."""
+    watched = False
+    """Whether this process is a command that :func:`end_on_signals` looks after."""
 
 
 _mark = _Mark()
@@ -29,31 +41,41 @@ def stop_in_order() -> Iterator[None]:
 
     The signals are Ctrl-C and the request to terminate.
 
-    A handler that raises does so wherever the main thread is, and so may leave the mutex of a process pool locked for
-    ever. A second signal ends the process at once. A signal that is ignored stays ignored (``nohup``); in other threads
-    than the main one, signals are not touched.
+    A handler that raises does so wherever the main thread is: a library may be left with a mutex locked for ever, or
+    may take the exception for one of its own. A second signal ends the process at once. A signal that is ignored stays
+    ignored (``nohup``); in other threads than the main one, signals are not touched. Blocks may be nested.
 
     Raises
     ------
     KeyboardInterrupt
-        At the end of the block, if a signal came and nothing looked at the mark.
+        At the end of the block, if a signal came and nothing looked at the mark, and in place of an error after a
+        signal: what else received the signal may have brought it about.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    _mark.requested = False
+    inner, late = _mark.active, False
+    before = {} if inner else {number: signal.getsignal(number) for number in SIGNALS}
+    if not inner:
+        _mark.requested, _mark.active = False, True
     try:
         for number, handler in before.items():
             if handler not in (signal.SIG_IGN, None):
                 signal.signal(number, _request)
-        yield
+        try:
+            yield
+        except Exception:
+            raise_if_stopped()
+            raise
         raise_if_stopped()
     finally:
         for number, handler in before.items():
             if handler is not None:
                 signal.signal(number, handler)
-        _mark.requested = False
+        if not inner:
+            late, _mark.requested, _mark.active = _mark.requested, False, False
+    if late:  # between the last look at the mark and here
+        raise KeyboardInterrupt
 
 
 def raise_if_stopped() -> None:
@@ -66,7 +88,51 @@ def _request(number: int, frame: FrameType | None) -> None:
     if _mark.requested:
         signal.signal(number, signal.SIG_DFL)
         signal.raise_signal(number)
-    _mark.requested = True
+    _mark.requested = _mark.came = True
+
+
+def end_on_signals() -> None:
+    """Let the signals end this process, a command, whatever it is at.
+
+    Outside of :func:`stop_in_order` they raise KeyboardInterrupt. What has not ended :data:`GRACE_SECONDS` later, since
+    a library took the exception for its own or a step takes long, is ended with status 130, and so is what gets a
+    second signal. Windows has no such signals: there only Ctrl-C raises.
+    """
+    alone = threading.current_thread() is threading.main_thread()
+    if _mark.watched or not alone or not hasattr(os, "register_at_fork"):
+        return
+    _mark.watched = True
+    for number in SIGNALS:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, _raise)
+    here, there = os.pipe()
+    os.set_blocking(there, False)
+    signal.set_wakeup_fd(there, warn_on_full_buffer=False)
+    os.register_at_fork(after_in_child=lambda: signal.set_wakeup_fd(-1))
+    threading.Thread(target=_end_late, args=(here,), daemon=True, name="end on signals").start()
+
+
+def signal_came() -> bool:
+    """Return True if a signal to stop has come since :func:`end_on_signals`."""
+    return _mark.came
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    _mark.came = True
+    raise KeyboardInterrupt
+
+
+def _end_late(pipe: int) -> None:
+    """Wait for a signal, then for a second one or the end of the grace; end the process."""
+    wanted = {*SIGNALS}
+    while not {*os.read(pipe, 64)} & wanted:
+        pass
+    end = time.monotonic() + GRACE_SECONDS
+    while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0]:
+        if {*os.read(pipe, 64)} & wanted:
+            break
+    os.write(2, b"stopped at once\n")
+    os._exit(130)
 
 
 @contextmanager
@@ -78,6 +144,9 @@ def without_ctrl_c() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # as it starts, it lets Ctrl-C through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

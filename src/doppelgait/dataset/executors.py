@@ -68,6 +68,12 @@ def with_new_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence
                 ) from None
 
 
+UNGUARDED = 87
+"""Exit status of a worker whose main script starts a build when it is imported."""
+UNGUARDED_WORDS = (
+    "the script starts the build again when a worker imports it; put what it runs under "
+    'if __name__ == "__main__": or build with executor="serial"'
+)
 LOOK_SECONDS = 0.1
 """How often to look whether the build is to stop."""
 END_SECONDS = 10
@@ -146,6 +152,8 @@ def _started(work: Work, workers: int) -> Iterator[list[Connection]]:
                 process.join(END_SECONDS)
                 process.kill()
                 process.join()
+        if any(process.exitcode == UNGUARDED for process in processes):
+            raise DatasetError(UNGUARDED_WORDS)
 
 
 MAX_QUEUED = 256
@@ -201,7 +209,7 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
                         yield running.pop(future), record
         except KilledWorker:
             raise WorkersLostError from None
-        except (FutureCancelledError, FuturesCancelledError):
+        except (FutureCancelledError, FuturesCancelledError, OSError):
             raise DatasetError("Dask: the scheduler was lost; what was built is kept, run the build again") from None
         finally:
             client.cancel(list(running))
@@ -308,12 +316,14 @@ def run_shards(
 
 
 def check_executor(executor: str) -> None:
-    """Refuse the name of an unknown executor.
+    """Refuse the name of an unknown executor, and any in a worker that imports the main script.
 
     Raises
     ------
     ConfigError
     """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        os._exit(UNGUARDED)
     host, colon, port = executor.removeprefix("dask://").rpartition(":")
     at_address = executor.startswith("dask://") and host and colon and port.isdecimal()
     if executor not in EXECUTORS[:3] and not at_address:

@@ -20,6 +20,7 @@ from doppelgait.core.errors import DatasetError, OutputError
 from doppelgait.core.plugins import Group
 from doppelgait.dataset.card import blocked_recordings
 from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.lock import new_folder
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.shard_files import axis_name
 
@@ -155,25 +156,16 @@ def _new_folder(target: Path) -> Iterator[Path]:
 
     It is removed if the block fails.
     """
-    partial = target.with_name(target.name + ".partial")
     if target.exists():
         raise DatasetError(f"{target}: is there already; nothing is overwritten, choose another folder")
     try:
-        partial.mkdir(parents=True)
-    except FileExistsError:
-        raise DatasetError(f"{partial}: another export runs here or was interrupted; delete it and try again") from None
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error}") from None
-    try:
-        yield partial
-        partial.rename(target)
+        with new_folder(target) as partial:
+            yield partial
     except (OSError, OutputError) as error:
         cause = (
             error.__context__ if isinstance(error, OutputError) else error
         )  # the writer of a form named its own file
         raise OutputError(f"{target}: cannot be written: {cause}; nothing is left of the export") from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
 
 
 PLACES = ("shard", "row", "shard_sha256")

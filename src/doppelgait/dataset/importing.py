@@ -5,11 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -32,42 +30,13 @@ from doppelgait.dataset.finish import (
     tally,
 )
 from doppelgait.dataset.labels import LabelEntry, read_labels, recording_sha256
+from doppelgait.dataset.lock import new_folder
 from doppelgait.dataset.plan import Shard, split_into_shards
 from doppelgait.dataset.recorded import RecordedExamples
 from doppelgait.dataset.shard import Made, build_shard
 from doppelgait.dataset.splits import PlannedEntry, plan_entries
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
-
-
-@contextmanager
-def new_folder(target: Path) -> Iterator[Path]:
-    """Open a temporary folder that becomes ``target`` on success.
-
-    It is removed if the block fails.
-
-    Raises
-    ------
-    DatasetError
-        If the target holds something, or another import is at work on it.
-    OSError
-        If it cannot be written.
-    """
-    if target.is_dir() and any(target.iterdir()):
-        raise DatasetError(f"{target}: is not empty; import into another folder")
-    partial = target.with_name(target.name + ".partial")
-    try:
-        partial.mkdir(parents=True)
-    except FileExistsError:
-        raise DatasetError(f"{partial}: another import runs here or was interrupted; delete it and try again") from None
-    try:
-        yield partial
-        if target.is_dir():
-            target.rmdir()
-        partial.rename(target)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
 
 
 Progress = Callable[[int, int], None]
@@ -192,6 +161,8 @@ def import_dataset(
     shards = list(split_into_shards(planned, settings.shard_size))
     names = [shard.name for shard in shards]
     try:
+        if target.is_dir() and any(target.iterdir()):
+            raise DatasetError(f"{target}: is not empty; import into another folder")
         with new_folder(target) as partial:
             _build(partial, shards, RecordedExamples(settings, source, str(partial), hashes, identity), on_progress)
             totals = tally(read_records(partial, names))

@@ -1,4 +1,4 @@
-"""Lock of a dataset's folder: one build at a time.
+"""Lock of a dataset's folder: one build at a time. Folders that appear complete.
 
 The parts of one partition may run at the same time.
 """
@@ -6,14 +6,17 @@ The parts of one partition may run at the same time.
 from __future__ import annotations
 
 import ctypes
+import glob
 import json
 import os
 import platform
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -155,6 +158,41 @@ def read_lock(path: Path) -> Holder | None:
             if time.monotonic() > end:
                 return None
             time.sleep(0.05)
+
+
+_numbers = count()
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """Write a folder that takes its name when it is complete.
+
+    The block writes to a folder next to it that no other process or thread writes to; it is removed if the block fails,
+    and so are those of dead processes of this host.
+
+    Raises
+    ------
+    DatasetError
+        If the target holds something at the end.
+    OSError
+        If it cannot be written.
+    """
+    start = f"{target.name}.{platform.node()}-"
+    for leftover in target.parent.glob(f"{glob.escape(start)}*.partial"):
+        pid = leftover.name.removeprefix(start).partition("-")[0]
+        if pid.isdecimal() and not _is_running(int(pid)):
+            shutil.rmtree(leftover, ignore_errors=True)
+    partial = target.with_name(f"{start}{os.getpid()}-{next(_numbers)}.partial")
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        with suppress(OSError):
+            target.rmdir()  # an empty one
+        if target.exists():
+            raise DatasetError(f"{target}: another process has filled it meanwhile; nothing in it was changed")
+        partial.rename(target)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _busy(directory: Path, holder: Holder) -> DatasetError:

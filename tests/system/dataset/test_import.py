@@ -5,7 +5,10 @@ from __future__ import annotations
 import errno
 import json
 import math
+import os
+import platform
 import shutil
+import sys
 import warnings
 from dataclasses import replace
 
@@ -14,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import processes
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.labels import BASEBAND, make_array
@@ -485,11 +489,14 @@ def test_what_is_in_the_way_is_left_alone(recordings):
         import_dataset(recordings, labels, target, config=GATE)
     assert [p.name for p in target.iterdir()] == ["thesis.txt"]
     (target / "thesis.txt").unlink()
-    (recordings.parent / "mine.partial").mkdir()
-    with pytest.raises(DatasetError, match=r"another import runs here or was interrupted; delete it"):
-        import_dataset(recordings, labels, target, config=GATE)
-    (recordings.parent / "mine.partial").rmdir()
+    with processes.started([sys.executable, "-c", ""]) as ended:
+        ended.wait(processes.LIMIT_S)
+    theirs, left = (recordings.parent / f"mine.{platform.node()}-{pid}-0.partial" for pid in (os.getppid(), ended.pid))
+    theirs.mkdir()  # of an import that runs
+    left.mkdir()
     assert import_dataset(recordings, labels, target, config=GATE).n_rows == 4  # an empty folder is taken
+    assert (theirs.exists(), left.exists()) == (True, False)
+    theirs.rmdir()
     with pytest.raises(ConfigError, match="no such folder of recordings"):
         import_dataset(recordings / "none", labels, target, config=GATE)
     (target / "dataset.json").write_text("{")

@@ -9,10 +9,9 @@ import shutil
 import h5py
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
+import dataset_plans
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import file_sha256
@@ -102,9 +101,7 @@ def tamper(folder, rows=None, arrays=None, *, restate=True):
 
 def put_index(folder, index):
     """Write an index that says which dataset it is of, and the hashes of all files."""
-    identity = json.loads((folder / "dataset.json").read_text())["id"]
-    table = pa.Table.from_pandas(index, preserve_index=False).replace_schema_metadata({"dataset": identity})
-    pq.write_table(table, folder / "index.parquet")
+    dataset_plans.put_index(folder, index)
     restate_files(folder)
 
 

@@ -18,6 +18,7 @@ pytest.importorskip("uvicorn")
 
 from typer.testing import CliRunner
 
+from dataset_plans import put_index
 from doppelgait.cli.output import reader_options
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
 from doppelgait.dataset import open_dataset
@@ -215,7 +216,7 @@ def test_arrays_outside_the_dataset_are_refused(files, folder, tmp_path, way):
     (copy / "shards" / "linked.h5").symlink_to(outside)
     index = pd.read_parquet(copy / "index.parquet")
     index["shard"] = way.format(outside=str(outside.with_suffix("")))
-    index.to_parquet(copy / "index.parquet")
+    put_index(copy, index)
     with pytest.raises(DatasetError, match="outside the folder"):
         open_dataset(copy).array("signature", 0)
     with served(open_path(copy, parse_settings(None, [], []))) as client:
