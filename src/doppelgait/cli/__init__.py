@@ -9,7 +9,10 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; signals are looked after before anything else is loaded."""
+    """Run the command line.
+
+    Signals are looked after before anything else is loaded.
+    """
     from doppelgait.core.interrupt import SIGNALS, end_on_signals
 
     try:

@@ -123,7 +123,7 @@ def _raise(number: int, frame: FrameType | None) -> None:
 
 
 def _end_late(pipe: int) -> None:
-    """Wait for a signal, then for a second one or the end of the grace; end the process."""
+    """End the process at a second signal or some time after the first."""
     wanted = {*SIGNALS}
     while not {*os.read(pipe, 64)} & wanted:
         pass

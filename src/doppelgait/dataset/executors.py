@@ -316,7 +316,9 @@ def run_shards(
 
 
 def check_executor(executor: str) -> None:
-    """Refuse the name of an unknown executor, and any in a worker that imports the main script.
+    """Refuse the name of an unknown executor.
+
+    A worker that imports a main script without a guard ends here.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Lock of a dataset's folder: one build at a time. Folders that appear complete.
+"""Lock of a dataset's folder, and folders that appear complete.
 
-The parts of one partition may run at the same time.
+One build at a time; the parts of one partition may run at the same time.
 """
 
 from __future__ import annotations

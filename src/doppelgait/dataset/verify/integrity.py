@@ -88,7 +88,10 @@ def look_at_shards(
 
 
 def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
-    """Return the record of an intact shard, or why it is damaged; keep its hashes."""
+    """Return the record of an intact shard, or why it is damaged.
+
+    The hashes are kept in the findings.
+    """
     try:
         findings.hashes[path.stem] = file_sha256(path)
         record = json.loads(path.with_suffix(".json").read_text())
@@ -197,7 +200,7 @@ def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
 
 
 def check_files(directory: Path, names: Sequence[str], shards: Mapping[str, str], *, complete: bool) -> Check:
-    """Check the hash of every file, and the list of the hashes itself.
+    """Check the hash of every file, and their list.
 
     Parameters
     ----------
