@@ -275,7 +275,9 @@ def export(
     fields: Annotated[
         list[str] | None, typer.Option("--field", help="Array to write, repeatable; by default what the form holds.")
     ] = None,
-    select: Annotated[str | None, typer.Option("--select", help="Only rows that fulfil this query.")] = None,
+    select: Annotated[
+        str | None, typer.Option("--select", help="Only rows that fulfil this condition on columns of the index.")
+    ] = None,
     release: Annotated[bool, typer.Option("--release", help="Refuse what licences keep from being handed on.")] = False,
     as_json: AsJson = False,
 ) -> None:

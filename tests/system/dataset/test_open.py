@@ -274,7 +274,7 @@ def test_select(dataset):
         ("label ==", "is no query"),
         ("label < 3", "is no query"),
         ("truth_range_m + 1", "is no condition"),
-        ("label = 'dog'", "is no condition"),
+        ("label = 'dog'", "is no query: invalid syntax; allowed are"),
         ("", "is no query"),
     ],
 )
