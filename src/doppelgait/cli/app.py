@@ -101,6 +101,9 @@ def main() -> None:
         if isinstance(error, BrokenPipeError):
             sys.stderr.close()
             sys.exit(1)
+        if isinstance(error, MemoryError) and not _debug:
+            say(f"error: the memory of this computer does not suffice: {str(error) or 'nothing is left'}"[:300])
+            sys.exit(1)
         if _debug or not isinstance(error, DoppelgaitError):
             raise
         say(f"error: {error}")

@@ -220,7 +220,7 @@ def line_of_key(text: str, location: Sequence[str | int]) -> int | None:
         nth = _index_after(location, names[depth - 1])
         start = found[min(nth, len(found) - 1)] if found else start
     key = re.escape(names[-1])
-    wanted = re.compile(rf"(^|[{{,])\s*\"?{key}\"?\s*=|^\s*\[+[^\]]*\b{key}\b[^\]]*\]")
+    wanted = re.compile(rf"(^|[{{,])\s*\"?{key}\"?\s*=|^\s*+\[++(?=[^\]]*+\])[^\]]*\b{key}\b")
     order = [*range(start, len(rows)), *range(start)]
     return next((number + 1 for number in order if wanted.search(rows[number])), None)
 

@@ -12,6 +12,8 @@ import re
 import tomllib
 from typing import Any
 
+from doppelgait.core.cost import cost_fault, limit_bytes
+
 MAX_DEPTH = 64
 """Lists and tables inside each other; our own files have 10 at most."""
 MAX_DIGITS = 40
@@ -33,9 +35,13 @@ def parse_json(text: str | bytes) -> Any:
     ------
     ValueError
         If it is no JSON (``json.JSONDecodeError``) or UTF-8, is nested deeper than 64 levels, has an integer of more
-        than 40 digits, or text with half a character.
+        than 40 digits, text with half a character, or takes too much memory.
     """
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+    # what Python makes of values, lists, tables and texts, and the text itself
+    n_bytes = len(text) + 32 * text.count(",") + 88 * text.count("[") + 240 * text.count("{") + 28 * text.count('"')
+    if n_bytes > limit_bytes(len(text)):
+        raise ValueError(cost_fault(n_bytes, len(text), "it"))
     try:
         value = json.loads(text, parse_int=_parse_integer)
     except RecursionError:

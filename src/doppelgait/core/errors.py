@@ -9,6 +9,9 @@ from pathlib import Path
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
+MAX_TEXT = 2000
+"""Characters of an error message; the middle of longer ones is left out."""
+
 
 class DoppelgaitError(Exception):
     """Base of every error raised on purpose.
@@ -18,6 +21,10 @@ class DoppelgaitError(Exception):
 
     exit_code = 2
     """Exit status of the command line: 2 wrong usage or input, 1 the work failed."""
+
+    def __init__(self, text: object = "") -> None:
+        said = str(text)  # it may quote a file, which can hold anything
+        super().__init__(said if len(said) <= MAX_TEXT else f"{said[: MAX_TEXT - 500]} [...] {said[-400:]}")
 
 
 class ConfigError(DoppelgaitError):

@@ -5,7 +5,6 @@ Stature of a person, withers height of an animal.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -95,7 +94,7 @@ def leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float
     """
     words = [plain_word(bare_name(name)) for name in names]
     joints = JOINTS_OF_BONES if starts_bones(set(words)) else MARKERS_OF_JOINTS
-    words = [re.sub(r"\d+$", "", word) for word in words]
+    words = [word.rstrip("0123456789") for word in words]
     lengths, hips = [], []
     for side in ("left", "right"):
         sided = [{start + name for name in one.split() for start in (side, side[0])} for one in joints]

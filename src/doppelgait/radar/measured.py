@@ -31,7 +31,7 @@ def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf,
     limits = [f"above {above:g}"] if above > -math.inf else []
     limits += [f"at most {most:g}"] if most < math.inf else []
     raise RecordingError(
-        f"{path}: {name} = {value!r} is not allowed; it must be a number"
+        f"{path}: {name} = {repr(value)[:80]} is not allowed; it must be a number"
         + (f" {' and '.join(limits)}" if limits else "")
     )
 

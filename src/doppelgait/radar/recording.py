@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
@@ -260,6 +260,75 @@ class Recording:
         """
         share = self.facts.get("independent_bin_share")
         return self.radar.waveform.independent_bins(self.radar) if share is None else float(share)
+
+
+PULSES_OFF = 0.05
+"""Share by which the pulse rate and the times of the pulses may differ."""
+RANGES_M = (-1e3, 1e6)
+TIMES_S = (-1e12, 1e12)
+LONGEST_S = 366 * 86_400.0
+FASTEST_MPS = 1e4
+
+
+def check_plausible(recording: Recording, where: str) -> None:
+    """Refuse a recording whose axes or facts no radar can have.
+
+    Its samples are checked by the readers, which know their place in the file.
+
+    Parameters
+    ----------
+    recording : Recording
+    where : str
+        The file, for the message.
+
+    Raises
+    ------
+    RecordingError
+        Naming the key, its value and what is allowed.
+    """
+    times_s, range_m = recording.slow_time_s, recording.range_m
+    for key, values, (low, high) in (("slow_time_s", times_s, TIMES_S), ("range_m", range_m, RANGES_M)):
+        fault = np.flatnonzero(~((low <= values) & (values <= high)))
+        if fault.size:
+            _refuse(where, f"{key}[{fault[0]}]", f"{values[fault[0]]:g}", f"allowed are {low:g} to {high:g}")
+        falls = np.flatnonzero(~(np.diff(values) > 0))
+        if falls.size:
+            before, value = values[falls[0]], values[falls[0] + 1]
+            _refuse(where, f"{key}[{falls[0] + 1}]", f"{value:g}", f"it must rise, and the one before is {before:g}")
+    if times_s.size < 2 or times_s[-1] - times_s[0] > LONGEST_S:
+        said = f"{times_s.size} pulses" if times_s.size < 2 else f"{times_s[-1] - times_s[0]:g} s"
+        _refuse(where, "the duration", said, f"allowed are 2 pulses to {LONGEST_S:g} s")
+    burst = recording.facts.get("burst_pulses", 1)
+    if isinstance(burst, bool) or not isinstance(burst, int | np.integer) or burst < 1:
+        _refuse(where, "burst_pulses", repr(burst)[:40], "it must be a whole number from 1")
+    steps_s, prf_hz = np.diff(times_s), recording.radar.prf_hz
+    step_s = float(steps_s.min() if burst > 1 else np.median(steps_s))
+    if abs(step_s * prf_hz - 1.0) > PULSES_OFF:
+        _refuse(where, "prf_hz", f"{prf_hz:g}", f"the pulses are {step_s:.6g} s apart, which is {1 / step_s:.6g} Hz")
+    if not (np.isnan(recording.noise_power_v2) or 0.0 <= recording.noise_power_v2 < np.inf):
+        _refuse(where, "noise_power_v2", f"{recording.noise_power_v2:g}", "it must be 0 or more")
+    place = recording.radar_position_m or (0.0, 0.0, 0.0)
+    pose = (*place, recording.radar_azimuth_deg, recording.radar_tilt_deg)
+    if len(pose) != 5 or not np.isfinite(pose).all():
+        _refuse(where, "the pose of the radar", repr(pose)[:80], "it must be three coordinates and two angles")
+    for number, truth in enumerate(recording.truth):
+        for name, values, most in (
+            *((name, getattr(truth, name), most) for name, most in zip(CENTRE_ARRAYS, MOST_OF_TRUTH, strict=True)),
+            ("range_m", truth.scatterers["range"].values, RANGES_M[1]),
+            ("radial_velocity_mps", truth.scatterers["radial_velocity"].values, FASTEST_MPS),
+        ):
+            if values.shape[:1] != times_s.shape or not (np.abs(values) <= most).all():
+                said = f"of shape {values.shape}" if values.shape[:1] != times_s.shape else "not finite or too large"
+                _refuse(where, f"{name} of truth {number}", said, f"one value a pulse, up to {most:g}, is allowed")
+
+
+MOST_OF_TRUTH = (RANGES_M[1], FASTEST_MPS, 1e3)
+
+
+def _refuse(where: str, key: str, value: str, allowed: str) -> None:
+    raise RecordingError(
+        f"{where}: {key} is {value}, which is not plausible: {allowed}. The file is damaged, or an option is wrong"
+    )
 
 
 def baseband_facts(radar: Radar) -> dict[str, str | float]:

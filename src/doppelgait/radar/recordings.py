@@ -27,6 +27,7 @@ from doppelgait.core.labels import (
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.frames import Frame, Header, header_of
+from doppelgait.radar.measured import check_finite
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import CENTRE_ARRAYS, NAN, Recording, TargetTruth, baseband_facts, further_facts
@@ -139,7 +140,11 @@ def read_hdf5(path: Path) -> Recording:
                 if key != "units"
             }
             attrs = {**baseband_facts(radar), **further}
-            baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, attrs)
+            with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: refused with its place
+                values = file["baseband"][:].astype(np.complex64)
+            if values.ndim == 2:
+                check_finite(path, values)
+            baseband = make_array(BASEBAND, values, coords, attrs)
             numbers = sorted(file.get("truth", {}), key=int)
             pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}
             if "radar_position_m" in pose:

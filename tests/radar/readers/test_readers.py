@@ -289,7 +289,7 @@ FRAMES = rf_frames([1.5, 1.5])
         ({"Data_Matrix": None, "other": 1.0}, {}, r"has no Data_Matrix; it holds .*other"),
         ({"actual_fps": None}, {}, r"has no actual_fps; give it: prf_hz=\.\.\."),
         ({"actual_fps": 0.0}, {}, r"actual_fps = 0\.0 is not allowed; it must be a number above 1e-06"),
-        ({"actual_fps": [1.0, 2.0]}, {}, r"actual_fps = "),
+        ({"actual_fps": [1.0, 2.0]}, {}, r"actual_fps has 2 values"),
         ({"bin_length": None}, {}, r"has no bin_length; give it: bin_spacing_m=\.\.\."),
         ({"range_axis": None, "frame_start": None}, {}, r"or frame_start; give it: range_start_m=\.\.\."),
         ({"range_axis": np.arange(7.0)}, {}, r"range_axis has 7 values that are not the ranges of 400 bins"),
@@ -476,7 +476,7 @@ def header_only(shape):
 
 def test_a_header_that_promises_more_than_there_is_takes_no_memory(tmp_path):
     (tmp_path / "a.toml").write_text(FACTS)
-    for shape, said in (((10**6, 10**6), "8,000,000,000,000 bytes; up to"), ((10**4, 10**4), "should hold 800000000")):
+    for shape, said in (((10**6, 10**6), "would take 8,000,000 MB"), ((10**4, 10**3), "should hold 80000000")):
         (tmp_path / "a.npy").write_bytes(header_only(shape))
         with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
             archive.writestr("baseband.npy", header_only(shape))

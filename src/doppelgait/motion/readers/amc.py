@@ -14,10 +14,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.joints import Joints, euler_rotations, forward_kinematics, joint_motion
+from doppelgait.motion.readers.joints import (
+    Joints,
+    check_skeleton_cost,
+    euler_rotations,
+    forward_kinematics,
+    joint_motion,
+)
 from doppelgait.motion.readers.text import is_finite, read_text
 
 FloatArray = npt.NDArray[np.float64]
@@ -254,9 +261,8 @@ def find_asf(path: Path, named: str) -> Path:
 
 
 CMU_RATE_HZ = 120.0
-MAX_WORD = 100
 _KEYWORD = re.compile(rb"(?im)^[ \t]*:(fully-specified|degrees|radians)\b")
-_NAMED = re.compile(r"(?im)^#!OML:ASF\s+(?:.*[\\/])?([^\\/\n]+?)\s*$")
+_NAMED = "#!oml:asf"
 
 
 @dataclass(frozen=True)
@@ -329,8 +335,9 @@ def read_amc(
         raise MotionError(f"{path}: holds no frames; a frame begins with its number on a line of its own")
     head = text[: start.start()].lower()
     degrees = False if ":radians" in head else True if ":degrees" in head else None
-    named = _NAMED.search(text[: start.start()])
-    content = AmcContent(_parse_frames(path, text, start.start()), degrees, named[1] if named else "")
+    comments = [line for line in text[: start.start()].split("\n") if line.lower().startswith(_NAMED)]
+    named = comments[0][len(_NAMED) :].replace("\\", "/").rsplit("/", 1)[-1].strip() if comments else ""
+    content = AmcContent(_parse_frames(path, text, start.start()), degrees, named)
     asf = Path(skeleton) if skeleton is not None else find_asf(path, content.named)
     body = read_asf(asf)
     notes = (
@@ -365,15 +372,17 @@ def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
     lines = [words for words in lines if words]
     names = [words[0] for words in lines]
     lengths = [len(words) for words in lines]
+    check_cost(path, CELL_BYTES * (text.count(" ") + text.count("\t")), MotionError)
     words, size = text[at:].split(), 1 + sum(lengths)
     values = np.full((1, 1), np.nan)
-    # a word of a megabyte would make every cell of the table as long
-    if names and len(set(names)) == len(names) and not len(words) % size and max(map(len, words)) <= MAX_WORD:
-        places = np.cumsum([1, *lengths])[:-1]
-        table = np.array(words).reshape(-1, size)
-        if (table[:, places] == names).all():
+    if names and len(set(names)) == len(names) and not len(words) % size:
+        places = np.cumsum([1, *lengths])[:-1].tolist()
+        if all(word == name for place, name in zip(places, names, strict=True) for word in words[place::size]):
+            for place in places:  # numbers stay alone
+                words[place::size] = ["0"] * (len(words) // size)
             with suppress(ValueError):
-                values = np.delete(table, places, axis=1).astype(np.float64)
+                table = np.fromiter(map(float, words), np.float64, len(words)).reshape(-1, size)
+                values = np.delete(table, places, axis=1)
     if not np.isfinite(values).all():
         raise MotionError(_find_frame_fault(path, text, at, lines))
     columns = np.cumsum([1, *(length - 1 for length in lengths)])
@@ -436,6 +445,7 @@ def _amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> Float
                 "that belongs to the motion: skeleton='FILE.asf'"
             )
     n_frames = len(next(iter(content.values.values())))
+    check_skeleton_cost(path, len(skeleton.bones), n_frames)
     rotation = np.empty((len(skeleton.bones), n_frames, 3, 3))
     translation = np.empty((len(skeleton.bones), n_frames, 3))
     for j, bone in enumerate(skeleton.bones):

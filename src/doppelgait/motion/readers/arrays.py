@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import numpy.typing as npt
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError
+from doppelgait.core.npz import is_npz, load_npz
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
@@ -56,12 +55,7 @@ def sniff_arrays(path: Path, head: bytes) -> bool:
     """
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     keys = (*POSITION_KEYS, *RATE_KEYS)
-    return _is_npz(head) or (text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in keys))
-
-
-def _is_npz(head: bytes) -> bool:
-    length = int.from_bytes(head[26:28], "little")
-    return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
+    return is_npz(head) or (text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in keys))
 
 
 @plugin("motion_reader", "arrays", sniff=sniff_arrays, suffixes=(".npz", ".json"))
@@ -111,8 +105,8 @@ def read_arrays(
         ``trans``) cannot.
     """
     with path.open("rb") as file:
-        is_npz = _is_npz(file.read(4096))
-    content = _load_npz(path, key) if is_npz else _load_json(path)
+        packed = is_npz(file.read(4096))
+    content = _load_npz(path, key) if packed else _load_json(path)
     # positions (T, P, 3), NaN where not finite
     name = _find_position_key(path, content, key)
     array = _as_array(path, name, content[name])
@@ -135,7 +129,7 @@ def read_arrays(
         path,
         position,
         pick_markers(path, labels, subject=subject, known_parts=SMPL_PARTS),
-        file_format="npz" if is_npz else "json",
+        file_format="npz" if packed else "json",
         rate_hz=rate,
         unit=LengthUnit(unit, metres_per_unit(unit, where=str(path))),
         up_axis=up_axis,
@@ -145,18 +139,7 @@ def read_arrays(
 def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
     """Load the arrays that are needed; the names of others get None."""
     wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > MAX_BYTES:
-            raise MotionError(f"{path}: unpacks to {size} bytes; files of up to {MAX_BYTES} bytes are read")
-        with np.load(path, allow_pickle=False) as arrays:
-            return {name: arrays[name] if name in wanted else None for name in arrays.files}
-    except (ValueError, EOFError, KeyError, MemoryError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-        reason = str(error).split(". ")[0] or type(error).__name__
-        raise MotionError(
-            f"{path}: is a damaged or unusual npz file ({reason}). Save it again with numpy.savez."
-        ) from None
+    return dict(load_npz(path, wanted, MotionError, lone=False))
 
 
 def _load_json(path: Path) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from doppelgait.motion.readers.joints import (
     REST_POSE_NOTE,
     Joints,
     begins_with_rest_pose,
+    check_skeleton_cost,
     euler_rotations,
     forward_kinematics,
     joint_motion,
@@ -28,8 +29,8 @@ from doppelgait.motion.readers.text import parse_rows, read_text
 FloatArray = npt.NDArray[np.float64]
 
 _CHANNEL = re.compile(r"(?i)^([xyz])(position|rotation)$")
-_FRAMES = re.compile(r"(?i)^frames\s*:?\s*(\S+)$")
-_FRAME_TIME = re.compile(r"(?i)^frame\s+time\s*:?\s*(\S+)$")
+_FRAMES = re.compile(r"(?i)^frames\s*+:?+\s*+(\S+)$")
+_FRAME_TIME = re.compile(r"(?i)^frame\s++time\s*+:?+\s*+(\S+)$")
 MAX_NODES = 1000
 
 
@@ -234,6 +235,7 @@ def read_bvh(
             "Give the true rate: rate_hz=..."
         )
     names, parents = zip(*((node.name, node.parent) for node in content.nodes), strict=True)
+    check_skeleton_cost(path, len(names), len(content.values))
     position = bvh_positions(content)
     turns = [n for n, channel in enumerate(content.nodes[0].channels) if channel[0] == "r"]
     rest_pose = begins_with_rest_pose(content.values[:, turns], position)

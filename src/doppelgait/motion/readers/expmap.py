@@ -19,6 +19,7 @@ from doppelgait.motion.readers.joints import (
     REST_POSE_NOTE,
     Joints,
     begins_with_rest_pose,
+    check_skeleton_cost,
     forward_kinematics,
     joint_motion,
     vector_rotations,
@@ -121,6 +122,7 @@ def read_expmap(
             "the right one: skeleton='FILE.json'"
         )
     values = parse_rows(path, text, 0, n_columns=columns, separator=",")
+    check_skeleton_cost(path, n_joints, len(values))
     # compute the positions (T, J, 3) of all joints
     expmap_n_joints = len(body.parents)
     vectors = values[:, 3:].reshape(len(values), expmap_n_joints, 3).swapaxes(0, 1)
@@ -176,7 +178,7 @@ def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
         )
     try:
         offsets = np.array(content.get("offsets"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         offsets = np.empty(0)
     if offsets.shape != (len(names), 3) or not np.isfinite(offsets).all():
         raise MotionError(f"{path}: offsets must hold three numbers for each of the {len(names)} joints")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
@@ -22,6 +23,7 @@ from doppelgait.motion.readers.points import (
     BodyPoints,
     LengthUnit,
     check_amount,
+    check_labels,
     check_rate,
     points_to_motion,
     unique_names,
@@ -153,6 +155,18 @@ def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation
     return np.ascontiguousarray(position.transpose(1, 0, 2))
 
 
+POSE_BYTES = 240
+"""A joint in a frame: its position and rotation, in its parent's frame and in that of the body, as doubles."""
+
+
+def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
+    """Refuse a hierarchy whose poses take too much memory.
+
+    Joints without values of their own cost nothing in the file.
+    """
+    check_cost(path, POSE_BYTES * n_joints * n_frames, MotionError, what=f"{n_joints:,} joints in {n_frames:,} frames")
+
+
 def begins_with_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
     """Return whether the first frame is an added rest pose.
 
@@ -268,6 +282,7 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
     MotionError
         If there are none.
     """
+    check_labels(path, joints.names)
     # why a node is no point of the body
     size = skeleton_size(joints.parents, _bone_lengths(joints))
     reasons = {j: "rig helper (by its name)" for j, name in enumerate(joints.names) if _HELPER.search(name)}

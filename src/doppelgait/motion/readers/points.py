@@ -76,13 +76,14 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     others = [i for i in rest if bare[i].upper() not in known and not _GHOST.match(labels[i])]
     if known and len(others) >= len(known):
         reasons |= dict.fromkeys(others, "model output (not a marker of the set that the file holds)")
-    unlabelled = [i for i, name in enumerate(bare) if i not in reasons and _UNLABELLED.match(name)]
+    unlabelled = {i: True for i, name in enumerate(bare) if i not in reasons and _UNLABELLED.match(name)}
     named = [i for i in range(len(labels)) if i not in reasons and i not in unlabelled]
+    every = set(labels)
     if len(named) >= 3:
         reasons |= dict.fromkeys(unlabelled, "unlabelled point")
     for i in named:
         ghost = _GHOST.match(labels[i])
-        if ghost and ghost[1] in labels:
+        if ghost and ghost[1] in every:
             reasons[i] = f"ghost of marker {bare_name(ghost[1])}"
     return reasons
 
@@ -122,15 +123,38 @@ def _prefix(label: str) -> str:
     return label.rsplit(":", 1)[0].strip() if ":" in label else ""
 
 
+MAX_POINTS = 20_000
+MAX_LABEL = 400
+
+
+def check_labels(path: Path, labels: Sequence[str]) -> None:
+    """Refuse more points than any recording has, and endless names.
+
+    Raises
+    ------
+    MotionError
+        If there are more than 20,000, or a name has more than 400 characters.
+    """
+    if len(labels) > MAX_POINTS:
+        raise MotionError(f"{path}: holds {len(labels):,} points; up to {MAX_POINTS:,} are read")
+    long = max(labels, key=len, default="")
+    if len(long) > MAX_LABEL:
+        raise MotionError(
+            f"{path}: a point has a name of {len(long):,} characters, {long[:20]!r} ...; up to {MAX_LABEL} are read"
+        )
+
+
 def unique_names(names: Sequence[str]) -> list[str]:
     """Make names unique (T8, T8_2) and name nameless points ``point_7``."""
     found: list[str] = []
     taken: set[str] = set()
+    numbers: dict[str, int] = {}  # the next one that may be free, by name
     for i, wanted in enumerate(names):
         name = base = wanted or f"point_{i + 1}"
-        number = 2
+        number = numbers.get(base, 2)
         while name in taken:
             name, number = f"{base}_{number}", number + 1
+        numbers[base] = number
         taken.add(name)
         found.append(name)
     return found
@@ -197,6 +221,7 @@ def pick_markers(
     MotionError
         If there are no markers, the wanted subject is absent, or several could be meant.
     """
+    check_labels(path, labels)
     reasons = _sort_points(labels, texts or {})
     markers = [i for i in range(len(labels)) if i not in reasons]
     if not markers:
@@ -313,6 +338,60 @@ def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
     return guess
 
 
+FARTHEST_M = 1e4
+"""Farther from the origin is no place of a body."""
+MOST_FAR = 0.01
+"""Share of samples that may be so: single damaged values, not a wrong unit."""
+BODY_M = (0.05, 15.0)
+"""Extent of a body, or of the part of one that was recorded."""
+
+
+def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
+    """Make gaps of single absurd positions and check the body's size.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    position_m : ndarray, shape (T, P, 3)
+        Changed in place.
+
+    Returns
+    -------
+    list of str
+        A note on the gaps, where there are any.
+
+    Raises
+    ------
+    MotionError
+        If many positions are absurd, or the body is less than 5 cm or more than 15 m large.
+    """
+    with np.errstate(invalid="ignore"):
+        far = ~(np.abs(position_m) <= FARTHEST_M) & ~np.isnan(position_m)
+    seen = int(np.count_nonzero(~np.isnan(position_m).any(axis=2)))
+    n_far = int(np.count_nonzero(far.any(axis=2)))
+    notes: list[str] = []
+    if n_far > max(1, MOST_FAR * seen):
+        largest = float(np.abs(position_m[far]).max())
+        raise MotionError(
+            f"{path}: {n_far:,} of {seen:,} positions are up to {largest:.3g} m from the origin; a body is within "
+            f"{FARTHEST_M:g} m. Is the unit wrong? Give it: units='mm', 'cm' or 'm'; else the file is damaged"
+        )
+    if n_far:
+        position_m[far] = np.nan
+        notes.append(f"{n_far:,} positions farther than {FARTHEST_M:g} m from the origin were taken as gaps")
+        warn_caller(f"{path}: {notes[-1]}; the file is damaged")
+    if seen <= n_far:
+        return notes  # that nothing was seen is reported by cleaning
+    size_m = float(np.nan_to_num(body_extent(position_m)).max())
+    if not BODY_M[0] < size_m < BODY_M[1]:
+        raise MotionError(
+            f"{path}: its points span {size_m:.3g} m; allowed are {BODY_M[0]:g} to {BODY_M[1]:g} m. Is the unit wrong? "
+            "Give it: units='mm', 'cm' or 'm'; else the file is damaged or holds no body"
+        )
+    return notes
+
+
 def points_to_motion(
     path: Path,
     position: FloatArray,
@@ -371,6 +450,7 @@ def points_to_motion(
     """
     check_amount(path, len(position))
     position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
+    notes = [*notes, *remove_implausible(path, position_m)]
     position_m[np.isnan(position_m).any(axis=2)] = np.nan
     if up_axis is not None:
         axis_facts = {"up_axis": up_axis, "up_axis_from": "option"}

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import body_extent, metres_per_unit
@@ -32,7 +33,7 @@ FloatArray = npt.NDArray[np.float64]
 
 _UNIT = r"mm|cm|dm|m|in|ft|milli\w+|centi\w+|met(?:er|re)s?|inch(?:es)?|feet|foot"
 _COORDINATE = re.compile(rf"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*({_UNIT})\s*[\])]|[_ ]({_UNIT}))?")
-_ALIEN_UNIT = re.compile(r"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*([^\])]+?)\s*[\])]|[_ ]([a-z]+))")
+_ALIEN_UNIT = re.compile(r"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*([^\])]{1,20}?)\s*[\])]|[_ ]([a-z]+))")
 _GLUED = (
     re.compile(rf"(?i)(?P<name>.*?)(?P<axis>[xyz])(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
     re.compile(rf"(?i)(?P<axis>[xyz])[_.: ]?(?P<name>.+?)(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
@@ -41,6 +42,8 @@ _GLUED = (
 _AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
 _TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
 _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")
+MAX_TITLE = 400
+"""Characters of the name of a column."""
 FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, cm, in, ft)"
 
 
@@ -107,6 +110,7 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
         return [], ","
     first = numbered[0][1]
     delimiter = max("\t;,", key=first.count)
+    check_cost(path, CELL_BYTES * sum(line.count(delimiter) for _, line in numbered), MotionError)
     rows: list[Row] = []
     for number, line in numbered:
         try:
@@ -115,8 +119,13 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
         # blanks matter in names alone, and stripping millions of numbers takes longer than reading them
-        rows.append((number, [cell.strip() for cell in cells] if len(rows) < 2 else cells))
+        rows.append((number, [_title(cell) for cell in cells] if len(rows) < 2 else cells))
     return rows, delimiter
+
+
+def _title(cell: str) -> str:
+    """Return a short name without repeated blanks, for which patterns are fast."""
+    return " ".join(cell[:MAX_TITLE].split())
 
 
 def read_header(path: Path, rows: Sequence[Row]) -> Header:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers.points import MAX_RATE_HZ
 
@@ -122,12 +123,14 @@ def read_lines(path: Path) -> list[str]:
     Raises
     ------
     MotionError
-        If the file is larger than 1 GiB.
+        If the file is larger than 1 GiB, or has so many short lines that they take too much memory.
     """
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise MotionError(f"{path}: has {size} bytes; tables of up to {MAX_BYTES} bytes are read")
-    return decode(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    raw = path.read_bytes()
+    check_cost(path, CELL_BYTES * (raw.count(b"\n") + raw.count(b"\r")), MotionError)
+    return decode(raw).replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def trim_cells(cells: Sequence[str]) -> list[str]:

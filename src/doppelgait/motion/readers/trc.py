@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import metres_per_unit
@@ -117,9 +118,9 @@ def read_trc(
 
 def _parse_trc(path: Path) -> _Content:
     """Parse header, labels and rows."""
-    lines = [
-        [cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in read_lines(path)
-    ]
+    texts = read_lines(path)
+    check_cost(path, CELL_BYTES * sum(max(text.count("\t"), text.count(" ")) for text in texts), MotionError)
+    lines = [[cell.strip() for cell in (text.split("\t") if "\t" in text else text.split())] for text in texts]
     at = next((i for i, cells in enumerate(lines[:HEADER_LINES]) if cells and cells[0].lower().startswith("frame")), -1)
     if at < 1:
         raise MotionError(
@@ -144,6 +145,7 @@ def _parse_trc(path: Path) -> _Content:
             f"are {FIRST + 3 * named}. Correct the line or remove it."
         )
     n_points = named + max(extra, 0) // 3
+    check_cost(path, CELL_BYTES * len(rows) * 3 * n_points, MotionError)  # a short row is filled up to the fullest
     for line, cells in rows:
         if len(cells) < FIRST + 3 * named:
             raise MotionError(

@@ -21,7 +21,7 @@ from typing import Any
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.own_hdf5 import stated_format
 from doppelgait.core.plugins import Group, Plugin
-from doppelgait.radar.recording import Recording
+from doppelgait.radar.recording import Recording, check_plausible
 
 __all__ = [
     "RADAR_READERS",
@@ -108,7 +108,9 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
                 raise RecordingError(
                     f"{file}: option {switch} = {options[switch]!r} is not allowed: must be true or false"
                 )
-        return reader(file, **options)
+        recording = reader(file, **options)
+        check_plausible(recording, str(file))
+        return recording
     except OSError as error:
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
 

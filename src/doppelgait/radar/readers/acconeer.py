@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import check_cost
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.own_hdf5 import FAULTS, is_hdf5, open_hdf5
@@ -27,6 +28,7 @@ from doppelgait.radar.recording import Recording
 APPROXIMATE_STEP_M = 2.5e-3
 """Distance of two neighbouring range points where the sensor did not report it (vendor's constant)."""
 MAX_VALUES = 500_000_000
+MAX_TEXT_BYTES = 1 << 24
 TICK_WRAP = 2**32
 
 
@@ -129,6 +131,7 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
         raise ValueError(f"frames hold {math.prod(shape):,} values, at most {MAX_VALUES:,} are read")
     if dataset.dtype.names != ("real", "imag"):
         raise ValueError(f"frames are {dataset.dtype}, must be pairs of real and imag")
+    check_cost(path, 8 * math.prod(shape), RecordingError)
     pairs = dataset[()]
     values = np.empty(shape, dtype=np.complex64)
     values.real, values.imag = pairs["real"], pairs["imag"]
@@ -160,6 +163,8 @@ def _numbered(path: Path, node: Any, kind: str, number: int) -> Any:
 
 
 def _text(dataset: Any) -> str:
+    if dataset.size != 1 or dataset.dtype.itemsize > MAX_TEXT_BYTES:
+        raise ValueError(f"{dataset.name} is {dataset.dtype} of shape {dataset.shape}, must be one text")
     value = dataset[()]
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 

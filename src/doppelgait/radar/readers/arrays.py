@@ -1,8 +1,6 @@
 """Complex matrices in .npz and .npy files, read and written.
 
 A TOML file of the same stem describes them.
-
-Lengths are checked against the length of the file before memory is taken; nothing is ever unpickled.
 """
 
 from __future__ import annotations
@@ -10,104 +8,21 @@ from __future__ import annotations
 import json
 import math
 import os
-import tokenize
-import zipfile
-import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.files import atomic_path
+from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.measured import check_shape, label_measured
 from doppelgait.radar.readers.array_facts import describe, read_facts
 from doppelgait.radar.recording import NAN, Recording, further_facts
-
-NPY_MAGIC = b"\x93NUMPY"
-MAX_BYTES = 1 << 31
-"""Bytes of samples that are read from one file at most: 2 GiB."""
-
-NUMPY_FAULTS = (ValueError, EOFError, KeyError, TypeError, MemoryError, OverflowError, SyntaxError, RecursionError,
-          NotImplementedError, RuntimeError, UnicodeDecodeError, tokenize.TokenError,
-          zipfile.BadZipFile, zlib.error)  # fmt: skip
-"""What NumPy and zipfile raise at damaged bytes."""
-
-
-def is_npz(head: bytes) -> bool:
-    """Return whether first bytes are those of an npz file.
-
-    It is a zip archive that starts with a ``.npy``.
-    """
-    length = int.from_bytes(head[26:28], "little")
-    return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
-
-
-def load_npy_file(path: Path) -> npt.NDArray[Any]:
-    """Load the array of a ``.npy`` file.
-
-    A damaged one is a :class:`RecordingError`.
-    """
-    try:
-        with path.open("rb") as stream:
-            return _load_array(path, "the array", stream, path.stat().st_size)
-    except NUMPY_FAULTS as error:
-        raise _damaged_array(path, error) from None
-
-
-def load_npz(path: Path, wanted: Collection[str]) -> dict[str, npt.NDArray[Any] | None]:
-    """Load arrays of an npz file by name.
-
-    None stands for those that are not wanted; the only array is always loaded.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, holds objects or is too large.
-    """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
-            chosen = set(members) & set(wanted) or set(list(members)[:1] if len(members) == 1 else [])
-            found: dict[str, npt.NDArray[Any] | None] = dict.fromkeys(members)
-            for name in (name for name in members if name in chosen):
-                with archive.open(members[name]) as stream:
-                    found[name] = _load_array(path, members[name].filename, stream, members[name].file_size)
-            return found
-    except NUMPY_FAULTS as error:
-        raise _damaged_array(path, error) from None
-
-
-def _load_array(path: Path, name: str, stream: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """Load one array of a stream of ``size`` bytes."""
-    version = np.lib.format.read_magic(stream)
-    if version not in ((1, 0), (2, 0)):
-        raise ValueError(f"version {version[0]}.{version[1]} of the npy format")
-    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran_order, dtype = read_header(stream)
-    if dtype.hasobject:
-        raise RecordingError(f"{path}: {name} holds Python objects, which are never unpickled; save numbers")
-    n_bytes = math.prod(shape) * dtype.itemsize
-    if n_bytes > MAX_BYTES:
-        raise RecordingError(f"{path}: {name} has {n_bytes:,} bytes; up to {MAX_BYTES:,} are read. Save a part of it.")
-    if n_bytes > size:
-        raise ValueError(f"{name} should hold {n_bytes} bytes, the file has {size}")
-    content = stream.read(n_bytes)
-    if len(content) < n_bytes:
-        raise ValueError(f"{name} should hold {n_bytes} bytes, {len(content)} are there")
-    if isinstance(stream, zipfile.ZipExtFile) and stream.read(1):
-        raise ValueError(f"{name} holds more bytes than its header says")
-    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
-
-
-def _damaged_array(path: Path, error: BaseException) -> RecordingError:
-    reason = " ".join(str(error).split()).split(". ")[0] or type(error).__name__
-    return RecordingError(f"{path}: is a damaged or unusual NumPy file ({reason}); save it again with numpy.savez")
-
 
 MATRIX = "baseband"
 PARTS = ("i", "q")
@@ -174,9 +89,8 @@ def read_arrays(
     facts = read_facts(path, {name: value for name, value in options.items() if value is not None})
     with path.open("rb") as file:
         is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC
-    arrays = (
-        {facts.key or MATRIX: load_npy_file(path)} if is_npy else load_npz(path, (facts.key or MATRIX, *PARTS, *AXES))
-    )
+    wanted = (facts.key or MATRIX, *PARTS, *AXES)
+    arrays = {wanted[0]: load_npy(path, RecordingError)} if is_npy else load_npz(path, wanted, RecordingError)
     values = _pick(path, arrays, facts.key)
     if values.dtype.kind not in "fiuc":
         raise RecordingError(f"{path}: holds {values.dtype} values; a baseband is numbers")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -73,7 +74,9 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
         raise RecordingError(f"{file}: no such file")
     if file.stat().st_size > MAX_BYTES:
         raise RecordingError(f"{file}: has {file.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
-    words = file.read_bytes().decode("ascii", "replace").replace("i", "j").split()
+    content = file.read_bytes()
+    check_cost(file, CELL_BYTES * sum(map(content.count, (b"\n", b" ", b"\t", b"\r"))), RecordingError)
+    words = content.decode("ascii", "replace").replace("i", "j").split()
     carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(file, words)
     if not bandwidth_hz:
         raise RecordingError(f"{file}: bandwidth 0 Hz is that of a continuous wave; only frequency sweeps are read")

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import check_cost
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.plugins import plugin
@@ -183,6 +184,7 @@ AXES = ("range_axis", "range_vector")
 FACTS = ("actual_fps", "bin_length", "frame_start", "baseband", *AXES)
 MAX_VALUES = 1 << 28
 """RF samples that are read at most: 2 GiB of doubles."""
+MAX_BINS = 1_000_000
 SMALLEST = 1e-6
 """What a rate in Hz or a bin length in m must be above."""
 CARRIER_HZ = 7.29e9
@@ -324,13 +326,17 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
         content: dict[str, Any]
         if is_hdf5:
             shapes = _shapes(path)
+            _check_facts(path, shapes)
             with open_hdf5(path, soft_links=True) as hdf5:
                 name = _pick(path, shapes, matrix)
                 facts = {fact: hdf5[fact][()].T for fact in FACTS if fact in shapes}
                 content = {MATRIX: hdf5[name][()].T, "name": name, **facts}
         else:
             variables = list_variables(path, max_bytes=8 * MAX_VALUES)
+            _check_facts(path, {name: one.shape for name, one in variables.items()})
             name = _pick(path, {name: one.shape for name, one in variables.items()}, matrix)
+            loaded = [one for one in variables.values() if one.name in (name, *FACTS)]
+            check_cost(path, sum(8 * math.prod(one.shape) + one.n_bytes for one in loaded), RecordingError)
             facts = {fact: load_variable(variables[fact]) for fact in FACTS if fact in variables}
             content = {MATRIX: load_variable(variables[name]), "name": name, **facts}
     except RecordingError:
@@ -350,6 +356,17 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
         raise RecordingError(f"{path}: says baseband = 1, but RF frames are read; save baseband as .npz ('arrays')")
     content[MATRIX] = np.asarray(frames, dtype=np.float64)
     return content
+
+
+def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Refuse facts that are no single number, and too long axes.
+
+    This is before they are loaded.
+    """
+    for fact in (name for name in FACTS if name in shapes):
+        size, most = math.prod(shapes[fact]), MAX_BINS if fact in AXES else 1
+        if not 1 <= size <= most:
+            raise RecordingError(f"{path}: {fact} has {size:,} values; allowed are 1 to {most:,}")
 
 
 def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:

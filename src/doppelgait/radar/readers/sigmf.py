@@ -147,6 +147,8 @@ def _read_own(
     own = meta.own or {}
     try:
         range_m = np.asarray(own["doppelgait:range_m"], dtype=np.float64)
+        if range_m.ndim != 1 or not range_m.size:
+            raise ValueError("doppelgait:range_m must be a list of one range or more")
         rows = samples.size // max(range_m.size, 1)
         # time of every row: captures begin at ``doppelgait:time_s``, from there rows follow at
         # ``doppelgait:prf_hz``
@@ -168,7 +170,7 @@ def _read_own(
         attrs = {"burst_pulses": int(own["doppelgait:burst_pulses"])} if "doppelgait:burst_pulses" in own else {}
     except (LookupError, ValueError, TypeError, OverflowError, ConfigError) as error:
         raise RecordingError(f"{path}: its doppelgait keys are damaged: {error}") from None
-    if range_m.ndim != 1 or not np.isfinite(range_m).all() or (np.diff(range_m) <= 0).any():
+    if not np.isfinite(range_m).all() or (np.diff(range_m) <= 0).any():
         raise RecordingError(f"{path}: doppelgait:range_m must be rising numbers")
     if not np.isfinite(slow_time_s).all() or (np.diff(slow_time_s) <= 0).any():
         raise RecordingError(

@@ -234,7 +234,7 @@ def _parse_commands(path: Path, text: str) -> dict[str, Any]:
     if adc[1] not in (0, 1, 2):
         raise RecordingError(f"{path}: adcCfg: output format {adc[1]:g} is not allowed; 0 (real), 1 or 2 (complex)")
     mask = int(channel[0])
-    platform = re.search(r"platform\s*:?\s*(xwr\d\dxx)", text, re.IGNORECASE)
+    platform = re.search(r"platform\s*+:?+\s*+(xwr\d\dxx)", text, re.IGNORECASE)
     device = platform[1].lower() if platform else ""
     return {
         **({"device": device} if device else {}),

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.radar.xethru.records import (
     MAGIC_BYTES,
@@ -188,7 +189,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
             meta, reason = _listing_meta(file)
             if meta is not None:
                 return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
-            content = file.read_bytes()
+            content = _read_bytes(file)
             if not content:
                 raise RecordingError(f"{file}: is empty (0 bytes)")
             if kind is None or not (kind.header or kind.text):
@@ -281,7 +282,7 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
         raise RecordingError(
             f"{file}: there is no such data file; the meta file in its folder lists it with this recording"
         )
-    content = file.read_bytes()
+    content = _read_bytes(file)
     first = min(int(entries["size"][header].sum(dtype=np.int64)), len(content))
     times = entries["time_ms"][~header].astype(np.int64) + shift_ms
     if kind.text:
@@ -300,6 +301,13 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
         raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
         stream = XethruStream(kind, time_ms=times[:count], raw=raw)
     return _Piece(kind, stream, content[:first])
+
+
+def _read_bytes(file: Path) -> bytes:
+    """Read a data file; refuse texts of too many lines."""
+    content = file.read_bytes()
+    check_cost(file, CELL_BYTES * content.count(b"\n") if file.suffix == ".csv" else 0, RecordingError)
+    return content
 
 
 def _binary_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None) -> XethruStream:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -156,9 +157,13 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
     if kind != TRAILER:
         raise RecordingError(f"{where}: is damaged: at byte {trailer_at:,}, where its table should end, is no trailer")
     names, at = [], trailer_at + TRAILER_HEAD.size
+    seen: set[str] = set()
     for _ in range(n_files):  # a damaged number of files ends at the first name that is not there
         name, at = _sized_text(content, at, where)
+        if name in seen:
+            raise RecordingError(f"{where}: names the data file {name[:80]!r} twice; each is read once")
         names.append(name)
+        seen.add(name)
         if PurePosixPath(name.replace("\\", "/")).name != name or name in ("", ".", ".."):
             raise RecordingError(
                 f"{where}: names the data file {name!r}; only a file in the folder of the meta file is allowed"
@@ -316,6 +321,7 @@ def data_type_of_file(file_name: str) -> DataType | None:
     return None
 
 
+@lru_cache(maxsize=4096)
 def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
     """Return the structured type of a record.
 

@@ -1,0 +1,124 @@
+"""Arrays of .npy and .npz files of unknown origin.
+
+Lengths are checked before memory is taken; nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import math
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.cost import check_cost
+
+NPY_MAGIC = b"\x93NUMPY"
+NUMBER_BYTES = 8
+"""What a number is counted at least: readers make doubles or complex numbers of smaller ones."""
+_FAULTS = (ValueError, EOFError, KeyError, TypeError, MemoryError, OverflowError, SyntaxError, RecursionError,
+          NotImplementedError, RuntimeError, UnicodeDecodeError, tokenize.TokenError,
+          zipfile.BadZipFile, zlib.error)  # fmt: skip
+"""What NumPy and zipfile raise at damaged bytes."""
+
+Array = npt.NDArray[Any]
+
+
+def is_npz(head: bytes) -> bool:
+    """Return whether first bytes are those of an npz file.
+
+    It is a zip archive that starts with a ``.npy``.
+    """
+    length = int.from_bytes(head[26:28], "little")
+    return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
+
+
+def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
+    """Load the array of a ``.npy`` file; errors as of :func:`load_npz`."""
+    try:
+        with path.open("rb") as stream:
+            shape, fortran_order, dtype = _read_header(path, "the array", stream, error)
+            check_cost(path, math.prod(shape) * max(dtype.itemsize, NUMBER_BYTES), error)
+            return _read_values("the array", stream, path.stat().st_size, shape, fortran_order, dtype)
+    except _FAULTS as fault:
+        raise _damaged(path, fault, error) from None
+
+
+def load_npz(
+    path: Path, wanted: Collection[str], error: Callable[[str], Exception], *, lone: bool = True
+) -> dict[str, Array | None]:
+    """Load arrays of an npz file by name.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : collection of str
+        Names of arrays; None stands for the others.
+    error : callable
+        Type of the errors.
+    lone : bool
+        Load the only array whatever its name.
+
+    Raises
+    ------
+    Exception
+        Of the type ``error``, if the file is damaged, holds objects, or its values take too much memory.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
+            chosen = [name for name in members if name in wanted] or (
+                list(members) if lone and len(members) == 1 else []
+            )
+            found: dict[str, Array | None] = dict.fromkeys(members)
+            n_bytes = 0
+            for name in chosen:
+                with archive.open(members[name]) as stream:
+                    shape, fortran_order, dtype = _read_header(path, members[name].filename, stream, error)
+                    n_bytes += math.prod(shape) * max(dtype.itemsize, NUMBER_BYTES)
+                    check_cost(path, n_bytes, error)
+                    size = members[name].file_size
+                    found[name] = _read_values(members[name].filename, stream, size, shape, fortran_order, dtype)
+            return found
+    except _FAULTS as fault:
+        raise _damaged(path, fault, error) from None
+
+
+def _read_header(
+    path: Path, name: str, stream: IO[bytes], error: Callable[[str], Exception]
+) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    version = np.lib.format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"version {version[0]}.{version[1]} of the npy format")
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran_order, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise error(f"{path}: {name} holds Python objects, which are never unpickled; save numbers")
+    if min(shape, default=0) < 0:
+        raise ValueError(f"{name} has the shape {shape}")
+    return shape, fortran_order, dtype
+
+
+def _read_values(
+    name: str, stream: IO[bytes], size: int, shape: tuple[int, ...], fortran_order: bool, dtype: np.dtype[Any]
+) -> Array:
+    """Read the values behind a header from a stream of ``size`` bytes."""
+    n_bytes = math.prod(shape) * dtype.itemsize
+    if n_bytes > size:
+        raise ValueError(f"{name} should hold {n_bytes} bytes, the file has {size}")
+    content = stream.read(n_bytes)
+    if len(content) < n_bytes:
+        raise ValueError(f"{name} should hold {n_bytes} bytes, {len(content)} are there")
+    if isinstance(stream, zipfile.ZipExtFile) and stream.read(1):
+        raise ValueError(f"{name} holds more bytes than its header says")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
+
+
+def _damaged(path: Path, fault: BaseException, error: Callable[[str], Exception]) -> Exception:
+    reason = " ".join(str(fault).split()).split(". ")[0][:200] or type(fault).__name__
+    return error(f"{path}: is a damaged or unusual NumPy file ({reason}); save it again with numpy.savez")
