@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.config import FieldSpec
+from doppelgait.dataset.example import label_arrays
 from doppelgait.dataset.finish import read_description
-from doppelgait.dataset.shard_files import DB_FLOOR, decode, encode, facts_of
+from doppelgait.dataset.shard_files import DB_FLOOR, ShardFiles, decode, encode, facts_of
 
 
 def test_full_precision_comes_back_as_it_was():
@@ -48,3 +50,25 @@ def test_a_file_instead_of_the_folder_is_told(tmp_path):
     path.write_bytes(b"")
     with pytest.raises(DatasetError, match=r"walk\.h5: is a file; give the folder of a dataset$"):
         read_description(path)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.zeros(7), np.zeros((2, 3, 4)), np.zeros((2, 3), dtype="S3"), np.array(3.0)],
+    ids=["1", "3", "text", "0"],
+)
+def test_an_array_with_other_axes_than_its_field_is_one_error(values):
+    facts = {
+        "signature": {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32", "scale": "linear", "hop": 1}
+    }
+    stored = {"signature": values}
+    with pytest.raises(DatasetError, match=r"x-1: signature has \d axes of .* in its shard, not \['time', 'doppler'\]"):
+        label_arrays(facts, {"id": "x-1", "prf_hz": 1000.0}, stored.get, carrier_hz=7e9)
+
+
+def test_an_array_that_fills_the_memory_is_not_read(tmp_path):
+    (tmp_path / "shards").mkdir()
+    with h5py.File(tmp_path / "shards" / "train-00000-of-00001.h5", "w") as file:
+        file.create_dataset("signature", (1, 100_000, 200_000), "f4", chunks=(1, 50, 50))
+    with pytest.raises(DatasetError, match="would take 80,000 MB of memory"):
+        ShardFiles(tmp_path / "shards").read("train-00000-of-00001", "signature", 0)

@@ -19,6 +19,7 @@ from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.novelty import Novelty
 from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path
 from doppelgait.features import FEATURE_UNITS
@@ -30,6 +31,12 @@ SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
 """Limit of all arrays together; models of doppelgait are far smaller."""
 MOST_MEMBERS = 64
+SHOWN = 300
+"""Characters of a reason in an error."""
+LARGEST = 1e30
+"""Of the numbers of a model, thresholds of trees aside."""
+LARGEST_SCORE = 1e37
+"""Of a network, in single precision."""
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
@@ -139,7 +146,7 @@ def load_model(path: str | Path) -> Model:
     """
     try:
         text, arrays = _read_arrays(Path(path))
-        document = json.loads(text)
+        document = parse_json(text)
         if document["format_version"] > FORMAT_VERSION:
             raise DatasetError(f"{path}: is a model of a newer doppelgait; install that one")
         facts = validate(Facts, document["facts"], where=str(path))
@@ -156,8 +163,11 @@ def load_model(path: str | Path) -> Model:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ConfigError as error:
         raise DatasetError(f"{path}: is damaged: {error}") from None
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        raise DatasetError(f"{path}: is no model of doppelgait, or damaged: {' '.join(str(error).split())}") from None
+    except DatasetError:
+        raise
+    except Exception as error:  # NumPy and the archive raise whatever they like at damaged files
+        reason = " ".join(str(error).split())[:SHOWN]
+        raise DatasetError(f"{path}: is no model of doppelgait, or damaged: {reason}") from None
     return model
 
 
@@ -193,8 +203,8 @@ def _check_model(model: Model) -> None:
     _check_shape(model.calibration.shift.shape, (n_classes,), "calibration.shift")
     for name in ("lowest", "highest", "unknown"):
         _check_shape(getattr(model, name).shape, (n_features,), name)
-    if not (0 < model.calibration.slope < np.inf and np.isfinite(model.calibration.shift).all()):
-        raise ValueError("its calibration is no number above 0")
+    if not (0 < model.calibration.slope < LARGEST and (np.abs(model.calibration.shift) < LARGEST).all()):
+        raise ValueError("its calibration is no number above 0, or too large")
     if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
         raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
     # A model must not use what no analysis measures, such as the nuisance parameters of a plan.
@@ -209,25 +219,31 @@ def _check_model(model: Model) -> None:
         columns = _check_columns(model.novelty, n_features)
         _check_shape(model.novelty.centre.shape[1:], (columns,), "novelty.centre")
         _check_shape(model.novelty.whitening.shape, (columns, columns), "novelty.whitening")
-        if not len(model.novelty.centre) or (np.diff(model.novelty.held) < 0).any():
+        if not len(model.novelty.centre) or model.novelty.held.ndim != 1 or (np.diff(model.novelty.held) < 0).any():
             raise ValueError("novelty has no class, or ranks that fall")
+        _check_numbers(model.novelty)
     _check_learned(model.learned, n_classes, n_features)
 
 
 def _check_learned(learned: Any, n_classes: int, n_features: int) -> None:
     """Check the numbers of a trained model and their shapes."""
-    for name, values in vars(learned).items():
-        for array in values if isinstance(values, tuple) else (values,):
-            if isinstance(array, np.ndarray):
-                # a threshold of a tree may be infinite
-                bad = np.isnan(array) if name == "threshold" else ~np.isfinite(array)
-                if bad.any():
-                    raise ValueError(f"{name} holds NaN or infinity")
+    _check_numbers(learned)
     checks: dict[type, Callable[..., None]] = {
         Constant: _check_constant, Linear: _check_linear, Kernel: _check_kernel, Trees: _check_trees,
         Network: _check_network, Ensemble: _check_ensemble,
     }  # fmt: skip
     checks[type(learned)](learned, n_classes, n_features)
+
+
+def _check_numbers(learned: Any) -> None:
+    """Refuse NaN, infinity and numbers that no sum can hold."""
+    for name, values in vars(learned).items():
+        for array in values if isinstance(values, tuple) else (values,):
+            if isinstance(array, np.ndarray):
+                # a threshold of a tree may be infinite
+                bad = np.isnan(array) if name == "threshold" else ~(np.abs(array.astype(np.float64)) < LARGEST)
+                if bad.any():
+                    raise ValueError(f"{name} holds NaN, infinity or more than {LARGEST:g}")
 
 
 def _check_ensemble(learned: Any, n_classes: int, n_features: int) -> None:
@@ -268,12 +284,13 @@ def _check_kernel(learned: Any, n_classes: int, n_features: int) -> None:
 def _check_columns(learned: Any, n_features: int) -> int:
     """Check what standardises features; return the number of columns."""
     columns: int = n_features + learned.told.size
+    _check_shape(learned.told.shape, (learned.told.size,), "told")
     _check_shape(learned.median.shape, (n_features,), "median")
     for name in ("mean", "scale"):
         _check_shape(getattr(learned, name).shape, (columns,), name)
     if learned.floor.size:
         _check_shape(learned.floor.shape, (n_features,), "floor")
-    if not (learned.scale > 0).all():
+    if not (learned.scale > 1.0 / LARGEST).all():
         raise ValueError("scale holds numbers that are not above 0")
     if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):
         raise ValueError("told names features that are not there")
@@ -295,14 +312,18 @@ def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:
 
 
 def _check_network(learned: Any, n_classes: int, n_features: int) -> None:
-    n_in = 1
+    n_in, highest = 1, 1.0  # of levels, 0 to 1, and of every layer
     layers = zip(learned.kernels, learned.scales, learned.biases, strict=True)
     for number, (kernel, scale, bias) in enumerate(layers):
         _check_shape(kernel.shape[1:], (n_in, 3, 3), f"kernel.{number}")
         n_in = kernel.shape[0]
         _check_shape(scale.shape, (n_in,), f"scale.{number}")
         _check_shape(bias.shape, (n_in,), f"bias.{number}")
+        sums = np.abs(kernel.astype(np.float64)).sum(axis=(1, 2, 3)) * np.maximum(np.abs(scale.astype(np.float64)), 1.0)
+        highest = float(highest * np.max(sums, initial=1.0) + np.abs(bias.astype(np.float64)).max(initial=0.0))
     _check_shape(learned.weight.shape, (n_classes, n_in), "weight")
     _check_shape(learned.bias.shape, (n_classes,), "bias")
+    if not highest * np.abs(learned.weight.astype(np.float64)).sum() < LARGEST_SCORE:
+        raise ValueError("its numbers are too large")
     if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
         raise ValueError("its pictures cannot be halved as often as it has layers")

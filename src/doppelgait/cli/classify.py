@@ -302,9 +302,9 @@ def evaluate(
             motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
         )  # fmt: skip
-    page = write_report(found, output)[-1]
-    if save is not None and found.best is not None:
-        save_model(found.models[found.best], save)
+        page = write_report(found, output)[-1]
+        if save is not None and found.best is not None:
+            save_model(found.models[found.best], save)
     if as_json:
         print_json(found.document)
         return

@@ -69,6 +69,8 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
 
 M = TypeVar("M", bound=BaseModel)
+SHOWN_FAULTS, SHOWN_KEY = 8, 60
+"""Of an error: how many faults of a file it names, and how many characters of each part of a key."""
 
 
 def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: str) -> None:
@@ -141,7 +143,11 @@ def validate(
 def _list_faults(
     error: ValidationError, model: type[BaseModel], text: str = "", section: tuple[str, ...] = ()
 ) -> str:  # fmt: skip
-    return "; ".join(_describe(fault, model, text, section) for fault in _drop_derived_faults(error.errors()))
+    faults = _drop_derived_faults(error.errors())
+    said = [_describe(fault, model, text, section) for fault in faults[:SHOWN_FAULTS]]
+    if len(faults) > SHOWN_FAULTS:
+        said.append(f"and {len(faults) - SHOWN_FAULTS} more")
+    return "; ".join(said)
 
 
 def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
@@ -160,7 +166,7 @@ def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
 
 def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> str:
     location = (*section, *fault["loc"])
-    key = ".".join(str(part) for part in location)
+    key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
     place = key + line_note(text, location)
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))

@@ -11,6 +11,8 @@ import numpy as np
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 
+LARGEST = 1e100
+"""Of a number of a distribution: their sums and differences are numbers, too."""
 Drawer = Callable[[list[Any], np.random.Generator], Any]
 CYCLE = "cycle"
 _PLAIN = (str, int, float, type(None))
@@ -39,8 +41,8 @@ def _normal(values: list[Any], rng: np.random.Generator) -> float:
 
 
 def _choice(values: list[Any], rng: np.random.Generator) -> Any:
-    if not values:
-        raise ConfigError("choice = []: needs at least one value")
+    if not isinstance(values, list) or not values:
+        raise ConfigError(f"choice = {values}: needs a list of at least one value")
     return values[int(rng.integers(len(values)))]
 
 
@@ -50,8 +52,8 @@ def _two_numbers(name: str, values: Any) -> tuple[float, float]:
         and len(values) == 2
         and all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
     )
-    if not numbers:
-        raise ConfigError(f"{name} = {values}: needs two numbers")
+    if not numbers or not all(abs(v) <= LARGEST for v in values):
+        raise ConfigError(f"{name} = {values}: needs two numbers of {LARGEST:g} at most")
     return float(values[0]), float(values[1])
 
 

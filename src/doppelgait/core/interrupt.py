@@ -5,6 +5,7 @@ A signal sets a mark, and the work checks it where it can stop.
 
 from __future__ import annotations
 
+import _thread
 import os
 import select
 import signal
@@ -48,8 +49,7 @@ def stop_in_order() -> Iterator[None]:
     Raises
     ------
     KeyboardInterrupt
-        At the end of the block, if a signal came and nothing looked at the mark, and in place of an error after a
-        signal: what else received the signal may have brought it about.
+        At the end of the block, if a signal came and nothing looked at the mark.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -62,11 +62,7 @@ def stop_in_order() -> Iterator[None]:
         for number, handler in before.items():
             if handler not in (signal.SIG_IGN, None):
                 signal.signal(number, _request)
-        try:
-            yield
-        except Exception:
-            raise_if_stopped()
-            raise
+        yield
         raise_if_stopped()
     finally:
         for number, handler in before.items():
@@ -127,10 +123,19 @@ def _end_late(pipe: int) -> None:
     wanted = {*SIGNALS}
     while not {*os.read(pipe, 64)} & wanted:
         pass
-    end = time.monotonic() + GRACE_SECONDS
-    while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0]:
-        if {*os.read(pipe, 64)} & wanted:
-            break
+    for _ in range(4):
+        end = time.monotonic() + GRACE_SECONDS / 4
+        while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0]:
+            if {*os.read(pipe, 64)} & wanted:
+                _end_now()
+        if not _mark.active:
+            _thread.interrupt_main()  # once more, in case that a library dropped the exception
+            if select.select([pipe], [], [], 0.01)[0]:  # this one, not a second signal
+                os.read(pipe, 64)
+    _end_now()
+
+
+def _end_now() -> None:
     os.write(2, b"stopped at once\n")
     os._exit(130)
 

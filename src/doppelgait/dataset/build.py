@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import file_sha256
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
@@ -207,7 +208,7 @@ def _refuse_foreign(job: _Job) -> None:
     description = job.target / "dataset.json"
     if description.is_file():
         try:
-            found = json.loads(description.read_text())
+            found = parse_json(description.read_text())
             stated, config = found.get("id"), found.get("config", {})
         except (ValueError, AttributeError, RecursionError) as error:
             raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
@@ -305,7 +306,7 @@ def _whole_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] |
     raise_if_stopped()
     path = target / "shards" / f"{shard.name}.h5"
     try:
-        record: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
+        record: dict[str, Any] = parse_json(path.with_suffix(".json").read_text())
         known = {row["scene_id"] for row in record["rows"]} | {failure["id"] for failure in record["failures"]}
         expected = {e.id for e in shard.examples}
         whole = (

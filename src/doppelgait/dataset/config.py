@@ -109,6 +109,13 @@ class FieldSpec(FrozenModel):
         return self
 
 
+def _field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
+    """Return the tables of fields and the names that they have; what is neither is left to their check."""
+    specs = [{"name": one} if isinstance(one, str) else one for one in fields]
+    names = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]
+    return specs, [name for name in names if isinstance(name, str)]
+
+
 class SplitSection(FrozenModel):
     """``[dataset.split]``: assignment of subjects to splits.
 
@@ -194,7 +201,7 @@ class DatasetSection(FrozenModel):
         recording as long as it is). The card names them and ``verify`` does not judge them.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=200)
     seed: int = Field(default=2018, ge=0)
     examples_per_class: int = Field(ge=1, le=10_000_000)
     fractions: dict[str, float] = Field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
@@ -218,10 +225,9 @@ class DatasetSection(FrozenModel):
     def _by_name(cls, fields: Any) -> Any:
         if not isinstance(fields, list | tuple):
             return fields
-        specs = [{"name": f} if isinstance(f, str) else f for f in fields]
-        names = [f.get("name") if isinstance(f, dict) else f.name for f in specs]
+        specs, names = _field_specs(fields)
         if len(set(names)) < len(names):
-            raise ValueError(f"names a field twice: {', '.join(map(str, names))}")
+            raise ValueError(f"names a field twice: {', '.join(names)}")
         return specs
 
     @field_validator("fractions")
@@ -438,8 +444,7 @@ class ImportConfig(FrozenModel):
     def _by_name(cls, fields: Any) -> Any:
         if not isinstance(fields, list | tuple):
             return fields
-        specs = [{"name": one} if isinstance(one, str) else one for one in fields]
-        names = [one.get("name") if isinstance(one, dict) else one.name for one in specs]
+        specs, names = _field_specs(fields)
         if len(set(names)) < len(names):
             raise ValueError("names a field twice")
         if unknown := [name for name in names if name not in FIELDS_OF_RECORDINGS]:

@@ -286,11 +286,16 @@ def label_arrays(
         values = stored(name)
         if values is None or values.size == 0:
             continue
+        if values.ndim != len(facts["dims"]) or values.dtype.kind not in "fciu":
+            raise DatasetError(
+                f"{row.get('id')}: {name} has {values.ndim} axes of {values.dtype} in its shard, "
+                f"not {facts['dims']}; check the folder with dataset verify"
+            )
         coords: dict[str, tuple[Any, ...]] = {}
         for dim, size in zip(facts["dims"], values.shape, strict=True):
             axis = axis_name(name, dim)
             along = None if axis is None else stored(axis)
-            if along is not None and along.shape == (size,):
+            if along is not None and along.shape == (size,) and along.dtype.kind in "fiu":
                 coords[dim] = (dim, along, {"units": COORDINATE_UNITS[dim]})
         attrs: dict[str, Any] = {"units": facts["units"]}
         if "doppler" in coords:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait import __version__
 from doppelgait.core.config import canonical_json, read_toml, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path, file_sha256, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
@@ -335,7 +336,7 @@ def read_description(folder: Path) -> dict[str, Any]:
     """
     path = folder / "dataset.json"
     try:
-        description = json.loads(path.read_text())
+        description = parse_json(path.read_text())
     except NotADirectoryError:
         raise DatasetError(f"{folder}: is a file; give the folder of a dataset") from None
     except FileNotFoundError:
@@ -396,7 +397,7 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
     """Yield the records of shards, one in memory at a time."""
     for name in names:
         raise_if_stopped()
-        yield json.loads((target / "shards" / f"{name}.json").read_text())
+        yield parse_json((target / "shards" / f"{name}.json").read_text())
 
 
 def tally(records: Iterable[Record]) -> Totals:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import time
 from collections import Counter
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import canonical_json
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import file_sha256
 from doppelgait.core.plugins import identify_plugins
@@ -236,7 +236,7 @@ def _same_import(target: Path, identity: str) -> list[str] | None:
     if not description.is_file():
         return None
     try:
-        found = json.loads(description.read_text())
+        found = parse_json(description.read_text())
         if (schema := found.get("schema_version")) == SCHEMA_VERSION and found["id"] == identity:
             return shard_names(found["shards"])
         version = found.get("data_version")

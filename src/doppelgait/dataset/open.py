@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -14,6 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.config import json_value, validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.dataset.config import SPLITS, PlanConfig
@@ -65,8 +65,8 @@ def check_description(description: Any) -> None:
         if not isinstance(facts, Mapping):
             raise ValueError(f"dataset.json: fields.{name} must be a table with dims, units and dtype")
         dims = facts.get("dims")
-        if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims):
-            raise ValueError(f"dataset.json: fields.{name}.dims must be a list of texts")
+        if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims) or len({*dims}) < len(dims):
+            raise ValueError(f"dataset.json: fields.{name}.dims must be a list of different texts")
         for key in ("units", "dtype"):
             if not isinstance(facts.get(key), str):
                 raise ValueError(f"dataset.json: fields.{name}.{key} must be a text")
@@ -446,7 +446,7 @@ def open_dataset(directory: str | Path) -> Dataset:
         if (folder / name).resolve().parent != folder.resolve():
             raise DatasetError(f"{folder}: {name} is a link that leads out of the folder; put the file itself there")
     try:
-        description = json.loads((folder / "dataset.json").read_text())
+        description = parse_json((folder / "dataset.json").read_text())
         version = int(description["schema_version"])
         if version > SCHEMA_VERSION:
             raise DatasetError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import os
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,6 +19,7 @@ import xarray as xr
 from deflate import zlib_compress
 
 from doppelgait.core.config import canonical_json
+from doppelgait.core.cost import cost_fault, limit_bytes
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import axis
 from doppelgait.core.own_hdf5 import open_hdf5, own_member
@@ -214,7 +216,12 @@ class ShardFiles:
         """
         with self._faults_named(shard, name, row):
             found, one_row = self._find(shard, name, row)
-            return None if found is None else np.asarray(found[row] if one_row else found[:])
+            if found is None:
+                return None
+            n_bytes = found.dtype.itemsize * math.prod(found.shape[1:] if one_row else found.shape)
+            if n_bytes > limit_bytes(size := self._path(shard).stat().st_size):
+                raise ValueError(cost_fault(n_bytes, size, "it"))
+            return np.asarray(found[row] if one_row else found[:])
 
     def shape(self, shard: str, name: str, row: int) -> tuple[int, ...] | None:
         """Return the shape of the result of :meth:`read`."""
@@ -226,7 +233,7 @@ class ShardFiles:
     def _faults_named(self, shard: str, name: str, row: int) -> Iterator[None]:
         try:
             yield
-        except (OSError, KeyError, IndexError, ValueError, RuntimeError) as error:
+        except (OSError, LookupError, ValueError, TypeError, RuntimeError, MemoryError) as error:
             self.close()
             raise DatasetError(
                 f"{self._path(shard)}: {name} of row {row} cannot be read: {error}; check the folder with "

@@ -6,11 +6,11 @@ Subjects, and all who share a scene or a recording with them, stay together.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, NamedTuple
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.config import SPLITS, DatasetSection, ImportConfig
 from doppelgait.dataset.labels import LabelEntry
@@ -83,9 +83,9 @@ def names_of(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
         every: tuple[str, ...] = (name,)
         try:
             if column == "subject" and text:
-                every = (name, *map(str, json.loads(text)))
+                every = (name, *map(str, parse_json(text)))
             elif column == "recording" and BOTH in name and text:
-                every = recordings_of(json.loads(text)) or every
+                every = recordings_of(parse_json(text)) or every
         except (ValueError, KeyError, TypeError, AttributeError):
             raise DatasetError(
                 f"index: {further} {text!r} of {name!r} cannot be read; build the dataset again"

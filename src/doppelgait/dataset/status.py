@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from doppelgait.core.documents import parse_json
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.finish import read_description, shard_names
@@ -131,7 +131,7 @@ def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
 def _shard_status(folder: Path, name: str, identity: str | None, *, quick: bool) -> ShardStatus:
     path = folder / "shards" / f"{name}.h5"
     try:
-        record = json.loads(path.with_suffix(".json").read_text())
+        record = parse_json(path.with_suffix(".json").read_text())
         size = os.stat(path).st_size
         whole = identity in (None, record.get("dataset")) and size == record["bytes"]
         whole = whole and (quick or file_sha256(path) == record["sha256"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.core.config import validate
+from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.files import file_sha256
 from doppelgait.core.own_hdf5 import open_hdf5, own_member
@@ -94,7 +94,7 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
     """
     try:
         findings.hashes[path.stem] = file_sha256(path)
-        record = json.loads(path.with_suffix(".json").read_text())
+        record = parse_json(path.with_suffix(".json").read_text())
         if record["dataset"] != identity:
             return None, f"is of dataset {record['dataset']}"
         if findings.hashes[path.stem] != record["sha256"]:

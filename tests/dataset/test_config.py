@@ -1,0 +1,62 @@
+"""Mistakes in plans: each is one short error, whatever stands where."""
+
+import copy
+
+import pytest
+
+import tiny_dataset
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.plan import plan_dataset
+
+
+def drawn(table):
+    return plan_dataset(validate(PlanConfig, table, where="plan")).example(0)
+
+
+def changed(key, value):
+    table = copy.deepcopy(tiny_dataset.tiny_plan().model_dump(mode="json", exclude_none=True))
+    *path, last = key.split(".")
+    node = table
+    for part in path:
+        node = node[part]
+    node[last] = value
+    return table
+
+
+@pytest.mark.parametrize(
+    "fields", [[3], [None], [[]], [{"name": []}], [{"name": {}}, {"name": {}}], ["signature", 3.0]]
+)
+def test_fields_that_are_none(fields):
+    with pytest.raises(ConfigError, match=r"dataset\.fields"):
+        drawn(changed("dataset.fields", fields))
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ({"choice": 3}, "choice = 3: needs a list"),
+        ({"choice": {}}, "needs a list"),
+        ({"cycle": 3}, "cycle = 3: needs"),
+        ({"uniform": [-1e308, 1e308]}, r"needs two numbers of 1e\+100 at most"),
+        ({"uniform": [float("nan"), 1.0]}, "needs two numbers"),
+        ({"uniform": [float("inf"), float("inf")]}, "needs two numbers"),
+        ({"log_uniform": [1.0, float("inf")]}, "needs two numbers"),
+        ({"normal": [1e308, 1e308]}, "needs two numbers"),
+    ],
+)
+def test_distributions_that_are_none(value, words):
+    with pytest.raises(ConfigError, match=words):
+        drawn(changed("target.range_m", value))
+
+
+def test_messages_are_short_however_long_the_names_are():
+    for table in (
+        changed("target.key" + "y" * 100_000, 1),
+        changed("dataset.name", "x" * 100_000),
+        {**changed("target.range_m", 1.0), **{f"key{number}": 1 for number in range(5000)}},
+    ):
+        with pytest.raises(DoppelgaitError) as refused:
+            drawn(table)
+        assert len(str(refused.value)) <= 2000

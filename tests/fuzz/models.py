@@ -1,0 +1,69 @@
+"""Model files with damage: refused, or a model that gives probabilities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from datasets import Target
+
+from doppelgait.classify.learned import Constant, Ensemble, Network, join_inputs
+from doppelgait.classify.model_file import load_model, save_model
+from doppelgait.classify.shipped import shipped_model
+
+LARGEST_PICTURE = 128 * 128
+
+
+def model_seeds(folder: Path) -> None:
+    """Models of every kind: the parts of one that comes with the package."""
+    whole = shipped_model("x4")
+    assert isinstance(whole.learned, Ensemble)
+    log_share = np.log(np.full(len(whole.facts.classes), 1.0 / len(whole.facts.classes)))
+    parts = [*whole.learned.members, Constant(log_share)]
+    kinds = {type(part).__name__: part for part in parts}
+    for name, part in kinds.items():
+        facts, spans, novelty = whole.facts, (whole.lowest, whole.highest, whole.unknown), whole.novelty
+        if isinstance(part, Network):
+            facts, spans, novelty = facts.replace(features="signature", names=()), (np.zeros(0),) * 3, None
+        else:
+            facts = facts.replace(features="extended")
+        (folder / name).mkdir(parents=True)
+        model = replace(whole, facts=facts, learned=part, lowest=spans[0], highest=spans[1], unknown=spans[2],
+                        novelty=novelty)  # fmt: skip
+        save_model(model, folder / name / "model.npz")
+    (folder / "Ensemble").mkdir()
+    few = replace(whole.learned, members=whole.learned.members[:1] + whole.learned.members[-1:],
+                  **{key: getattr(whole.learned, key)[[0, -1]] for key in ("weights", "slopes", "shifts")})  # fmt: skip
+    save_model(replace(whole, learned=few), folder / "Ensemble" / "model.npz")
+
+
+def run_model(folder: Path) -> None:
+    """Load a model and let it decide on a few rows, one of them without any feature."""
+    model = load_model(next(folder.iterdir()))
+    rng = np.random.default_rng(0)
+    features: Any = np.vstack(
+        [rng.normal(1.0, 1.0, (2, len(model.facts.names))), np.full(len(model.facts.names), np.nan)]
+    )
+    networks = [part for part in getattr(model.learned, "members", (model.learned,)) if isinstance(part, Network)]
+    if any(part.patch.n_velocity * part.patch.n_time > LARGEST_PICTURE for part in networks):
+        return
+    values = features
+    if networks:
+        pictures = np.empty(3, dtype=object)
+        for number in range(2):
+            pictures[number] = rng.random((networks[0].patch.n_velocity, networks[0].patch.n_time)).astype(np.float32)
+        same = {(part.patch.n_velocity, part.patch.n_time) for part in networks}
+        if len(same) > 1:
+            return
+        values = join_inputs(features, pictures) if isinstance(model.learned, Ensemble) else pictures
+    probability = model.probability(values)
+    assert probability.shape == (3, len(model.facts.classes)), f"shape {probability.shape}"
+    assert np.isfinite(probability).all(), "probabilities are not finite"
+    assert np.allclose(probability.sum(axis=1), 1.0), "probabilities do not sum to 1"
+    assert np.isfinite(model.rank(values)).all(), "ranks are not finite"
+    model.outside(values[0])
+
+
+TARGETS = {"model": Target(model_seeds, run_model)}
