@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 from dataset_plans import tiny_plan
@@ -12,6 +14,27 @@ from doppelgait.dataset.shard import BuildContext, build_planned
 
 def build(folder, executor):
     build_dataset(tiny_plan(), folder, executor=executor, workers=2)
+
+
+def small_plan():
+    """4 examples in 2 shards, that every check of a verification passes."""
+    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2})
+
+
+def build_until(folder, number, after):
+    """Build, and die at the ``number``-th file that takes its name: with it half written, or just complete."""
+    real, left = os.replace, [number]
+
+    def replace(source, target):
+        left[0] -= 1
+        if left[0] == 0 and after:
+            real(source, target)
+        if left[0] == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        real(source, target)
+
+    os.replace = replace
+    build_dataset(small_plan(), folder, executor="serial")
 
 
 def warm_up():

@@ -19,6 +19,7 @@ from dataset_plans import check_whole, dataset_hash, tiny_plan
 from doppelgait.core.worker import THREAD_VARIABLES
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.verify import verify_dataset
 
 pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks worker processes up in /proc"),
@@ -43,10 +44,10 @@ def start():
 
         ensure_running()
 
-    def begin(folder, executor):
+    def begin(*arguments, work=None):
         from crash_work import build
 
-        process = server.Process(target=build, args=(folder, executor))
+        process = server.Process(target=work or build, args=arguments)
         process.start()
         return process
 
@@ -151,6 +152,30 @@ def test_twelve_kills_lose_nothing_and_change_nothing(tmp_path, start, reference
     print("examples that were safe after each kill:", safe, "workers killed:", hits)
     assert hits >= 1
     assert sum(0 < count < 24 for count in safe.values()) > 5, "the kills missed the work"
+
+
+@pytest.mark.slow
+def test_a_kill_at_any_file_then_a_build_then_a_verification_that_passes(tmp_path, start):
+    """The files of the end, too: index, lists, card, description and hashes."""
+    from crash_work import build_until, small_plan
+
+    build_dataset(small_plan(), tmp_path / "whole", executor="serial")
+    files = 1 + 2 * 2 + len(["index", "train", "validation", "test", "card", "description", "hashes"])
+    expected, contents, killed = dataset_hash(tmp_path / "whole"), set(), 0
+    for number in range(1, files + 2):
+        for after in (False, True):
+            folder = tmp_path / f"{number}-{after}"
+            process = start(folder, number, after, work=build_until)
+            processes.join(process)
+            assert process.exitcode == (-signal.SIGKILL if number <= files else 0)
+            killed += number <= files
+            build_dataset(small_plan(), folder, executor="serial")
+            assert dataset_hash(folder) == expected
+            assert list(folder.rglob("*.partial")) == []
+            found = verify_dataset(folder, share=0.0, rng=np.random.default_rng(1))
+            assert found.verdict == "passed"
+            contents.add(found.check("contents").summary)
+    assert (killed, len(contents)) == (2 * files, 1)
 
 
 @pytest.mark.slow
