@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cache, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -237,6 +238,8 @@ TEXT_TRUTHS = ("truth_gait",)
 YES, NO = ("yes", "true", "1", "x"), ("no", "false", "0", "")
 LABEL = re.compile(r"[A-Za-z0-9 _.-]+")
 SHOWN_FAULTS = 8
+MOST_CONFLICTS = 1000
+"""Contradictions that are counted: any two of many lines may contradict each other."""
 NEAR_COLUMN, NEAR_LABEL = 0.75, 0.8
 """How alike, from 0 to 1, two spellings must be for one to be taken for a slip of the other."""
 
@@ -329,7 +332,7 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
             entries += _entries(line, {names[column]: cell for column, cell in cells.items()}, find, gate)
         except ConfigError as error:
             faults.append(f"line {line}, {error}")
-    faults += _conflicts(entries)
+    faults += islice(_conflicts(entries), MOST_CONFLICTS)
     if faults:
         more = f"; and {len(faults) - SHOWN_FAULTS} more" if len(faults) > SHOWN_FAULTS else ""
         raise ConfigError(f"{table.name}: " + "; ".join(faults[:SHOWN_FAULTS]) + more)
@@ -409,19 +412,23 @@ def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
         by_recording.setdefault(entry.recording, []).append(entry)
     for same in by_recording.values():
         going_on: list[LabelEntry] = []
+        parts: dict[str, LabelEntry] = {}
         for entry in sorted(same, key=lambda one: one.start_s or 0.0):
+            part = str((entry.start_s or 0.0, entry.stop_s, entry.gate, sorted(entry.options.items())))
+            if (other := parts.setdefault(part, entry)) is not entry:
+                first, second = sorted((other, entry), key=lambda one: one.line)
+                yield (
+                    f"line {second.line}, file: {second.recording!r} is already in line {first.line}; each part of a "
+                    "recording can be there once"
+                )
+                continue
             going_on = [other for other in going_on if (entry.start_s or 0.0) < _end(other)]
             for other in going_on:
-                same_part = (entry.start_s or 0.0, entry.stop_s) == (other.start_s or 0.0, other.stop_s)
-                if not entry.overlaps(other) or not (same_part or entry.label != other.label):
+                if not entry.overlaps(other) or entry.label == other.label:
                     continue
                 first, second = sorted((other, entry), key=lambda one: one.line)
-                where = f"line {second.line}, file: {second.recording!r}"
-                if same_part:
-                    yield f"{where} is already in line {first.line}; each part of a recording can be there once"
-                else:
-                    yield (
-                        f"{where} is {second.label!r} and in line {first.line} {first.label!r} at the same time; give "
-                        "each its own start_s and stop_s, or its own gate"
-                    )
+                yield (
+                    f"line {second.line}, file: {second.recording!r} is {second.label!r} and in line {first.line} "
+                    f"{first.label!r} at the same time; give each its own start_s and stop_s, or its own gate"
+                )
             going_on.append(entry)

@@ -679,3 +679,15 @@ def test_rows_without_any_target_still_have_the_columns_of_features(tracked, tmp
     X, _, _ = open_dataset(tmp_path / "m").features()
     assert X.shape == (1, 6)
     assert np.isnan(X).all()
+
+
+def test_a_line_that_is_there_many_times_is_counted_once_each(recordings):
+    """Each refers to the first one: not every two of them are a message."""
+    labels = recordings.parent / "labels.csv"
+    name = sorted(path.name for path in recordings.iterdir())[0]
+    labels.write_text("file,label\n" + f"{name},human\n" * 900)
+    with pytest.raises(ConfigError, match=r"line 3, file: .* is already in line 2; .* and 891 more$"):
+        read_labels(labels, recordings)
+    labels.write_text("file,label\n" + f"{name},human\n" * 5000)
+    with pytest.raises(ConfigError, match=r"and 992 more$"):
+        read_labels(labels, recordings)
