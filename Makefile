@@ -2,12 +2,13 @@
 # make check     set everything up and run what needs no process, built dataset, training, site or browser
 # make test      set everything up and run every check, as continuous integration does
 # make kernels   compile the kernels for the processors that object code ships for, after a change to one
+# make fuzz      damage files for everything that reads them, CASES=100000 of them; make test has a short run
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: dataset kernels check lint test docs docs-links benchmark clean
+.PHONY: dataset fuzz kernels check lint test docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
@@ -30,10 +31,15 @@ if [ $$linted -ne 0 ]; then echo "lint failed, see above" >&2; fi; [ $$tests -eq
 endef
 
 check: $(VENV)/.installed-test
-	$(call PYTEST,--ignore tests/system --ignore tests/browser)
+	$(call PYTEST,--ignore tests/system --ignore tests/browser --ignore tests/fuzz)
 
 test: $(VENV)/.installed-test
 	$(call PYTEST,)
+
+CASES ?= 100000
+SEED ?= 0
+fuzz: $(VENV)/.installed-test
+	OMP_NUM_THREADS=1 $(BIN)/python tests/fuzz/fuzz.py --cases $(CASES) --seed $(SEED)
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from checkout import SHARED
 
-PROCESS_ROOMS = ("system", "browser")
+PROCESS_ROOMS = ("system", "browser", "fuzz")
 PROCESS_EVENTS = frozenset({"subprocess.Popen", "os.fork", "os.posix_spawn", "os.system"})
 
 gc.set_threshold(20_000)  # at every 700 new objects it takes a tenth of the suite's time, in imports above all

@@ -70,5 +70,5 @@ def test_an_array_that_fills_the_memory_is_not_read(tmp_path):
     (tmp_path / "shards").mkdir()
     with h5py.File(tmp_path / "shards" / "train-00000-of-00001.h5", "w") as file:
         file.create_dataset("signature", (1, 100_000, 200_000), "f4", chunks=(1, 50, 50))
-    with pytest.raises(DatasetError, match="would take 80,000 MB of memory"):
+    with pytest.raises(DatasetError, match="would take 128,000 MB of memory"):
         ShardFiles(tmp_path / "shards").read("train-00000-of-00001", "signature", 0)

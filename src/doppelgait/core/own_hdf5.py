@@ -27,6 +27,8 @@ HEAP_BYTES, OBJECT_BYTES = 16, 16
 """Bytes before the objects of a heap, and before the content of an object (8-byte lengths, as h5py writes)."""
 TEXT_BYTES = 4096
 """Length that is assumed of one of many texts, such as ids."""
+CHUNK_BYTES = 6000
+"""Memory that the library takes for each chunk, measured: chunks of few values take more than these."""
 MAX_OBJECTS = 4_000_000
 """Texts in heaps that are followed at most."""
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
@@ -189,9 +191,10 @@ def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
         each += text_bytes
     if properties.get_layout() != h5py.h5d.CHUNKED:
         return each * count
-    chunk_bytes = each
-    for length in properties.get_chunk():
+    chunk_bytes, n_chunks = each, 1
+    for length, size in zip(properties.get_chunk(), found.id.get_space().get_simple_extent_dims(), strict=True):
         chunk_bytes *= length
+        n_chunks *= -(-size // length)
     filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
     if not set(filters) <= set(FILTERS) or len(set(filters)) < len(filters):
         raise ValueError(
@@ -199,7 +202,7 @@ def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
         )
     if 1 in filters and found.id.get_storage_size() * INFLATES > limit_bytes(0):
         _check_chunks(found, name, chunk_bytes)
-    return max(each * count, chunk_bytes)
+    return max(each * count, chunk_bytes) + CHUNK_BYTES * n_chunks
 
 
 def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:

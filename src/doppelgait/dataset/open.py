@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.config import json_value, validate
+from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import RandomSource, as_generator
@@ -476,6 +477,7 @@ def read_index(path: Path, identity: str | None) -> pd.DataFrame:
         found = (file.schema_arrow.metadata or {}).get(b"dataset", b"").decode(errors="replace")
         if identity is not None and found != identity:
             raise ValueError(f"index.parquet: is of dataset {found!r}, dataset.json of {identity!r}")
+        check_cost(path, CELL_BYTES // 4 * file.metadata.num_rows * file.metadata.num_columns)
         table = file.read()
     table.validate(full=True)  # texts, too: pandas decodes them when they are used
     frame: pd.DataFrame = table.to_pandas()

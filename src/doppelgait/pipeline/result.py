@@ -29,7 +29,7 @@ from doppelgait.core.labels import (
     Schema,
     check_signal,
 )
-from doppelgait.core.own_hdf5 import open_hdf5, stated_format
+from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, frame_numbers
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.parts import measure_parts
@@ -589,7 +589,7 @@ def read_results(path: str | Path) -> Results:
                 radar=validate(Radar, parse_json(file.attrs["radar"]), where="radar"),
                 targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
             )
-    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
+    except (*FAULTS, DoppelgaitError) as error:
         if str(error).startswith(f"{path}: "):
             raise
         raise AnalysisError(f"{path}: is damaged or no result of doppelgait analyze: {error}; {remedy}") from None

@@ -133,7 +133,7 @@ def read_hdf5(path: Path) -> Recording:
     try:
         with open_hdf5(path) as file:
             radar = _own_radar(file)
-            coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
+            coords = {"slow_time": _numbers(file, "slow_time_s"), "range": _numbers(file, "range_m")}
             further = {
                 key: value.item() if isinstance(value, np.generic) else value
                 for key, value in file["baseband"].attrs.items()
@@ -187,12 +187,19 @@ def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 
+def _numbers(group: Any, name: str) -> Any:
+    """Return the values of a dataset of real numbers."""
+    if group[name].dtype.kind not in "fiu":
+        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
+    return group[name][:]
+
+
 def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
     parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
     shape = (len(slow_time_s), len(parts))
     dims = ("slow_time", "scatterer")
     values = {
-        name: np.broadcast_to(group[name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]]][:], shape)
+        name: np.broadcast_to(_numbers(group, name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]]), shape)
         for name in STORED_VARIABLES
         if name not in OPTIONAL_VARIABLES or name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] in group
     }
@@ -207,7 +214,7 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
     )
     stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}
     facts: dict[str, Any] = {k: str(v) if isinstance(v, str | bytes) else float(v) for k, v in stored.items()}
-    centre = {name: group[name][:] for name in CENTRE_ARRAYS}
+    centre = {name: _numbers(group, name) for name in CENTRE_ARRAYS}
     body = None  # recordings of versions that kept none
     if "body_position_m" in group:
         markers, parts = (np.array(parse_json(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))

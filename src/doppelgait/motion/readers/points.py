@@ -342,6 +342,8 @@ FARTHEST_M = 1e4
 """Farther from the origin is no place of a body."""
 MOST_FAR = 0.01
 """Share of samples that may be so: single damaged values, not a wrong unit."""
+MOST_WIDE = 0.1
+"""Share of frames in which the points may span more than a body."""
 BODY_M = (0.05, 15.0)
 """Extent of a body, or of the part of one that was recorded."""
 
@@ -383,8 +385,11 @@ def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
         warn_caller(f"{path}: {notes[-1]}; the file is damaged")
     if seen <= n_far:
         return notes  # that nothing was seen is reported by cleaning
-    size_m = float(np.nan_to_num(body_extent(position_m)).max())
-    if not BODY_M[0] < size_m < BODY_M[1]:
+    spans_m = (np.fmax.reduce(position_m, axis=1) - np.fmin.reduce(position_m, axis=1)).max(axis=1)
+    spans_m = spans_m[np.isfinite(spans_m)]
+    least_m, most_m = np.quantile(spans_m, (0.5, 1.0 - MOST_WIDE)) if spans_m.size else (BODY_M[1], BODY_M[1])
+    size_m = most_m if most_m > BODY_M[1] else least_m
+    if spans_m.size and not BODY_M[0] <= size_m <= BODY_M[1]:
         raise MotionError(
             f"{path}: its points span {size_m:.3g} m; allowed are {BODY_M[0]:g} to {BODY_M[1]:g} m. Is the unit wrong? "
             "Give it: units='mm', 'cm' or 'm'; else the file is damaged or holds no body"

@@ -1,0 +1,435 @@
+"""Findings of earlier rounds, made by code: small files that took minutes, gigabytes, or other files' bytes.
+
+Every function writes the files of one case into an empty folder and names the target that must refuse, or survive, it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from readers import TARGETS, body, c3d_bytes
+
+Attack = Callable[[Path], str]
+ATTACKS: dict[str, Attack] = {}
+READ: set[str] = {"many_heaps", "platform_with_blanks", "a_long_word_among_short_ones"}
+"""Those that may be read, within the limits; all others must be refused."""
+
+
+def attack(make: Attack) -> Attack:
+    ATTACKS[make.__name__] = make
+    return make
+
+
+def _seed(target: str, folder: Path, number: int = 0) -> None:
+    """Write one seed of a target right into a folder."""
+    TARGETS[target].seeds(folder / "seeds")
+    for file in (folder / "seeds" / str(number)).iterdir():
+        file.rename(folder / file.name)
+
+
+# ---- patterns
+
+
+@attack
+def header_with_blanks(folder: Path) -> str:
+    (folder / "a.csv").write_text("time_s,a" + " " * 4000 + "!,b_x_m\n0,0,0\n1,1,1\n2,2,2\n")
+    return "motion-table"
+
+
+@attack
+def header_with_marks(folder: Path) -> str:
+    (folder / "a.csv").write_text(
+        "time_s,a" + " _ " * 4000 + "!,b_x(" + "_x(" * 9000 + ",c_x_m\n0,0,0,0\n1,1,1,1\n2,2,2,2\n"
+    )
+    return "motion-table"
+
+
+@attack
+def many_headers_with_marks(folder: Path) -> str:
+    (folder / "a.csv").write_text("time_s" + (",a" + "_x(" * 130) * 2000 + "\n" + "0," * 2000 + "0\n" * 3)
+    return "motion-table"
+
+
+@attack
+def skeleton_comment_with_blanks(folder: Path) -> str:
+    _seed("motion-amc", folder)
+    amc = folder / "07_01.amc"
+    amc.write_text("#!OML:ASF " + " " * 40_000 + "\\" * 40_000 + "\n" + amc.read_text().split("\n", 1)[1])
+    return "motion-amc"
+
+
+@attack
+def frames_with_blanks(folder: Path) -> str:
+    _seed("motion-bvh", folder)
+    (folder / "a.bvh").write_text(
+        (folder / "a.bvh").read_text().replace("Frames: 12", "Frames" + " " * 200_000 + "1 2")
+    )
+    return "motion-bvh"
+
+
+@attack
+def frame_time_with_blanks(folder: Path) -> str:
+    _seed("motion-bvh", folder)
+    text = (folder / "a.bvh").read_text()
+    (folder / "a.bvh").write_text(
+        text.replace("Frame Time: 0.02", "Frame" + " " * 100_000 + "Time" + " " * 100_000 + "1 2")
+    )
+    return "motion-bvh"
+
+
+@attack
+def names_of_digits(folder: Path) -> str:
+    names = ["1" * 400_000 + "x", *"bcdefghijkl"]
+    np.savez(folder / "a.npz", positions=body(), names=np.array(names), rate_hz=50.0, units="m")
+    return "motion-arrays"
+
+
+@attack
+def platform_with_blanks(folder: Path) -> str:
+    _seed("radar-dca1000", folder, 2)
+    (folder / "a.cfg").write_text("% platform" + " " * 300_000 + "\n" + (folder / "a.cfg").read_text())
+    return "radar-dca1000"
+
+
+@attack
+def settings_with_brackets(folder: Path) -> str:
+    _seed("radar-arrays", folder, 1)
+    row = "x = '''" + "[" * 20_000 + "prf_hz " * 20_000 + "'''\n"
+    (folder / "a.toml").write_text(row + (folder / "a.toml").read_text().replace("prf_hz = 25.0", "prf_hz = 'x'"))
+    return "radar-arrays"
+
+
+@attack
+def points_of_one_name(folder: Path) -> str:
+    columns = "a_x_m,a_y_m,a_z_m," * 19_000
+    (folder / "a.csv").write_text("time_s," + columns.rstrip(",") + "\n" + ("0," * 57_000 + "0\n") * 3)
+    return "motion-table"
+
+
+# ---- HDF5
+
+
+@attack
+def endless_heap_in_results(folder: Path) -> str:
+    _seed("result", folder)
+    content = bytearray((folder / "a.h5").read_bytes())
+    at = content.find(b"GCOL")
+    assert at > 0
+    content[at + 24 : at + 32] = bytes(8)
+    content[at + 16 : at + 18] = bytes(2)
+    (folder / "a.h5").write_bytes(content)
+    return "result"
+
+
+@attack
+def many_heaps(folder: Path) -> str:
+    _seed("radar-own", folder)
+    one = b"GCOL\x01\0\0\0" + struct.pack("<Q", 2**40) + struct.pack("<H6xQ", 1, 16) + bytes(16)
+    (folder / "a.h5").write_bytes((folder / "a.h5").read_bytes() + one * 21_000)
+    return "radar-own"
+
+
+def _hdf5(path: Path, change: Callable[[Any], None]) -> None:
+    import h5py
+
+    with h5py.File(path, "r+") as file:
+        change(file)
+
+
+@attack
+def recording_of_80_gigabytes(folder: Path) -> str:
+    _seed("radar-own", folder)
+
+    def change(file: Any) -> None:
+        del file["baseband"]
+        file.create_dataset("baseband", (10**8, 100), "<c8", chunks=(100, 100))
+
+    _hdf5(folder / "a.h5", change)
+    return "radar-own"
+
+
+@attack
+def gzip_in_a_recording(folder: Path) -> str:
+    _seed("radar-own", folder)
+
+    def change(file: Any) -> None:
+        del file["baseband"]
+        values = file.create_dataset("baseband", (16, 6), "<c8", chunks=(16, 6), compression="gzip")
+        packer = zlib.compressobj(9)
+        packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(300)) + packer.flush()
+        values.id.write_direct_chunk((0, 0), packed)
+
+    _hdf5(folder / "a.h5", change)
+    return "radar-own"
+
+
+@attack
+def gzip_in_acconeer_text(folder: Path) -> str:
+    _seed("radar-acconeer", folder)
+
+    def change(file: Any) -> None:
+        del file["sessions/session_0/session_config"]
+        file.create_dataset("sessions/session_0/session_config", (1,), "S2000000000", chunks=(1,), compression="gzip")
+
+    _hdf5(folder / "a.h5", change)
+    return "radar-acconeer"
+
+
+def _other_file(target: str, number: int, name: str, way: str) -> Attack:
+    def make(folder: Path) -> str:
+        import h5py
+
+        _seed(target, folder, number)
+        path = next(path for path in folder.iterdir() if path.suffix in (".h5", ".mat"))
+
+        def change(file: Any) -> None:
+            values = file[name][()]
+            del file[name]
+            with h5py.File(folder / "other", "w") as other:
+                other["x"] = values
+            if way == "link":
+                file[name] = h5py.ExternalLink("other", "/x")
+            elif way == "external":
+                (folder / "raw").write_bytes(values.tobytes())
+                file.create_dataset(
+                    name, values.shape, values.dtype, external=[(str(folder / "raw"), 0, values.nbytes)]
+                )
+            else:
+                layout = h5py.VirtualLayout(values.shape, values.dtype)
+                layout[:] = h5py.VirtualSource(str(folder / "other"), "x", values.shape, values.dtype)
+                file.create_virtual_dataset(name, layout)
+
+        _hdf5(path, change)
+        return target
+
+    make.__name__ = f"{target}_{way}"
+    return attack(make)
+
+
+for _target, _number, _name in (
+    ("radar-own", 0, "baseband"), ("radar-matlab", 2, "Data_Matrix"),
+    ("radar-acconeer", 0, "sessions/session_0/group_0/entry_0/result/frame"),
+):  # fmt: skip
+    for _way in ("link", "external", "virtual"):
+        _other_file(_target, _number, _name, _way)
+
+
+# ---- what small files unpack to
+
+
+@attack
+def matlab_fact_of_a_matrix(folder: Path) -> str:
+    from scipy.io import savemat
+
+    frames = np.random.default_rng(0).normal(size=(10, 96))
+    fact = np.zeros((1, 20_000_000), "u1")
+    content = {"Data_Matrix": frames, "actual_fps": fact, "bin_length": 0.00643, "frame_start": 0.4}
+    savemat(folder / "a.mat", content, do_compression=True)
+    return "radar-matlab"
+
+
+@attack
+def matlab_matrix_of_zeros(folder: Path) -> str:
+    from scipy.io import savemat
+
+    frames = np.zeros((600_000, 100), "u1")
+    content = {"Data_Matrix": frames, "actual_fps": 25.0, "bin_length": 0.00643, "frame_start": 0.4}
+    savemat(folder / "a.mat", content, do_compression=True)
+    return "radar-matlab"
+
+
+def _packed_npz(path: Path, shape: tuple[int, ...], code: str, name: str, **others: Any) -> None:
+    """An npz file with an array of zeros that is never in memory."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+            np.lib.format.write_array_header_1_0(stream, {"descr": code, "fortran_order": False, "shape": shape})
+            left = int(np.prod(shape)) * np.dtype(code).itemsize
+            while left:
+                left -= stream.write(bytes(min(left, 1 << 22)))
+        for key, value in others.items():
+            buffer = io.BytesIO()
+            np.save(buffer, value)
+            archive.writestr(f"{key}.npy", buffer.getvalue())
+
+
+@attack
+def radar_npz_of_bytes(folder: Path) -> str:
+    _seed("radar-arrays", folder, 1)
+    _packed_npz(folder / "a.npz", (200_000, 200), "|i1", "i", q=np.zeros(1, "i1"))
+    return "radar-arrays"
+
+
+@attack
+def motion_npz_of_bytes(folder: Path) -> str:
+    _packed_npz(folder / "a.npz", (700_000, 20, 3), "|i1", "positions", rate_hz=np.array(50.0))
+    return "motion-arrays"
+
+
+@attack
+def motion_npz_of_80_gigabytes(folder: Path) -> str:
+    with zipfile.ZipFile(folder / "a.npz", "w") as archive:
+        header = io.BytesIO()
+        np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 3, 3)})
+        archive.writestr("positions.npy", header.getvalue())
+    return "motion-arrays"
+
+
+@attack
+def trc_with_one_wide_row(folder: Path) -> str:
+    _seed("motion-trc", folder)
+    lines = (folder / "a.trc").read_text().split("\n")
+    rows = ["1\t0.1" + "\t1" * 36] * 3000
+    (folder / "a.trc").write_text("\n".join([*lines[:6], "1\t0.0" + "\t1" * 150_000, *rows]))
+    return "motion-trc"
+
+
+@attack
+def joints_without_channels(folder: Path) -> str:
+    sites = "End Site\n{\nOFFSET 0 1 0\n}\n" * 990
+    text = f"HIERARCHY\nROOT Hips\n{{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\n{sites}}}\nMOTION\nFrames: 20000\nFrame Time: 0.01\n"
+    (folder / "a.bvh").write_text(text + "0\n" * 20_000)
+    return "motion-bvh"
+
+
+@attack
+def a_long_word_among_short_ones(folder: Path) -> str:
+    _seed("motion-amc", folder)
+    head = "#!OML:ASF 07.asf\n:FULLY-SPECIFIED\n:DEGREES\n"
+    frames = "".join(f"{t}\nroot 0 0 0 0 0 {'0' * 90 if t == 5 else 0}\n" for t in range(1, 60_000))
+    (folder / "07_01.amc").write_text(head + frames)
+    return "motion-amc"
+
+
+@attack
+def xethru_meta_that_lists_a_file_often(folder: Path) -> str:
+    from doppelgait.radar.xethru.records import pack_meta, parse_meta
+
+    _seed("radar-xethru", folder)
+    meta = next(folder.rglob("xethru_recording_meta.dat"))
+    content = meta.read_bytes()
+    name = next(path.name for path in meta.parent.iterdir() if "baseband_iq" in path.name)
+    parsed = parse_meta(content, where="meta")
+    meta.write_bytes(pack_meta(replace(parsed, file_names=parsed.file_names + (name,) * 3000)))
+    (meta.parent / name).write_bytes((meta.parent / name).read_bytes() * 2000)
+    return "radar-xethru"
+
+
+@attack
+def json_of_brackets(folder: Path) -> str:
+    (folder / "a.json").write_text('{"rate_hz": 1, "positions": [' + "[]," * 5_000_000 + "[]]}")
+    return "motion-arrays"
+
+
+@attack
+def table_of_single_digits(folder: Path) -> str:
+    titles = "t," + ",".join(f"p{n}_{axis}_m" for n in range(50) for axis in "xyz")
+    (folder / "a.csv").write_text(titles + "\n" + "".join(f"{t}" + ",1" * 150 + "\n" for t in range(40_000)))
+    return "motion-table"
+
+
+# ---- numbers and nesting
+
+
+@attack
+def deep_json(folder: Path) -> str:
+    (folder / "a.json").write_text('{"rate_hz": 1, "positions": ' + "[" * 100_000)
+    return "motion-arrays"
+
+
+@attack
+def deep_toml(folder: Path) -> str:
+    _seed("radar-arrays", folder, 1)
+    (folder / "a.toml").write_text(".".join(["a"] * 100_000) + " = 1\n")
+    return "radar-arrays"
+
+
+@attack
+def long_integer_in_toml(folder: Path) -> str:
+    _seed("radar-arrays", folder, 1)
+    (folder / "a.toml").write_text("prf_hz = " + "9" * 5000 + "\n")
+    return "radar-arrays"
+
+
+@attack
+def long_integer_in_sigmf(folder: Path) -> str:
+    _seed("radar-sigmf", folder, 1)
+    meta = folder / "a.sigmf-meta"
+    meta.write_text(meta.read_text().replace("400.0", "9" * 5000))
+    return "radar-sigmf"
+
+
+@attack
+def sigmf_without_ranges(folder: Path) -> str:
+    _seed("radar-sigmf", folder)
+    content = json.loads((folder / "a.sigmf-meta").read_text())
+    content["global"]["doppelgait:range_m"] = []
+    (folder / "a.sigmf-meta").write_text(json.dumps(content))
+    return "radar-sigmf"
+
+
+@attack
+def expmap_offsets_of_long_integers(folder: Path) -> str:
+    _seed("motion-expmap", folder)
+    content = json.loads((folder / "skeleton.json").read_text())
+    content["offsets"][3] = [10**39, 1e308, 10**400]
+    text = json.dumps(content)
+    (folder / "skeleton.json").write_text(text)
+    return "motion-expmap"
+
+
+# ---- what no radar and no body can have
+
+
+def _own(name: str, change: Callable[[Any], None]) -> Attack:
+    def make(folder: Path) -> str:
+        _seed("radar-own", folder, 1)
+        _hdf5(folder / "a.h5", change)
+        return "radar-own"
+
+    make.__name__ = f"own_recording_with_{name}"
+    return attack(make)
+
+
+def _put(key: str, place: int, value: float) -> Callable[[Any], None]:
+    def change(file: Any) -> None:
+        values = file[key][()]
+        values.reshape(-1)[place] = value
+        file[key][...] = values
+
+    return change
+
+
+def _tenfold(file: Any) -> None:
+    radar = json.loads(file.attrs["radar"])
+    radar["prf_hz"] *= 10
+    file.attrs["radar"] = json.dumps(radar)
+
+
+for _name, _change in {
+    "nan": _put("baseband", 7, np.nan), "infinity": _put("baseband", 7, np.inf), "falling_times": _put("slow_time_s", 5, 0.0),
+    "far_ranges": _put("range_m", -1, 1e30), "nan_in_truth": _put("truth/0/centre_range_m", 3, np.nan),
+    "negative_noise": lambda file: file.attrs.__setitem__("noise_power_v2", -1.0), "tenfold_prf": _tenfold,
+}.items():  # fmt: skip
+    _own(_name, _change)
+
+
+def _c3d(name: str, factor: float) -> Attack:
+    def make(folder: Path) -> str:
+        (folder / "a.c3d").write_bytes(c3d_bytes(1000 * factor * body()))
+        return "motion-c3d"
+
+    make.__name__ = f"c3d_of_{name}"
+    return attack(make)
+
+
+for _name, _factor in (("42_m", 25.0), ("1670_m", 1000.0), ("1.7_nm", 1e-9)):
+    _c3d(_name, _factor)

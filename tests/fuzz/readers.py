@@ -1,0 +1,479 @@
+"""Targets of the fuzzer: every reader of motions and of radar recordings, with small seeds of our own making."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is fuzzed.
+
+    Parameters
+    ----------
+    seeds : callable
+        Writes the files of one seed into each of some new folders below a folder.
+    run : callable
+        Uses the files of a folder; raises ``AssertionError`` where the result is nonsense.
+    """
+
+    seeds: Callable[[Path], None]
+    run: Callable[[Path], None]
+
+
+def _main(folder: Path, *endings: str) -> Path:
+    return next(path for path in sorted(folder.iterdir()) if path.name.endswith(endings))
+
+
+# ---- motions
+
+NAMES = ("head", "neck", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee", "right_knee",
+         "left_ankle", "right_ankle", "left_toe", "right_toe")  # fmt: skip
+FRAMES = 12
+
+
+def body(n_frames: int = FRAMES) -> Any:
+    """Twelve points of a person who walks along x, (T, P, 3) in m."""
+    height = np.array([1.7, 1.5, 1.45, 1.45, 0.95, 0.95, 0.5, 0.5, 0.1, 0.1, 0.03, 0.03])
+    side = np.array([0, 0, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1]) * 0.15
+    time = np.arange(n_frames)[:, None] / 50.0
+    x = 1.2 * time + 2 * side * (1 - height / 1.7) * np.sin(6 * time)
+    return np.stack([x, np.broadcast_to(side, x.shape), np.broadcast_to(height, x.shape)], axis=2)
+
+
+def _text(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def _table(n_frames: int = FRAMES) -> tuple[list[str], list[list[str]]]:
+    titles = ["time_s", *(f"{name}_{axis}_m" for name in NAMES for axis in "xyz")]
+    rows = [[f"{t / 50:.3f}", *(f"{value:.5f}" for value in frame.ravel())] for t, frame in enumerate(body(n_frames))]
+    return titles, rows
+
+
+def table_seeds(folder: Path) -> None:
+    titles, rows = _table()
+    lines = [titles, *rows]
+    _text(folder / "0" / "a.csv", "\n".join(map(",".join, lines)) + "\n")
+    in_mm = [[row[0], *(f"{1000 * float(value):.2f}" for value in row[1:])] for row in rows]
+    other = [["time", *(title.removesuffix("_m").replace("_", " ") + " (mm)" for title in titles[1:])], *in_mm]
+    _text(folder / "1" / "a.csv", "\n".join(";".join(cells).replace(".", ",") for cells in other))
+    _text(folder / "2" / "a.txt", "\n".join("\t".join(cells) for cells in [["Frame", *[n for n in NAMES for _ in "xyz"]],
+          ["", *["X", "Y", "Z"] * len(NAMES)], *[[str(t), *row[1:]] for t, row in enumerate(rows)]]))  # fmt: skip
+    accad = ["Field", "Time", *(f"{name}:{axis}" for name in NAMES for axis in "XYZ")]
+    _text(
+        folder / "3" / "a.txt",
+        "\n".join("\t".join(c) for c in [accad, *([str(t), *row] for t, row in enumerate(in_mm))]),
+    )
+    glued = ["t", *(f"{name.replace('_', '')}{axis}" for name in NAMES for axis in "XYZ")]
+    _text(folder / "4" / "a.tsv", "\n".join("\t".join(cells) for cells in [glued, *rows]))
+
+
+def trc_seeds(folder: Path) -> None:
+    values = 1000 * body()[:, :, [0, 2, 1]]
+    rows = ["\t".join([str(t + 1), f"{t / 50:.3f}", *(f"{v:.3f}" for v in f.ravel())]) for t, f in enumerate(values)]
+    head = [
+        "PathFileType\t4\t(X/Y/Z)\ta.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate",
+        f"50\t50\t{FRAMES}\t{len(NAMES)}\tmm\t50", "Frame#\tTime\t" + "\t\t\t".join(NAMES),
+        "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(NAMES)) for axis in "XYZ"),
+    ]  # fmt: skip
+    _text(folder / "0" / "a.trc", "\n".join([*head, "", *rows]) + "\n")
+
+
+def bvh_seeds(folder: Path) -> None:
+    tree = [("Spine", 20), ("Chest", 15), ("Neck", 20), ("Head", 10)]
+    text = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n"
+    for name, length in tree:
+        text += f"JOINT {name}\n{{\nOFFSET 0 {length} 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
+    text += "End Site\n{\nOFFSET 0 8 0\n}\n" + "}\n" * len(tree)
+    for side, sign in (("Left", 1), ("Right", -1)):
+        for name, y, z in (("UpLeg", -5, 0), ("Leg", -42, 0), ("Foot", -40, 0), ("ToeBase", -6, 12)):
+            text += f"JOINT {side}{name}\n{{\nOFFSET {9 * sign} {y} {z}\nCHANNELS 3 Zrotation Xrotation Yrotation\n"
+        text += "End Site\n{\nOFFSET 0 0 4\n}\n" + "}\n" * 4
+    n_values = 6 + 3 * (len(tree) + 8)
+    rows = [" ".join(["0", "95", f"{2.4 * t:.2f}", *(f"{5 * math.sin(t + n):.3f}" for n in range(n_values - 3))])
+            for t in range(FRAMES)]  # fmt: skip
+    _text(folder / "0" / "a.bvh", text + f"}}\nMOTION\nFrames: {FRAMES}\nFrame Time: 0.02\n" + "\n".join(rows) + "\n")
+
+
+BONES = {
+    "lfemur": ("root", "0.3 -0.9 0", 7.0, "rx ry rz"), "ltibia": ("lfemur", "0.3 -0.9 0", 7.2, "rx"),
+    "lfoot": ("ltibia", "0.1 -0.2 0.9", 2.0, "rx rz"), "rfemur": ("root", "-0.3 -0.9 0", 7.0, "rx ry rz"),
+    "rtibia": ("rfemur", "-0.3 -0.9 0", 7.2, "rx"), "rfoot": ("rtibia", "-0.1 -0.2 0.9", 2.0, ""),
+    "lowerback": ("root", "0 1 0", 9.0, "rx ry rz"), "head": ("lowerback", "0 1 0.1", 3.0, "rx"),
+}  # fmt: skip
+
+
+def amc_seeds(folder: Path) -> None:
+    data = "".join(
+        f"  begin\n  id {n}\n  name {name}\n  direction {way}\n  length {size}\n  axis 0 0 20 XYZ\n"
+        + (f"  dof {dof}\n" if dof else "") + "  end\n"
+        for n, (name, (_, way, size, dof)) in enumerate(BONES.items())
+    )  # fmt: skip
+    tree = "".join(f"    {parent} {name}\n" for name, (parent, *_) in BONES.items())
+    _text(folder / "0" / "07.asf", "# c\n:version 1.10\n:units\n  length 0.45\n  angle deg\n:root\n  order TX TY TZ RX RY RZ\n"
+          f"  axis XYZ\n  position 1 0 0\n  orientation 0 0 0\n:bonedata\n{data}:hierarchy\n  begin\n{tree}  end\n")  # fmt: skip
+    frames = "".join(
+        f"{t + 1}\nroot 0 17 {0.4 * t:.2f} 0 0 {t}\n"
+        + "".join(f"{n} {' '.join(f'{9 * math.sin(t + k):.4f}' for k in range(len(d.split())))}\n"
+                  for n, (*_, d) in BONES.items() if d)
+        for t in range(FRAMES)
+    )  # fmt: skip
+    _text(folder / "0" / "07_01.amc", f"#!OML:ASF H:\\a\\07.ASF\n:FULLY-SPECIFIED\n:DEGREES\n{frames}")
+
+
+def expmap_seeds(folder: Path) -> None:
+    joints = [name for name in NAMES] + [f"j{n}" for n in range(32 - len(NAMES))]
+    skeleton = {"joint_names": joints, "parents": [-1, *range(31)], "offsets": [[0.0, 60.0, 10.0 * (n % 3)] for n in range(32)],
+                "metres_per_unit": 0.001, "frame_rate_hz": 50, "up_axis": "y"}  # fmt: skip
+    _text(folder / "0" / "skeleton.json", json.dumps(skeleton))
+    _text(
+        folder / "0" / "a.txt",
+        "\n".join(",".join(f"{0.01 * t + 0.1 * math.sin(t + n):.4f}" for n in range(99)) for t in range(FRAMES)),
+    )
+
+
+def arrays_seeds(folder: Path) -> None:
+    (folder / "0").mkdir(parents=True)
+    np.savez(folder / "0" / "a.npz", positions=body(), names=np.array(NAMES), rate_hz=50.0, units="m")
+    (folder / "1").mkdir()
+    np.savez_compressed(
+        folder / "1" / "a.npz", joints=1000 * body().astype("f4"), fps=50, joint_names=np.array(NAMES, "S")
+    )
+    content = {"rate_hz": 50, "units": "m", "names": NAMES, "positions": body().round(4).tolist()}
+    _text(folder / "2" / "a.json", json.dumps(content))
+
+
+def c3d_bytes(position: Any, labels: tuple[str, ...] = NAMES, *, is_float: bool = True) -> bytes:
+    """A C3D file as the format's manual has it, positions (T, P, 3) in mm."""
+    records = b""
+
+    def group(number: int, name: str) -> bytes:
+        text = name.encode()
+        return (
+            bytes([len(text)]) + (-number).to_bytes(1, "little", signed=True) + text + (3).to_bytes(2, "little") + b"\0"
+        )
+
+    def parameter(number: int, name: str, kind: int, shape: tuple[int, ...], raw: bytes) -> bytes:
+        rest = kind.to_bytes(1, "little", signed=True) + bytes([len(shape), *shape]) + raw + b"\0"
+        return bytes([len(name), number]) + name.encode() + (2 + len(rest)).to_bytes(2, "little") + rest
+
+    scale = np.float32(-1.0 if is_float else 0.1)
+    n_frames, n_points, _ = position.shape
+    records += group(1, "POINT")
+    records += parameter(1, "USED", 2, (), n_points.to_bytes(2, "little"))
+    records += parameter(1, "FRAMES", 2, (), n_frames.to_bytes(2, "little"))
+    records += parameter(1, "SCALE", 4, (), scale.tobytes())
+    records += parameter(1, "RATE", 4, (), np.float32(50).tobytes())
+    records += parameter(1, "UNITS", -1, (2, 1), b"mm")
+    width = max(map(len, labels))
+    records += parameter(1, "LABELS", -1, (width, n_points), b"".join(label.encode().ljust(width) for label in labels))
+    n_blocks = -(-(4 + len(records)) // 512)
+    section = (bytes([1, 0x50, n_blocks, 84]) + records).ljust(512 * n_blocks, b"\0")
+    header = bytearray(512)
+    header[0:2] = bytes([2, 0x50])
+    for at, value in ((2, n_points), (6, 1), (8, n_frames), (16, 2 + n_blocks)):
+        header[at : at + 2] = value.to_bytes(2, "little")
+    header[12:16], header[20:24] = scale.tobytes(), np.float32(50).tobytes()
+    words = np.zeros((n_frames, n_points, 4), "<f4" if is_float else "<i2")
+    words[..., :3] = position if is_float else np.round(position / 0.1 / 10)
+    return bytes(header) + section + words.tobytes().ljust(512, b"\0")
+
+
+def c3d_seeds(folder: Path) -> None:
+    for n, is_float in enumerate((True, False)):
+        (folder / str(n)).mkdir(parents=True)
+        (folder / str(n) / "a.c3d").write_bytes(c3d_bytes(1000 * body(), is_float=is_float))
+
+
+LARGEST_M = 1e4
+"""Farther from the origin is no place of a body."""
+
+
+def run_motion(folder: Path) -> None:
+    from doppelgait.motion.readers import read
+
+    path = _main(folder, ".csv", ".tsv", ".trc", ".bvh", ".amc", ".npz", "a.json", ".c3d", ".txt")
+    options: dict[str, Any] = {}
+    if path.suffix == ".txt" and b"\tX\t" in path.read_bytes()[:2000]:
+        options = {"rate_hz": 50.0, "units": "m"}
+    elif path.suffix == ".tsv":
+        options = {"units": "m"}
+    motion = read(path, clean=False, **options)
+    check_motion(motion)
+    cleaned = read(path, **options)
+    check_motion(cleaned)
+    assert np.isfinite(cleaned.position_m).all(), "gaps in a cleaned motion"
+
+
+def check_motion(motion: Any) -> None:
+    position = motion.position_m
+    assert np.isfinite(motion.rate_hz) and 0 < motion.rate_hz <= 1e4, f"rate {motion.rate_hz}"
+    seen = np.isfinite(position)
+    assert not np.isinf(position).any(), "infinite positions"
+    if not seen.any():
+        return  # cleaning reports it
+    assert np.abs(position[seen]).max() <= LARGEST_M, f"{np.abs(position[seen]).max():g} m from the origin"
+    span = np.nanmax(position, axis=1) - np.nanmin(position, axis=1)
+    sizes = np.linalg.norm(span, axis=1)
+    sizes = sizes[np.isfinite(sizes)]
+    least, most = np.percentile(sizes, (60, 80)) if sizes.size else (1.0, 1.0)
+    assert least > 0.02 and most < 27.0, f"a body of {least:g} to {most:g} m"
+
+
+# ---- radar recordings
+
+
+def small_recording(**facts: Any) -> Any:
+    from doppelgait.core.labels import BASEBAND, make_array
+    from doppelgait.radar import Radar, Recording
+
+    rng = np.random.default_rng(1)
+    radar = Radar.preset("x4", prf_hz=25, range_start_m=0.5, range_stop_m=0.5 + 6 * 0.0514)
+    coords = {"slow_time": np.arange(16) / 25.0, "range": 0.45 + 0.05144 * np.arange(6)}
+    values = (rng.normal(size=(16, 6)) + 1j * rng.normal(size=(16, 6))).astype(np.complex64)
+    return Recording.from_baseband(make_array(BASEBAND, values, coords, {"radar": "{}"}), radar, source="x", **facts)
+
+
+def simulated() -> Any:
+    import doppelgait as dg
+
+    scene = dg.Scene(
+        targets=[dg.Target(motion=dg.motion.generate("human", duration_s=0.6), range_m=3.0)], duration_s=0.3
+    )
+    return dg.simulate(scene, dg.Radar.preset("x4", prf_hz=60.0, range_start_m=2.0, range_stop_m=3.0))
+
+
+def own_seeds(folder: Path) -> None:
+    from doppelgait.radar import write_recording
+
+    (folder / "0").mkdir(parents=True)
+    write_recording(small_recording(notes=["n"], noise_power_v2=0.1, seed=3), folder / "0" / "a.h5")
+    (folder / "1").mkdir()
+    write_recording(simulated(), folder / "1" / "a.h5")
+
+
+def result_seeds(folder: Path) -> None:
+    import doppelgait as dg
+    from doppelgait.pipeline import write_results
+
+    scene = dg.Scene(
+        targets=[dg.Target(motion=dg.motion.generate("human", duration_s=2.5), range_m=3.0)], duration_s=2.0
+    )
+    recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=400.0, range_start_m=1.0, range_stop_m=4.0))
+    (folder / "0").mkdir(parents=True)
+    write_results(folder / "0" / "a.h5", recording, dg.analyze(recording, gate="truth"))
+
+
+def radar_arrays_seeds(folder: Path) -> None:
+    from doppelgait.radar.readers.arrays import write_arrays
+
+    (folder / "0").mkdir(parents=True)
+    write_arrays(small_recording(notes=["n"]), folder / "0" / "a.npz")
+    rng = np.random.default_rng(2)
+    facts = 'prf_hz = 25.0\ncarrier_hz = 7.29e9\nrange_start_m = 0.4\nbin_spacing_m = 0.05\nscale_v = 1e-3\n[radar]\npreset = "x4"\n'
+    _text(folder / "1" / "a.toml", facts)
+    np.savez(folder / "1" / "a.npz", i=rng.integers(-99, 99, (12, 5), "i2"), q=rng.integers(-99, 99, (12, 5), "i2"))
+    _text(folder / "2" / "a.toml", facts)
+    np.save(folder / "2" / "a.npy", rng.normal(size=(12, 5, 2)))
+
+
+def matlab_seeds(folder: Path) -> None:
+    import h5py
+    from scipy.io import savemat
+
+    frames = np.random.default_rng(0).normal(size=(10, 96))
+    content = {"Data_Matrix": frames, "actual_fps": 25.0, "bin_length": 0.00643004, "baseband": 0.0,
+               "range_axis": 0.4 + 0.00643004 * np.arange(96)}  # fmt: skip
+    for n in range(2):
+        (folder / str(n)).mkdir(parents=True)
+        savemat(folder / str(n) / "a.mat", content, do_compression=bool(n))
+    (folder / "2").mkdir()
+    with h5py.File(folder / "2" / "a.mat", "w", userblock_size=512) as file:
+        for name, value in content.items():
+            file[name] = np.atleast_2d(value).T
+    with (folder / "2" / "a.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+
+
+def acconeer_seeds(folder: Path) -> None:
+    import h5py
+
+    sub = {
+        "start_point": 200,
+        "num_points": 6,
+        "step_length": 24,
+        "profile": "PROFILE_3",
+        "hwaas": 8,
+        "receiver_gain": 16,
+    }
+    settings = {
+        "sweep_rate": None,
+        "frame_rate": 20.0,
+        "continuous_sweep_mode": False,
+        "sweeps_per_frame": 4,
+        "subsweeps": [sub],
+    }
+    pairs = np.zeros((9, 4, 6), dtype=[("real", "<i2"), ("imag", "<i2")])
+    pairs["real"] = np.random.default_rng(0).integers(-300, 300, (9, 4, 6))
+    (folder / "0").mkdir(parents=True)
+    with h5py.File(folder / "0" / "a.h5", "w") as file:
+        file["generation"] = "a121"
+        file["server_info"] = json.dumps({"ticks_per_second": 1_000_000})
+        file["sessions/session_0/session_config"] = json.dumps({"groups": [{"1": settings}]})
+        file["session"] = h5py.SoftLink("/sessions/session_0")
+        node = file.create_group("sessions/session_0/group_0/entry_0")
+        node["sensor_id"] = 1
+        node["metadata"] = json.dumps({"base_step_length_m": 0.0025, "max_sweep_rate": 2000.0})
+        node.create_dataset("result/frame", data=pairs, compression="gzip", maxshape=(None, 4, 6))
+        node["result/tick"] = 7_000_000 + 50_000 * np.arange(9)
+        node["result/data_saturated"] = np.zeros(9, bool)
+
+
+def sigmf_seeds(folder: Path) -> None:
+    from doppelgait.radar.readers.sigmf import write_sigmf
+
+    (folder / "0").mkdir(parents=True)
+    write_sigmf(small_recording(notes=["n"]), folder / "0" / "a.sigmf-meta")
+    meta = {"global": {"core:datatype": "ci16_le", "core:version": "1.0.0", "core:sample_rate": 400.0},
+            "captures": [{"core:sample_start": 0, "core:frequency": 24e9}], "annotations": []}  # fmt: skip
+    _text(folder / "1" / "a.sigmf-meta", json.dumps(meta))
+    (folder / "1" / "a.sigmf-data").write_bytes(np.random.default_rng(0).integers(-99, 99, 200, "<i2").tobytes())
+
+
+def xethru_seeds(folder: Path) -> None:
+    from datetime import UTC, datetime
+
+    from doppelgait.radar.xethru import TimedRecord, make_records, write_xethru
+
+    head = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
+    records = []
+    for k in range(8):
+        one = make_records("baseband_iq", **head, frame_counter=k + 1, i=np.arange(5) + k, q=np.arange(5))
+        records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
+        records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
+        records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
+    folder.mkdir(exist_ok=True)
+    write_xethru(
+        folder / "0", records, start_time=datetime(2026, 11, 21, tzinfo=UTC), session_id="S", user_header=b"HI"
+    )
+
+
+def cw_text_seeds(folder: Path) -> None:
+    rng = np.random.default_rng(0)
+    for part in ("RE", "IM"):
+        _text(folder / "0" / f"a_{part}.txt", "\n".join(map(str, rng.integers(1800, 2300, 256))) + "\n")
+
+
+def glasgow_seeds(folder: Path) -> None:
+    rng = np.random.default_rng(0)
+    samples = "\n".join(f"{a}+{b}i" for a, b in rng.integers(1900, 2200, (48, 2)))
+    _text(folder / "0" / "a.dat", f"5800000000\n1\n8\n400000000\n{samples}\n")
+
+
+DCA1000 = {
+    "device": "xwr16xx", "output": "complex1x", "receivers": [0, 1], "n_samples": 8, "sample_rate_hz": 2e6,
+    "start_hz": 77e9, "slope_hz_per_s": 20e12, "idle_s": 50e-6, "adc_start_s": 5e-6, "ramp_s": 50e-6,
+    "chirps_per_loop": 1, "loops": 4, "frames": 0, "frame_period_s": 1.6e-3,
+}  # fmt: skip
+CFG = """% Platform:xWR18xx
+channelCfg 3 1 0
+adcCfg 2 1
+adcbufCfg -1 0 1 1 1
+profileCfg 0 77 50 5 50 0 0 20 1 8 2000 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+frameCfg 0 0 4 0 1.6 1 0
+"""
+
+
+def dca1000_seeds(folder: Path) -> None:
+    samples = np.random.default_rng(0).integers(-500, 500, 3 * 4 * 2 * 8 * 2, "<i2").tobytes()
+    _text(folder / "0" / "a.json", json.dumps(DCA1000))
+    _text(folder / "1" / "a.toml", "".join(f"{key} = {json.dumps(value)}\n" for key, value in DCA1000.items()))
+    _text(folder / "2" / "a.cfg", CFG)
+    for n in range(3):
+        (folder / str(n) / "a.bin").write_bytes(samples)
+
+
+def frames_seeds(folder: Path) -> None:
+    from doppelgait.radar.frames import write_frames
+
+    (folder / "0").mkdir(parents=True)
+    write_frames(small_recording(), folder / "0" / "a.dgf")
+
+
+def run_recording(folder: Path) -> None:
+    from doppelgait.radar import read_recording
+
+    endings = (".h5", ".npz", ".npy", ".mat", ".sigmf-meta", "_RE.txt", ".bin", ".dgf", "a.dat")
+    path = next((path for path in sorted(folder.iterdir()) if path.name.endswith(endings)), folder)
+    check_recording(read_recording(path))
+
+
+def check_recording(recording: Any) -> None:
+    assert np.isfinite(recording.baseband.values).all(), "values that are not finite"
+    for name in ("slow_time_s", "range_m"):
+        values = getattr(recording, name)
+        assert np.isfinite(values).all(), f"{name} is not finite"
+        assert (np.diff(values) > 0).all(), f"{name} does not rise"
+    assert recording.range_m[0] >= -1e3 and recording.range_m[-1] <= 1e6, f"ranges up to {recording.range_m[-1]:g} m"
+    assert not recording.noise_power_v2 < 0 and not np.isinf(recording.noise_power_v2), "negative noise"
+    step_s = float(np.median(np.diff(recording.slow_time_s)))
+    rate = step_s * recording.radar.prf_hz
+    assert 0.5 < rate < 2.0 or "burst_pulses" in recording.facts, (
+        f"pulses every {step_s:g} s at {recording.radar.prf_hz} Hz"
+    )
+    for truth in recording.truth:
+        for name in ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad"):
+            values = getattr(truth, name)
+            assert values.shape == recording.slow_time_s.shape and np.isfinite(values).all(), name
+        assert np.isfinite(truth.scatterers["range"].values).all(), "range of a scatterer"
+
+
+def run_result(folder: Path) -> None:
+    from doppelgait.pipeline import read_results
+
+    for result in read_results(_main(folder, ".h5")).targets:
+        for array in result.arrays.values():
+            assert np.asarray(array).dtype.kind in "fciubUSO"
+
+
+def points_seeds(folder: Path) -> None:
+    rows = [
+        f"{t},{t / 18:.3f},{0.1 * k:.2f},{3 - 0.05 * t:.2f},0.9,{-0.9 - 0.1 * k:.2f},20,{k % 2}"
+        for t in range(8)
+        for k in range(4)
+    ]
+    _text(folder / "0" / "a.csv", "frame,time_s,x,y,z,doppler,snr,track\n" + "\n".join(rows) + "\n")
+    data = [{"timestamp": 55.0 * t, "frameData": {"pointCloud": [[0.1, 3 - 0.05 * t, 0.9, -0.9, 20, 3, k % 2] for k in range(4)],
+             "trackIndexes": [0, 1, 0, 1]}} for t in range(8)]  # fmt: skip
+    _text(folder / "1" / "a.json", json.dumps({"data": data}))
+
+
+def run_points(folder: Path) -> None:
+    from doppelgait.radar.point_clouds import read_points, table_of_tracks, tracks_of_points
+
+    points = read_points(_main(folder, ".csv", ".json"))
+    assert np.isfinite(points[["time_s", "x_m", "y_m", "velocity_mps"]].to_numpy()).all(), "points that are not finite"
+    table_of_tracks(tracks_of_points(points))
+
+
+TARGETS = {
+    **{f"motion-{seeds.__name__.removesuffix('_seeds')}": Target(seeds, run_motion)
+       for seeds in (table_seeds, trc_seeds, bvh_seeds, amc_seeds, expmap_seeds, arrays_seeds, c3d_seeds)},
+    "radar-own": Target(own_seeds, run_recording),
+    "radar-arrays": Target(radar_arrays_seeds, run_recording),
+    **{f"radar-{seeds.__name__.removesuffix('_seeds')}": Target(seeds, run_recording)
+       for seeds in (matlab_seeds, acconeer_seeds, sigmf_seeds, xethru_seeds, cw_text_seeds, glasgow_seeds, dca1000_seeds,
+                     frames_seeds)},
+    "radar-points": Target(points_seeds, run_points),
+    "result": Target(result_seeds, run_result),
+}  # fmt: skip

@@ -1,0 +1,83 @@
+"""A short run of the fuzzer: all findings of earlier rounds, and some damage; ``make fuzz`` has more."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+import processes
+from checkout import ROOT
+
+FUZZ = Path(__file__).with_name("fuzz.py")
+pytestmark = pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="the limits of a process are those of Linux"
+)
+READERS = (
+    "motion-table", "motion-trc", "motion-bvh", "motion-amc", "motion-expmap", "motion-arrays", "motion-c3d", "radar-own",
+    "radar-arrays", "radar-matlab", "radar-acconeer", "radar-sigmf", "radar-xethru", "radar-cw_text", "radar-glasgow",
+    "radar-dca1000", "radar-frames", "radar-points",
+)  # fmt: skip
+DOUBLES = """
+import os
+from readers import Target
+
+
+def seeds(folder):
+    (folder / "0").mkdir(parents=True)
+    (folder / "0" / "a.bin").write_bytes(bytes(100))
+
+
+def once(bad):  # the seed itself is good
+    return lambda folder: (folder / "a.bin").read_bytes() == bytes(100) or bad()
+
+
+def hang():
+    while True:
+        pass
+
+
+def fail():
+    raise AssertionError("no")
+
+
+TARGETS = {
+    "hang": Target(seeds, once(hang)),
+    "crash": Target(seeds, once(os.abort)),
+    "memory": Target(seeds, once(lambda: bytearray(b"a") * 1_500_000_000)),
+    "foreign": Target(seeds, once(lambda: {}["key"])),
+    "nonsense": Target(seeds, once(fail)),
+}
+"""
+
+
+def found_by(*options: str, fuzz: Path = FUZZ) -> list[dict[str, str]]:
+    """Bad cases of a run."""
+    done = processes.run([sys.executable, str(fuzz), "--together", *options], capture_output=True, text=True)
+    assert "cases over" in done.stdout, done.stderr[-2000:]
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("  {")]
+
+
+def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors() -> None:
+    """``attacks`` has 51 cases, whatever the number is."""
+    assert found_by("--target", ",".join(["attacks", *READERS]), "--cases", str(60 * len(READERS))) == []
+
+
+def test_the_fuzzer_finds_what_it_should(tmp_path: Path) -> None:
+    """A hang, a crash, a gigabyte, a foreign error and nonsense, each by a target of its own."""
+    place = tmp_path / "fuzz"
+    place.mkdir()
+    (tmp_path / "support").symlink_to(ROOT / "tests" / "support")
+    for name in ("fuzz.py", "mutators.py", "attacks.py", "readers.py"):
+        (place / name).write_text(FUZZ.with_name(name).read_text(encoding="utf-8"), encoding="utf-8")
+    (place / "models.py").write_text(DOUBLES)
+    bad = found_by("--target", "hang,crash,memory,foreign,nonsense", "--cases", "5", fuzz=place / "fuzz.py")
+    faults = {str(one["target"]): str(one["fault"]) for one in bad}
+    assert faults.pop("memory").endswith("MB of memory")
+    line = DOUBLES[: DOUBLES.index("once(lambda: {}")].count("\n") + 1
+    assert faults == {
+        "hang": "more than 5 s", "crash": "ended by signal 6", "foreign": f"KeyError: 'key' (models.py:{line})",
+        "nonsense": "nonsense: no",
+    }  # fmt: skip
