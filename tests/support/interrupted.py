@@ -106,7 +106,7 @@ def interrupt_often(kind: str, folder: Path, count: int, *, seed: int) -> Interr
             found.statuses[process.returncode] += 1
             if "Traceback" in complaints and kind != "dask":  # Dask's own processes say what they please
                 found.tracebacks.append(complaints)
-        if kind in ("processes", "serial", "dask", "import") and number < 20:
+        if kind in ("processes", "serial", "dask", "import") and number < min(20, max(1, count // 2)):
             again = command(kind if kind == "import" else "serial", folder, target)
             done = processes.run(again, capture_output=True, text=True)
             same = kind == "import" or dataset_hash(target) == dataset_hash(folder / f"{kind}-whole")
