@@ -1,13 +1,14 @@
-"""Parts of a recording."""
+"""Parts of a recording, and what no recording can be."""
 
+import h5py
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.motion import generate
 from doppelgait.pipeline import simulate
-from doppelgait.radar import Radar, Recording
+from doppelgait.radar import Radar, Recording, read_recording, write_recording
 from doppelgait.scene import Scene, Target
 
 
@@ -62,3 +63,73 @@ def test_times_must_rise(walk, start_s, stop_s):
 def test_a_part_outside_says_where_the_recording_is(walk):
     with pytest.raises(ConfigError, match=r"between 5 and 6 s are 0 pulses, .* 1500 from 0 to 2\.998 s"):
         walk.between(5.0, 6.0)
+
+
+# ---- what no radar can have
+
+
+def rewritten(path, walk, change):
+    """The recording in a file, changed there."""
+    write_recording(walk.between(0.0, 0.2), path)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return path
+
+
+def put(key, place, value):
+    def change(file):
+        values = file[key][()]
+        values.reshape(-1)[place] = value
+        file[key][...] = values
+
+    return change
+
+
+def attribute(key, value):
+    return lambda file: file.attrs.__setitem__(key, value)
+
+
+def times_by(factor):
+    def change(file):
+        file["slow_time_s"][...] = file["slow_time_s"][()] * factor
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (put("baseband", 7, np.nan), "1 of 18800 values are NaN, infinite"),
+        (put("baseband", 7, complex(0, np.inf)), "1 of 18800 values are NaN, infinite"),
+        (put("slow_time_s", 5, 0.0), r"slow_time_s\[5\] is 0, .* it must rise, and the one before is 0.008"),
+        (put("slow_time_s", 5, np.nan), r"slow_time_s\[5\] is nan"),
+        (put("range_m", -1, 1e30), r"range_m\[\d+\] is 1e\+30, .* allowed are -1000 to 1e\+06"),
+        (put("range_m", 0, 99.0), r"range_m\[1\] is .* must rise, and the one before is 99"),
+        (times_by(10.0), r"prf_hz is 500, .* the pulses are 0\.02 s apart, which is 50 Hz"),
+        (times_by(0.94), r"prf_hz is 500, .* which is 531\.915 Hz"),
+        (attribute("noise_power_v2", -1e-9), "noise_power_v2 is -1e-09, .* 0 or more"),
+        (attribute("noise_power_v2", np.inf), "noise_power_v2 is inf"),
+        (attribute("radar_tilt_deg", np.nan), "the pose of the radar is"),
+        (attribute("radar_position_m", [1.0, 2.0]), "the pose of the radar is"),
+        (put("truth/0/centre_range_m", 3, np.nan), "centre_range_m of truth 0 is not finite or too large"),
+        (put("truth/0/radial_velocity_mps", 3, 1e9), "radial_velocity_mps of truth 0 is not finite or too large"),
+    ],
+)
+def test_a_file_of_what_no_radar_can_have_is_refused_with_its_key(tmp_path, walk, change, said):
+    path = rewritten(tmp_path / "a.h5", walk, change)
+    with pytest.raises(RecordingError, match=rf"a\.h5: {said}"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        times_by(1.04),
+        times_by(0.96),
+        put("range_m", 0, -900.0),
+        attribute("noise_power_v2", 0.0),
+        attribute("noise_power_v2", np.nan),
+    ],
+)
+def test_what_some_radar_can_have_is_read(tmp_path, walk, change):
+    assert read_recording(rewritten(tmp_path / "a.h5", walk, change)).n_pulses == 100

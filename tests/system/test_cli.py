@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import doppelgait.cli.app as cli_app
 import processes
 from checkout import ROOT as REPOSITORY
 from doppelgait.cli.app import main
@@ -79,6 +80,17 @@ def _exit_status():
     except SystemExit as end:
         return end.code or 0
     return 0
+
+
+@pytest.mark.parametrize("text", ["Unable to allocate 74.5 GiB for an array with shape (100000000, 100)", ""])
+def test_a_lack_of_memory_is_one_line(monkeypatch, capsys, text):
+    def no_memory():
+        raise MemoryError(text)
+
+    monkeypatch.setattr(cli_app, "app", no_memory)
+    assert _exit_status() == 1
+    said = capsys.readouterr().err
+    assert said.strip() == f"error: the memory of this computer does not suffice: {text or 'nothing is left'}"
 
 
 def test_in_a_process_of_its_own_the_command_says_the_same(recorded):

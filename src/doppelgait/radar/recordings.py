@@ -161,6 +161,8 @@ def read_hdf5(path: Path) -> Recording:
                 **pose,
             )
     except (*FAULTS, DoppelgaitError) as error:
+        if str(error).startswith(f"{path}: "):
+            raise
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from doppelgait.core.errors import MotionError
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import boulic_walk, read
 
 
@@ -120,3 +120,45 @@ def test_a_segment_keeps_its_place_in_the_file(walk_then_stand, options):
     listed = describe_motion(segment)["segments"]
     assert listed
     assert all(place_s <= one["start_s"] < one["stop_s"] <= place_s + segment.duration_s for one in listed)
+
+
+def table_of(path, factor, *, far=0, wide=0):
+    """A walk whose coordinates are wrong by a factor, in some samples or in some frames."""
+    walk = boulic_walk(speed_mps=1.3, height_m=1.75, duration_s=2.0, rate_hz=50.0)
+    position = walk.position_m * factor
+    position[:far, 0] = 1e5
+    position[:wide, 0, 0] += 100.0
+    names = [f"{marker}_{axis}_m" for marker in walk.markers for axis in "xyz"]
+    table = pd.DataFrame(position.reshape(len(position), -1), columns=names)
+    table.insert(0, "time_s", np.arange(len(position)) / 50.0)
+    table.to_csv(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize("factor", [1e-9, 0.02, 10.0, 25.0, 1000.0])
+def test_bodies_that_cannot_be_are_refused(tmp_path, factor):
+    with pytest.raises(
+        MotionError, match=r"w\.csv: its points span .* m; allowed are 0\.05 to 15 m\. Is the unit wrong"
+    ):
+        read(table_of(tmp_path / "w.csv", factor))
+
+
+def test_the_smallest_and_the_largest_body_are_read(tmp_path):
+    for factor in (0.05, 5.0):
+        assert read(table_of(tmp_path / "w.csv", factor), clean=False).n_frames == 101
+
+
+def test_single_positions_far_away_become_gaps(tmp_path):
+    path = table_of(tmp_path / "w.csv", 1.0, far=3)
+    with pytest.warns(DoppelgaitWarning, match="3 positions farther than 10000 m from the origin were taken as gaps"):
+        motion = read(path, clean=False)
+    assert np.isnan(motion.position_m[:3, 0]).all()
+    assert np.isfinite(motion.position_m[3:]).all()
+    with pytest.raises(MotionError, match=r"50 of 1,717 positions are up to 1e\+05 m from the origin"):
+        read(table_of(tmp_path / "w.csv", 1.0, far=50))
+
+
+def test_a_point_may_be_elsewhere_in_a_tenth_of_the_frames(tmp_path):
+    assert read(table_of(tmp_path / "w.csv", 1.0, wide=9), clean=False).n_frames == 101
+    with pytest.raises(MotionError, match=r"its points span 1\d\d m"):
+        read(table_of(tmp_path / "w.csv", 1.0, wide=12))
