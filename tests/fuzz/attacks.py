@@ -386,6 +386,29 @@ def expmap_offsets_of_long_integers(folder: Path) -> str:
     return "motion-expmap"
 
 
+@attack
+def expmap_parents_that_are_true(folder: Path) -> str:
+    _seed("motion-expmap", folder)
+    content = json.loads((folder / "skeleton.json").read_text())
+    content["parents"][2] = True
+    (folder / "skeleton.json").write_text(json.dumps(content))
+    return "motion-expmap"
+
+
+@attack
+def names_of_no_characters(folder: Path) -> str:
+    names = np.array(["abcd"] * 12)
+    names.view("u4")[5] = 2**31
+    np.savez(folder / "a.npz", positions=body(), names=names, rate_hz=50.0, units="m")
+    return "motion-arrays"
+
+
+@attack
+def frame_rate_of_almost_nothing(folder: Path) -> str:
+    np.savez(folder / "a.npz", positions=body(), rate_hz=1e-308, units="m")
+    return "motion-arrays"
+
+
 # ---- what no radar and no body can have
 
 

@@ -61,7 +61,7 @@ def found_by(*options: str, fuzz: Path = FUZZ) -> list[dict[str, str]]:
 
 
 def test_findings_of_earlier_rounds_and_damage_end_in_sense_or_one_of_our_errors() -> None:
-    """``attacks`` has 51 cases, whatever the number is."""
+    """``attacks`` stands for all findings, of which there are fewer than the cases of each."""
     assert found_by("--target", ",".join(["attacks", *READERS]), "--cases", str(60 * len(READERS))) == []
 
 

@@ -6,6 +6,7 @@ Lengths are checked before memory is taken; nothing is ever unpickled.
 from __future__ import annotations
 
 import math
+import sys
 import tokenize
 import zipfile
 import zlib
@@ -116,6 +117,8 @@ def _read_values(
         raise ValueError(f"{name} should hold {n_bytes} bytes, {len(content)} are there")
     if isinstance(stream, zipfile.ZipExtFile) and stream.read(1):
         raise ValueError(f"{name} holds more bytes than its header says")
+    if dtype.kind == "U" and (np.frombuffer(content, dtype.byteorder + "u4") > sys.maxunicode).any():
+        raise ValueError(f"{name} holds numbers that are no characters")
     return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
 
 

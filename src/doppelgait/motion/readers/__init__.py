@@ -206,7 +206,7 @@ NUMBERS = {
     "stop_s": "a number of seconds",
     "loop_to_s": f"above 0 and up to {LONGEST_S:g} s",
     "loop_variation": "0 to 2",
-    "rate_hz": "above 0 and at most 10000 Hz",
+    "rate_hz": "1 to 10000 Hz",
 }
 """Options that are numbers, and what is allowed."""
 WORDS = ("units", "up_axis", "subject", "skeleton", "key")

@@ -169,7 +169,7 @@ def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
     if not (
         isinstance(parents, list)
         and len(parents) == len(names)
-        and all(isinstance(parent, int) for parent in parents)
+        and all(type(parent) is int for parent in parents)
         and parents[0] == -1
         and all(0 <= parent < j for j, parent in enumerate(parents) if j)
     ):

@@ -265,7 +265,7 @@ class LengthUnit:
 
 
 MIN_FRAMES = 3
-MAX_RATE_HZ = 10_000.0
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 10_000.0
 
 
 def check_amount(path: Path, n_frames: int, n_points: int = MIN_MARKERS) -> None:
@@ -300,16 +300,16 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
     Raises
     ------
     MotionError
-        If it is no number above 0 and up to 10000.
+        If it is no number from 1 to 10000.
     """
     try:
         rate = float(rate_hz) if rate_hz is not None and not isinstance(rate_hz, bool) else np.nan
     except (TypeError, ValueError):
         rate = np.nan
-    if not 0.0 < rate <= MAX_RATE_HZ:
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         shown = f"{rate:g}" if np.isfinite(rate) else repr(rate_hz)
         raise MotionError(
-            f"{path}: {said} a frame rate of {shown} Hz; it must be a number above 0 and at most {MAX_RATE_HZ:g}. "
+            f"{path}: {said} a frame rate of {shown} Hz; it must be {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}. "
             "Give the true one: rate_hz=..."
         )
     return rate

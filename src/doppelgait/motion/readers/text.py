@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.readers.points import MAX_RATE_HZ
+from doppelgait.motion.readers.points import MAX_RATE_HZ, MIN_RATE_HZ
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -185,7 +185,6 @@ def to_numbers(
     return values
 
 
-MIN_RATE_HZ = 1.0
 JITTER = 0.01
 """Part of a frame by which a frame may be off; more would show as a false velocity."""
 COARSEST = 0.4
