@@ -44,7 +44,7 @@ RADARS: dict[str, dict[str, Any]] = {
         "scene": {"duration_s": 2.5}, "range_m": [5.0, 7.0],
     },
     "fmcw-60": {
-        "radar": {"preset": "ti-60"},
+        "radar": {"preset": {"choice": ["ti-60", "infineon-60"]}},
         "scene": {"duration_s": 2.0}, "range_m": [3.9, 4.1],
     },
 }  # fmt: skip
