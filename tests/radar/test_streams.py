@@ -88,6 +88,18 @@ def assert_whole(times_s: np.ndarray, rows: np.ndarray) -> None:
     np.testing.assert_array_equal(rows, ROWS)
 
 
+@pytest.mark.parametrize(("counters", "numbers"), [
+    ([5, 6, 6, 7, 8], [0, 1, 2, 3, 4]), ([5, 6, 7, 0, 1], [0, 1, 2, 3, 4]),
+])  # fmt: skip
+def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counters, numbers):
+    path = tmp_path / "twice.dgf"
+    path.write_bytes(OPENING + b"".join(frame_record(counter, 0.0, ROWS[n]) for n, counter in enumerate(counters)))
+    with pytest.warns(DoppelgaitWarning, match="1 places, first from [67] to [06]: frames sent twice"):
+        back = read_recording(path)
+    assert back.n_pulses == len(counters)
+    np.testing.assert_allclose(back.slow_time_s, np.array(numbers) / PRF_HZ, atol=1e-12)
+
+
 def test_a_file_of_frames_is_read_and_streamed_as_written(tmp_path):
     path = tmp_path / "walk.dgf"
     write_frames(RECORDING, path)

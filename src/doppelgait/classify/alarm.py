@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,8 @@ from pydantic import Field
 
 from doppelgait.classify.decide import analysis_of
 from doppelgait.classify.model import Model
-from doppelgait.classify.timeline import TrackDecision, classify_over_time
+from doppelgait.classify.scores import clopper_pearson
+from doppelgait.classify.timeline import TrackDecision, Tracks, analyze_window, check_window, windows_of
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
@@ -142,15 +142,26 @@ def run_day(
             f"model {model.facts.dataset_name}: has no alarm: its classes are {', '.join(model.facts.classes)}; train "
             "with --alarm-class"
         )
+    window_s, hop_s = check_window(window_s, hop_s, model)
+    short = [section.label for section in day.episodes if section.duration_s < window_s]
+    if short:
+        raise ConfigError(
+            f"{day.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
+        )
     found, total = [], day.repeats * len(day.episodes)
+    settings = analysis_of(model)
     for number in range(total):
         section = day.episodes[number // day.repeats]
         run = draw_scene(day, section, number)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # a fan and a runner's feet alias, as they do at home
             recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
-        decisions = classify_over_time(recording, model, window_s=window_s, hop_s=hop_s, analysis=analysis_of(model))
-        found.append(Episode(section.label, *alarm_scores(decisions, alarm)))
+        tracks = Tracks(model)
+        windows = (
+            (window.stop_s, tracks.add(window, analyze_window(window, settings)))
+            for window in windows_of(recording, window_s, hop_s)
+        )
+        found.append(Episode(section.label, *alarm_scores(windows, alarm)))
         if on_progress is not None:
             on_progress(number + 1, total)
     return found
@@ -166,21 +177,23 @@ def draw_scene(day: Day, section: EpisodeSection, example: int) -> Run:
     return parse_run({**drawn, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
 
 
-def alarm_scores(decisions: Sequence[TrackDecision], alarm: str) -> tuple[FloatArray, FloatArray]:
-    """Return times and the alarm's score: the highest over the tracks seen then.
+def alarm_scores(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
+    """Return ends of windows and the alarm's score there: the highest over the tracks, 0 without one.
 
-    A track counts from its first window that was evidence; in a window that is none it keeps its score.
+    The score of a track is what its ``alarm`` compares with the threshold: its fused probability in its last window
+    that was evidence; before the first one that of the window alone, unless the model has no alarm for such a radar.
     """
     kept: dict[int, float] = {}
     times, scores = [], []
-    for stop_s, group in groupby(decisions, key=lambda one: one.stop_s):
-        now = []
-        for one in group:
+    for stop_s, decisions in windows:
+        best = 0.0
+        for one in decisions:
             if not one.window.blocked:
                 kept[one.track] = one.probabilities[alarm]
-            now.append(kept.get(one.track, 0.0))
+            alone = 0.0 if one.window.alarm is None else one.window.probabilities[alarm]
+            best = max(best, kept.get(one.track, alone))
         times.append(stop_s)
-        scores.append(max(now))
+        scores.append(best)
     return np.array(times, dtype=np.float64), np.array(scores, dtype=np.float64)
 
 
@@ -192,8 +205,9 @@ def score_day(day: Day, episodes: Sequence[Episode], model: Model) -> dict[str, 
     dict
         ``day``, ``alarm``; ``thresholds``, of each: ``threshold``; ``model``, whether it is the model's own;
         ``false_per_day`` and ``false_per_animal_hour``, each with ``low`` and ``high`` of 95 %; ``entries`` and
-        ``missed``, with exact ``missed_low`` and ``missed_high`` of the share; ``seconds_to_detect``, median and 90 %
-        of those detected, from the start of the recording, or None; ``by_episode``.
+        ``missed``, with exact ``missed_low`` and ``missed_high`` of the share; ``seconds_to_detect``,
+        within which half and 90 % of all entries were detected, from the start of the recording, each None where fewer
+        ever were, or None without entries; ``by_episode``.
     """
     own = model.facts.alarm_threshold
     chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
@@ -209,7 +223,7 @@ def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> di
     by_label: dict[str, list[FloatArray]] = {}
     for one in episodes:
         by_label.setdefault(one.label, []).append(one.triggers(threshold))
-    counts, per_day, per_animal, kinds, first_s, entries = [], [], [], [], [], 0
+    counts, per_day, per_animal, kinds, first_s = [], [], [], [], []
     for section in day.episodes:
         times = by_label[section.label]
         hours, count = len(times) * section.duration_s / 3600.0, sum(each.size for each in times)
@@ -219,25 +233,25 @@ def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> di
             "should_trigger": section.should_trigger,
         })  # fmt: skip
         if section.should_trigger:
-            entries += len(times)
-            first_s += [float(each[0]) for each in times if each.size]
+            first_s += [float(each[0]) if each.size else math.inf for each in times]
         else:
-            counts.append(count)
-            per_day.append(section.hours_per_day / hours)
-            per_animal.append(section.hours_per_day / hours if section.animals else 0.0)
+            counts += [each.size for each in times]
+            per_day += [section.hours_per_day / hours] * len(times)
+            per_animal += [section.hours_per_day / hours if section.animals else 0.0] * len(times)
     animal_hours = sum(s.animals * s.hours_per_day for s in day.episodes if not s.should_trigger)
-    found = {
+    entries, missed = len(first_s), sum(math.isinf(each) for each in first_s)
+    found: dict[str, Any] = {
         "threshold": threshold,
         "false_per_day": weighted_poisson(counts, per_day),
         "entries": entries,
-        "missed": entries - len(first_s),
-        "seconds_to_detect": [float(q) for q in np.quantile(first_s, (0.5, 0.9))] if first_s else None,
+        "missed": missed,
+        "seconds_to_detect": None,
         "by_episode": kinds,
     }
     if entries:
-        from doppelgait.classify.scores import clopper_pearson
-
-        found["missed_low"], found["missed_high"] = clopper_pearson(float(entries - len(first_s)), entries)
+        reached = np.quantile(first_s, (0.5, 0.9), method="inverted_cdf")
+        found["seconds_to_detect"] = [float(each) if math.isfinite(each) else None for each in reached]
+        found["missed_low"], found["missed_high"] = clopper_pearson(float(missed), entries)
     if animal_hours:
         with_animals = [number for number, weight in enumerate(per_animal) if weight]
         found["false_per_animal_hour"] = weighted_poisson(
@@ -247,13 +261,16 @@ def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> di
 
 
 def weighted_poisson(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
-    """Return a weighted sum of Poisson counts with its interval.
+    """Return a weighted sum of counts with its interval.
 
-    By the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for equal weights.
+    By the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for counts of 0 and 1 and equal
+    weights. A recording with several triggers is one event of that size (a compound Poisson sum), because one body
+    caused them: the interval is as wide as recordings are few.
 
     Parameters
     ----------
     counts : sequence of int
+        Of every recording.
     weights : sequence of float
         Above 0.
     share : float
@@ -261,8 +278,10 @@ def weighted_poisson(counts: Sequence[int], weights: Sequence[float], share: flo
     """
     from scipy.stats import gamma
 
+    if not len(counts):
+        return {"value": 0.0, "low": 0.0, "high": math.inf}
     n, w = np.asarray(counts, dtype=np.float64), np.asarray(weights, dtype=np.float64)
-    total, variance, most = float(n @ w), float(n @ w**2), float(w.max())
+    total, variance, most = float(n @ w), float(n**2 @ w**2), float(w.max())
     tail = (1.0 - share) / 2.0
     low = 0.0 if total == 0 else float(gamma.ppf(tail, total**2 / variance, scale=variance / total))
     upper_mean, upper_variance = total + most, variance + most**2
@@ -282,7 +301,7 @@ def day_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
             "per animal-hour": "-" if animal is None else _with_span(animal),
             "missed entries": f"{one['missed']} of {one['entries']}"
             + (f" ({one['missed_low']:.0%} to {one['missed_high']:.0%})" if one["entries"] else ""),
-            "time to detect (s)": "-" if seconds is None else f"{seconds[0]:.1f}, 90 % in {seconds[1]:.1f}",
+            "time to detect (s)": "-" if seconds is None else f"{_seconds(seconds[0])}, 90 % in {_seconds(seconds[1])}",
         })  # fmt: skip
     return rows
 
@@ -297,6 +316,10 @@ def episode_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
             row[f"at {one['threshold']:.3g}"] = str(one["by_episode"][number]["triggered"])
         rows.append(row)
     return rows
+
+
+def _seconds(value: float | None) -> str:
+    return "more" if value is None else f"{value:.1f}"
 
 
 def _with_span(found: Mapping[str, float]) -> str:

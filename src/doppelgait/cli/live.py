@@ -40,11 +40,13 @@ class DecisionLog:
         self.path, self.lost = path, 0
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            folder = os.open(path.resolve().parent, os.O_RDONLY)
-            os.fsync(folder)  # the name of a new file
-            os.close(folder)
-            self._size = os.fstat(self._file).st_size
-            if self._size and os.pread(self._file, 1, self._size - 1) != b"\n":
+            if os.name == "posix":  # elsewhere a folder cannot be opened
+                folder = os.open(path.resolve().parent, os.O_RDONLY)
+                os.fsync(folder)  # the name of a new file
+                os.close(folder)
+            size = os.fstat(self._file).st_size
+            os.lseek(self._file, max(size - 1, 0), os.SEEK_SET)
+            if size and os.read(self._file, 1) != b"\n":
                 self._append(b"\n")
         except OSError as error:
             raise OutputError(f"--log {path}: cannot be written: {error.strerror}; give another file") from None
@@ -67,16 +69,17 @@ class DecisionLog:
 
     def _append(self, content: bytes) -> None:
         """Append and sync; take back what was written where it fails."""
+        size = os.fstat(self._file).st_size  # another program may have cut the file, or written to it
+        done = 0
         try:
-            done = 0
             while done < len(content):
                 done += os.write(self._file, content[done:])
             os.fsync(self._file)
         except OSError:
             with suppress(OSError):
-                os.ftruncate(self._file, self._size)
+                if os.fstat(self._file).st_size == size + done:
+                    os.ftruncate(self._file, size)
             raise
-        self._size += len(content)
 
 
 def live(
@@ -162,6 +165,6 @@ def live(
             reason = str(error)
             raise
         finally:
-            put("end", {"reason": reason, **state()})
             running.close()
+            put("end", {"reason": reason, **state()})
     say(stream.summary())

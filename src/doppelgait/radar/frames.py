@@ -369,10 +369,19 @@ def read_frames(path: Path) -> Recording:
     if parser.malformed:
         warn_caller(f"{path}: {parser.malformed:,} malformed frames are left out, the last is {parser.fault}")
     numbers = np.array(counters, dtype=np.uint64).astype(np.int64)
-    steps = np.diff(numbers)
-    lost = steps[(steps > 1) & (steps <= LARGEST_GAP)] - 1
-    pulses, values = header.radar.burst_pulses, np.stack(rows)
-    if pulses is not None and (steps > 0).all():  # bursts keep their times; those that are not whole are left out
+    pulses, values, steps = header.radar.burst_pulses, np.stack(rows), np.diff(numbers)
+    jumps = (steps < 1) | (steps > LARGEST_GAP)
+    if jumps.any():  # as a stream takes them, but a burst begins anew
+        first = int(np.argmax(jumps))
+        warn_caller(
+            f"{path}: the frame counter does not go on at {jumps.sum():,} places, first from {numbers[first]:,} to "
+            f"{numbers[first + 1]:,}: frames sent twice, or another start of the sender; time goes on there"
+        )
+        block = pulses or 1
+        steps[jumps] = block - numbers[:-1][jumps] % block + numbers[1:][jumps] % block
+        numbers = numbers[0] + np.concatenate([[0], np.cumsum(steps)])
+    lost = steps[steps > 1] - 1
+    if pulses is not None:  # bursts keep their times; those that are not whole are left out
         burst, counts = np.unique(numbers // pulses, return_counts=True)
         whole = np.isin(numbers // pulses, burst[counts == pulses])
         if not whole.any():

@@ -155,6 +155,24 @@ def test_a_stream_gives_one_decision_per_window_with_weights_of_bins(build, tmp_
     assert (rows[:, 4] > 3).all()
 
 
+def test_a_sample_that_is_no_number_costs_no_later_window(build, tmp_path):
+    model = export_model_of("network", patch=SMALL, seed=4)
+    export_model(model, "c", tmp_path / "out", CSettings(window_s=0.6, n_examples=1))
+    (tmp_path / "stream.c").write_text(STREAM)
+    program, device = build(tmp_path / "out", tmp_path / "stream.c"), plan(model, window_s=0.6)
+    rng = np.random.default_rng(2)
+    samples = np.concatenate([walk_samples(rng, device) for _ in range(3)])
+    damaged = samples.copy()
+    damaged[device.window_pulses // 2] = complex(np.nan, np.inf)
+    rows = []
+    for sent in (samples, damaged):
+        done = run([str(program)], input=sent.tobytes(), capture_output=True)
+        rows.append(np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float))
+    assert np.isfinite(rows[1]).all()
+    assert rows[1][0, 1] != rows[0][0, 1]
+    np.testing.assert_allclose(rows[1][1:, 1], rows[0][1:, 1], atol=0.02)  # the mean taken off has seen one sample less
+
+
 FEATURES = """
 #include "doppelgait_model.h"
 #include <stdio.h>

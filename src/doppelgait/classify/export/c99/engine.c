@@ -448,6 +448,10 @@ int dg_push(dg_window *window, const float *samples)
     for (b = 0; b < DG_BINS; b++)
         for (part = 0; part < 2; part++) {
             float value = samples[2 * b + part];
+            if (!isfinite(value)) { /* or every later window would be lost with it */
+                window->ring[b][window->place][part] = 0.0f;
+                continue;
+            }
 #if DG_REMOVE_STILL
             float share = 1.0f / (float)(window->pulses + 1u), step, mean;
             share = share > DG_STILL_SHARE ? share : DG_STILL_SHARE;

@@ -44,9 +44,9 @@ typedef struct {
 /* Begin anew: after the start, after lost pulses, and when the gate belongs to another target. All weights become 1. */
 void dg_start(dg_window *window);
 
-/* Take one pulse: real and imaginary part of every bin, interleaved (2 * DG_BINS). The weights in the window may be
-   changed at any time, so that the gate follows a target. Returns 1 when DG_WINDOW_PULSES (then
-   DG_STFT_COLUMNS * DG_HOP) pulses have made a whole window, else 0. */
+/* Take one pulse: real and imaginary part of every bin, interleaved (2 * DG_BINS). A sample that is not finite is taken
+   as no echo. The weights in the window may be changed at any time, so that the gate follows a target. Returns 1 when
+   DG_WINDOW_PULSES (then DG_STFT_COLUMNS * DG_HOP) pulses have made a whole window, else 0. */
 int dg_push(dg_window *window, const float *samples);
 
 /* Decide about a whole window, by the network alone, and begin the next one. */
