@@ -99,7 +99,7 @@ def work(name: str, seed: int, first: int, stop: int, keep: str) -> None:
     from attacks import ATTACKS, READ
     from mutators import damage_folder
 
-    root = Path(tempfile.mkdtemp(dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+    root = Path(tempfile.mkdtemp(prefix="fuzz-"))
     from readers import TARGETS
 
     try:

@@ -111,6 +111,7 @@ def times_by(factor):
         (attribute("noise_power_v2", np.inf), "noise_power_v2 is inf"),
         (attribute("radar_tilt_deg", np.nan), "the pose of the radar is"),
         (attribute("radar_position_m", [1.0, 2.0]), "the pose of the radar is"),
+        (attribute("radar_position_m", "here"), "is damaged or not a doppelgait recording"),
         (put("truth/0/centre_range_m", 3, np.nan), "centre_range_m of truth 0 is not finite or too large"),
         (put("truth/0/radial_velocity_mps", 3, 1e9), "radial_velocity_mps of truth 0 is not finite or too large"),
     ],

@@ -146,7 +146,9 @@ def read_hdf5(path: Path) -> Recording:
                 check_finite(path, values)
             baseband = make_array(BASEBAND, values, coords, attrs)
             numbers = sorted(file.get("truth", {}), key=int)
-            pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}
+            pose = {
+                name: np.asarray(file.attrs[name], dtype=np.float64).tolist() for name in POSE if name in file.attrs
+            }
             if "radar_position_m" in pose:
                 pose["radar_position_m"] = tuple(pose["radar_position_m"])
             return Recording.from_baseband(
