@@ -44,7 +44,8 @@ TRUTH_FACTS = (
     "label", "gait", "subject", "motion", "ground_speed_mps", "height_m",
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
-POSE = ("radar_position_m", "radar_azimuth_deg", "radar_tilt_deg")
+POSE = {"radar_position_m": (3,), "radar_azimuth_deg": (), "radar_tilt_deg": ()}
+"""Shapes of the attributes that place the radar."""
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
 OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
@@ -147,7 +148,9 @@ def read_hdf5(path: Path) -> Recording:
             baseband = make_array(BASEBAND, values, coords, attrs)
             numbers = sorted(file.get("truth", {}), key=int)
             pose = {
-                name: np.asarray(file.attrs[name], dtype=np.float64).tolist() for name in POSE if name in file.attrs
+                name: np.asarray(file.attrs[name], dtype=np.float64).reshape(POSE[name]).tolist()
+                for name in POSE
+                if name in file.attrs
             }
             if "radar_position_m" in pose:
                 pose["radar_position_m"] = tuple(pose["radar_position_m"])
