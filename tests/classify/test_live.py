@@ -249,7 +249,7 @@ def test_missing_frames_of_bursts_are_filled_in_their_places(bursts):
     frames = list(frames_of(bursts))
     lost = [*range(200, 230), *range(500, 520), *range(1000, 1024)]  # within bursts, over the end of one, at its start
     kept = [frame for number, frame in enumerate(frames) if number not in lost]
-    windows = [window for window, _ in live_of(bursts, kept).windows()]
+    windows = [window for window, *_ in live_of(bursts, kept).windows()]
     filled = live_of(bursts, kept)
     whole = list(live_of(bursts).windows())
     assert [window.start_s for window in windows] == [window.start_s for window, _ in whole]
@@ -266,7 +266,7 @@ def test_after_a_long_gap_windows_begin_with_a_whole_burst(bursts):
     frames = list(frames_of(bursts))
     kept = frames[: 10 * 128] + [(time_s + 60.0, row) for time_s, row in frames[10 * 128 + 50 :]]
     running = live_of(bursts, kept)
-    windows = [window for window, _ in running.windows()]
+    windows = [window for window, *_ in running.windows()]
     assert running.counts.jumps == 1
     after = next(window for window in windows if window.start_s > 30.0)
     np.testing.assert_array_equal(after.recording.samples.matrix[:128], bursts.samples.matrix[11 * 128 : 12 * 128])

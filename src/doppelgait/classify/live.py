@@ -29,7 +29,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.dataset.recorded import TOLERANCE
-from doppelgait.pipeline import Tracking
+from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.recording import baseband_facts
@@ -207,11 +207,11 @@ class Live:
         self._closed.set()
 
     def __iter__(self) -> Iterator[TrackDecision]:
-        for _, decisions in self.windows():
+        for _, decisions, _ in self.windows():
             yield from decisions
 
-    def windows(self) -> Iterator[tuple[Window, list[TrackDecision]]]:
-        """Yield every window with its decisions, also where there are none."""
+    def windows(self) -> Iterator[tuple[Window, list[TrackDecision], list[Result]]]:
+        """Yield every window with its decisions and results, one of each per target, also where there is none."""
         try:
             while not self._closed.is_set():
                 raise_if_stopped()
@@ -237,7 +237,7 @@ class Live:
                     if counts.failed == 1:
                         warn_caller(f"a window from {window.start_s:g} s on cannot be analysed: {error}")
                     continue
-                yield window, self._tracks.add(window, results)
+                yield window, self._tracks.add(window, results), results
         finally:
             self.close()
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from time import process_time, sleep
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +17,13 @@ from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.classify import about_model, say_about
 from doppelgait.cli.output import say
 
+if TYPE_CHECKING:
+    from doppelgait.classify.model import Model
+    from doppelgait.radar.streams import Stream
+    from doppelgait.viewer.live_page import Rolling
+
+WAIT_S = 0.2
+"""Time between looks for Ctrl-C, after the end of the stream."""
 STATUS_S = 60.0
 """Time of radar from one line on the state of the stream to the next, where nothing is lost."""
 SENSORS = ("tcp://", "udp://")
@@ -82,6 +91,22 @@ class DecisionLog:
             raise
 
 
+@contextmanager
+def _page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
+    """Serve the page of a stream and say where it is."""
+    from doppelgait.viewer.live_page import Rolling
+    from doppelgait.viewer.server import serving_live
+
+    page = Rolling(stream.source, stream.radar.name, model)
+    with serving_live(page, port) as url:
+        say(f"page: {url}")
+        if not no_browser:
+            import webbrowser
+
+            webbrowser.open(url)
+        yield page
+
+
 def live(
     source: Annotated[
         str,
@@ -104,6 +129,13 @@ def live(
     timeout_s: Annotated[
         float, typer.Option("--timeout-s", min=0.0, help="A source that is silent for so long has ended.")
     ] = 10.0,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show pictures, tracks and decisions in the browser; stays until Ctrl-C.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="With --view: port of the page; 0 for any free one.")
+    ] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="With --view: only print the address.")] = False,
 ) -> None:
     """Classify targets while the frames of a radar arrive.
 
@@ -113,11 +145,13 @@ def live(
     Example: doppelgait live tcp://:7290 --log decisions.jsonl
 
     Example: doppelgait live frames.dgf --model home-alarm-model.npz --window-s 4 --hop-s 1
+
+    Example: doppelgait live tcp://:7290 --view
     """
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.shipped import model_of_radar, open_model
     from doppelgait.core.config import apply_overrides, json_value
-    from doppelgait.core.interrupt import stop_in_order
+    from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
     from doppelgait.radar import open_stream
 
     loaded = None if model is None else open_model(model)
@@ -129,10 +163,12 @@ def live(
             kept.write(line)
         print(line, flush=True)
 
-    with open_stream(source, timeout_s=timeout_s, **apply_overrides({}, options or [])) as stream:
+    with ExitStack() as ends:
+        stream = ends.enter_context(open_stream(source, timeout_s=timeout_s, **apply_overrides({}, options or [])))
         say(f"listening: {stream.source}")
         radar = stream.radar
         loaded = loaded or model_of_radar(radar)
+        page = ends.enter_context(_page(stream, loaded, port, no_browser)) if view else None
         running = run_live(
             stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m,
             skip=source.startswith(SENSORS),
@@ -152,11 +188,16 @@ def live(
         })  # fmt: skip
         say_about(loaded, model)
         said_s, lost, reason = float("-inf"), losses(), "stopped"
+        began_s, clock_s = None, process_time()
         try:
             with stop_in_order():
-                for window, decisions in running.windows():
+                for window, decisions, results in running.windows():
                     for decision in decisions:
                         put("decision", decision.as_dict())
+                    if page is not None:
+                        began_s = window.start_s if began_s is None else began_s
+                        share = (process_time() - clock_s) / (window.stop_s - began_s)
+                        page.add(window, decisions, results, state(), share)
                     if losses() != lost or window.stop_s - said_s >= STATUS_S:
                         said_s, lost = window.stop_s, losses()
                         put("status", {"time_s": window.stop_s, **state()})
@@ -167,4 +208,12 @@ def live(
         finally:
             running.close()
             put("end", {"reason": reason, **state()})
-    say(stream.summary())
+            say(stream.summary())
+            if page is not None:
+                page.end(reason, state())
+        if page is not None:
+            say("the page stays until Ctrl-C")
+            with stop_in_order():
+                while True:
+                    sleep(WAIT_S)
+                    raise_if_stopped()

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
     from doppelgait.viewer.browse import Browser
+    from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.source import Opened
 
 Message = MutableMapping[str, Any]
@@ -148,7 +149,9 @@ GONE = 499
 """Status for a request whose sender has left; nobody sees it."""
 
 
-def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings | None = None) -> Guard:
+def make_app(
+    opened: Opened | None, *, token: str, port: int, settings: Settings | None = None, live: Rolling | None = None
+) -> Guard:
     """Make the ASGI application of the viewer, behind its guard.
 
     Parameters
@@ -160,6 +163,8 @@ def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings
     port : int
         Where the server listens.
     settings : Settings, optional
+    live : Rolling, optional
+        Stream that the page follows, in place of "Try it".
     """
     chosen = settings or Settings()
     shelf, lock = Shelf(opened), anyio.Lock()
@@ -173,7 +178,8 @@ def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings
     routes = [
         Route("/", _page),
         Route("/static/{name}", _static),
-        Route("/api/session", _answer(partial(_session, opened, chosen), JSON)),
+        Route("/api/session", _answer(partial(_session, opened, chosen, live), JSON)),
+        Route("/api/live", _answer(partial(_live, live), PAYLOAD)),
         *(
             [
                 Route(f"/api/{name}", _run_answer(make, names, media, shelf, lock))
@@ -189,7 +195,7 @@ def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings
             HTTPException: _on_http_error,
             Exception: _on_fault,
         },
-        lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen),
+        lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen, live=live),
     )
     app.router.redirect_slashes = False
     return Guard(app, token=token, port=port)
@@ -250,9 +256,16 @@ def _dataset_routes(opened: Opened | None) -> list[Route]:
     ]
 
 
-def _session(opened: Opened | None, settings: Settings, query: Pairs) -> Any:
+def _session(opened: Opened | None, settings: Settings, live: Rolling | None, query: Pairs) -> Any:
     single(query, ())
-    return session_facts(opened, settings)
+    return session_facts(opened, settings) | ({} if live is None else {"kind": "live", "name": "live"})
+
+
+def _live(live: Rolling | None, query: Pairs) -> bytes:
+    single(query, ())
+    if live is None:
+        raise ConfigError("no stream is followed; start the page with 'doppelgait live SOURCE --view'")
+    return live.payload()
 
 
 def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
@@ -329,7 +342,7 @@ def _file(request: Request, name: str) -> Response:
 
 @asynccontextmanager
 async def _lifespan(
-    app: Starlette, *, shelf: Shelf, lock: anyio.Lock, opened: Opened | None, settings: Settings
+    app: Starlette, *, shelf: Shelf, lock: anyio.Lock, opened: Opened | None, settings: Settings, live: Rolling | None
 ) -> AsyncIterator[dict[str, Any]]:
     """Read the page's files and prepare its first answers.
 
@@ -341,7 +354,8 @@ async def _lifespan(
             await in_thread(lambda: _prepare(shelf, opened, settings))
 
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(prepare)
+        if live is None:
+            tasks.start_soon(prepare)
         yield {"files": static_files()}
         tasks.cancel_scope.cancel()
 

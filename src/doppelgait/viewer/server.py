@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import secrets
 import socket
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 
 if TYPE_CHECKING:
+    import uvicorn
+
+    from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.settings import Settings
     from doppelgait.viewer.source import Opened
 
@@ -45,6 +50,49 @@ def serve(
     ConfigError
         If the port cannot be taken.
     """
+    with _prepared(port, opened, settings) as (server, listener, url):
+        on_ready(url)
+        try:
+            server.run(sockets=[listener])
+        except KeyboardInterrupt:  # how a viewer is ended
+            return
+
+
+@contextmanager
+def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
+    """Serve the page of a stream from a thread, for the time of the block.
+
+    Parameters
+    ----------
+    live : Rolling
+    port : int
+        Where to listen; 0 for any free one.
+
+    Yields
+    ------
+    str
+        Address of the page.
+
+    Raises
+    ------
+    DoppelgaitError, ConfigError
+        As :func:`serve`.
+    """
+    with _prepared(port, live=live) as (server, listener, url):
+        thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="page of live")
+        thread.start()
+        try:
+            yield url
+        finally:
+            server.should_exit = True
+            thread.join(2 * END_S)
+
+
+@contextmanager
+def _prepared(
+    port: int, opened: Opened | None = None, settings: Settings | None = None, live: Rolling | None = None
+) -> Iterator[tuple[uvicorn.Server, socket.socket, str]]:
+    """Give a server that does not run yet, its socket, and the address of the page."""
     check_installed()
     import uvicorn
 
@@ -53,16 +101,11 @@ def serve(
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with listening(port) as listener:
         taken = int(listener.getsockname()[1])
-        app = make_app(opened, token=token, port=taken, settings=settings)
         config = uvicorn.Config(
-            app, access_log=False, server_header=False, log_level="critical", ws="none", lifespan="on",
-            timeout_graceful_shutdown=END_S,
+            make_app(opened, token=token, port=taken, settings=settings, live=live), access_log=False,
+            server_header=False, log_level="critical", ws="none", lifespan="on", timeout_graceful_shutdown=END_S,
         )  # fmt: skip
-        on_ready(f"http://{ADDRESS}:{taken}/{token}/")
-        try:
-            uvicorn.Server(config).run(sockets=[listener])
-        except KeyboardInterrupt:  # how a viewer is ended
-            return
+        yield uvicorn.Server(config), listener, f"http://{ADDRESS}:{taken}/{token}/"
 
 
 def check_installed() -> None:

@@ -9,6 +9,7 @@ import { clearError, element, showError } from "./ui.js";
 const TABS = {
   recording: { words: "Recording", show: showRecording },
   dataset: { words: "Dataset", show: async (...given) => (await import("./dataset_page.js")).show(...given) },
+  live: { words: "Live", show: async (...given) => (await import("./live_page.js")).show(...given) },
   try: { words: "Try it", show: async (...given) => (await import("./try_page.js")).show(...given) },
 };
 /** Choices that mean something else, or nothing, in another tab. */
@@ -23,6 +24,7 @@ async function showRecording(container, session) {
 
 /** Tabs that this session has: what was opened, and "Try it". */
 function tabsOf(session) {
+  if (session.kind === "live") return ["live"]; // what "Try it" simulates would take the processor from the stream
   const opened = { recording: "recording", result: "recording", dataset: "dataset" }[session.kind];
   return [opened, "try"].filter(Boolean);
 }

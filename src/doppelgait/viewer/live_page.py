@@ -1,0 +1,149 @@
+"""What the live page shows: the last half minute of a stream, in fixed memory."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.classify.model import Model
+from doppelgait.classify.timeline import TrackDecision, Window
+from doppelgait.core.labels import axis
+from doppelgait.pipeline import Result
+from doppelgait.viewer.payload import axis_facts, block_maxima, block_of, doppler_facts, image_facts, pack
+
+SPAN_S, STEP_S = 30.0, 0.05
+"""Time that is shown, and width of a column."""
+MOST_ROWS = 300
+"""Range bins or Doppler cells of a column; more are put together, and the strongest stays."""
+MOST_MARKS = 2000
+"""Decisions that are kept."""
+
+
+class Rolling:
+    """The last half minute of a stream: pictures, tracks and decisions.
+
+    One thread adds windows, others take the payload.
+
+    Parameters
+    ----------
+    source : str
+        Name of the stream.
+    radar : str
+        Its name.
+    model : Model
+    """
+
+    def __init__(self, source: str, radar: str, model: Model) -> None:
+        self._facts = {
+            "source": source, "radar": radar, "classes": list(model.facts.classes), "alarm_class": model.facts.alarm,
+            "alarm_threshold": model.facts.alarm_threshold, "abstain_below": model.facts.abstain_below,
+        }  # fmt: skip
+        self._alarm = model.facts.alarm
+        self._lock = threading.Lock()
+        self._columns: dict[str, deque[tuple[int, npt.NDArray[np.float32]]]] = {
+            name: deque(maxlen=round(SPAN_S / STEP_S)) for name in ("range_time", "signature")
+        }
+        self._rows: dict[str, npt.NDArray[np.float64]] = {}
+        self._wavelength_m = math.nan
+        self._marks: deque[dict[str, Any]] = deque(maxlen=MOST_MARKS)
+        self._state: dict[str, Any] = {"state": "waiting", "reason": "", "counts": {}}
+        self._stop_s: float | None = None
+
+    def add(
+        self, window: Window, decisions: Sequence[TrackDecision], results: Sequence[Result], counts: Mapping[str, Any],
+        processor_share: float,
+    ) -> None:  # fmt: skip
+        """Add what is new in a window.
+
+        Parameters
+        ----------
+        window : Window
+        decisions : sequence of TrackDecision
+        results : sequence of Result
+            Of the same targets.
+        counts : mapping
+            Frames and windows up to now.
+        processor_share : float
+            Processor time per time of radar.
+        """
+        recording = window.recording
+        moving = recording.samples.matrix - recording.samples.matrix.mean(axis=0)
+        alarm = self._alarm
+        with self._lock:
+            if self._stop_s is not None and window.start_s < self._stop_s - 2 * (window.stop_s - window.start_s):
+                for columns in self._columns.values():  # the stream began anew
+                    columns.clear()
+            self._wavelength_m = recording.radar.wavelength_m
+            self._put("range_time", window.start_s + recording.slow_time_s, np.abs(moving) ** 2, recording.range_m)
+            for result in results:
+                signature = result.signature
+                times_s = window.start_s + axis(signature, "time")
+                self._put("signature", times_s, signature.values, axis(signature, "doppler"))
+            for one in decisions:
+                self._marks.append({
+                    "track": one.track, "time_s": one.stop_s, "label": one.label, "reason": one.reason,
+                    "probability": one.probability, "alarm": one.alarm, "range_m": one.range_m,
+                    "approach_mps": one.approach_mps,
+                    "evidence": None if alarm is None else one.probabilities[alarm],
+                })  # fmt: skip
+            while self._marks and self._marks[0]["time_s"] < window.stop_s - SPAN_S:
+                self._marks.popleft()
+            self._stop_s = window.stop_s
+            self._state |= {"state": "running", "counts": dict(counts), "processor_share": processor_share}
+
+    def end(self, reason: str, counts: Mapping[str, Any]) -> None:
+        """Say that the stream has ended, and why."""
+        with self._lock:
+            self._state |= {"state": "ended", "reason": reason, "counts": dict(counts)}
+
+    def payload(self) -> bytes:
+        """Return the payload of ``api/live``."""
+        with self._lock:
+            pictures = {name: list(columns) for name, columns in self._columns.items() if columns}
+            marks, state, stop_s = list(self._marks), dict(self._state), self._stop_s
+        facts: dict[str, Any] = {**self._facts, **state, "stop_s": stop_s, "start_s": None, "marks": marks}
+        facts |= {"range_time": None, "signature": None}
+        arrays: dict[str, npt.NDArray[Any]] = {}
+        if stop_s is not None:
+            facts["start_s"] = stop_s - SPAN_S
+        for name, columns in pictures.items():
+            first, last = columns[0][0], columns[-1][0]
+            power = np.zeros((last - first + 1, columns[0][1].size), dtype=np.float32)
+            for number, values in columns:
+                power[number - first] = values
+            time = axis_facts("time", "s", (np.arange(first, last + 1) + 0.5) * STEP_S)
+            rows = self._rows[name]
+            if name == "range_time":
+                facts[name], arrays[name] = image_facts(
+                    name, power, time, axis_facts("range", "m", rows), unit="dB re 1 V²"
+                )
+            else:
+                facts[name], arrays[name] = image_facts(
+                    name, power, time, doppler_facts(rows, self._wavelength_m), unit="dB re 1 V²"
+                )
+        return pack(facts, arrays)
+
+    def _put(
+        self, name: str, times_s: npt.NDArray[np.float64], power: npt.NDArray[Any], rows: npt.NDArray[np.float64]
+    ) -> None:
+        """Put powers (time, row) into their columns; the strongest of a column stays."""
+        block = block_of(rows.size, MOST_ROWS)
+        centres = np.array([part.mean() for part in np.array_split(rows, range(block, rows.size, block))])
+        if name in self._rows and self._rows[name].size != centres.size:
+            self._columns[name].clear()
+        self._rows[name] = centres
+        numbers = np.floor(times_s / STEP_S).astype(np.int64)
+        starts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1))
+        strongest = np.maximum.reduceat(block_maxima(np.asarray(power, dtype=np.float32), 1, block), starts, axis=0)
+        columns = self._columns[name]
+        known = dict(columns)
+        for number, values in zip(numbers[starts].tolist(), strongest, strict=True):
+            known[number] = np.maximum(known[number], values) if number in known else values
+        columns.clear()
+        columns.extend(sorted(known.items()))  # the oldest fall out
