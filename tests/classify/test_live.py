@@ -252,8 +252,8 @@ def test_missing_frames_of_bursts_are_filled_in_their_places(bursts):
     windows = [window for window, *_ in live_of(bursts, kept).windows()]
     filled = live_of(bursts, kept)
     whole = list(live_of(bursts).windows())
-    assert [window.start_s for window in windows] == [window.start_s for window, _ in whole]
-    for window, (other, _) in zip(windows, whole, strict=True):
+    assert [window.start_s for window in windows] == [window.start_s for window, *_ in whole]
+    for window, (other, *_) in zip(windows, whole, strict=True):
         np.testing.assert_allclose(window.recording.slow_time_s, other.recording.slow_time_s, rtol=0, atol=1e-12)
     list(filled)
     assert filled.counts.filled == len(lost)

@@ -53,6 +53,7 @@ class Rolling:
         self._wavelength_m = math.nan
         self._marks: deque[dict[str, Any]] = deque(maxlen=MOST_MARKS)
         self._state: dict[str, Any] = {"state": "waiting", "reason": "", "counts": {}}
+        self._begin_s = math.inf
         self._stop_s: float | None = None
 
     def add(
@@ -79,6 +80,8 @@ class Rolling:
             if self._stop_s is not None and window.start_s < self._stop_s - 2 * (window.stop_s - window.start_s):
                 for columns in self._columns.values():  # the stream began anew
                     columns.clear()
+                self._begin_s = window.start_s
+            self._begin_s = min(self._begin_s, window.start_s)
             self._wavelength_m = recording.radar.wavelength_m
             self._put("range_time", window.start_s + recording.slow_time_s, np.abs(moving) ** 2, recording.range_m)
             for result in results:
@@ -92,8 +95,12 @@ class Rolling:
                     "approach_mps": one.approach_mps,
                     "evidence": None if alarm is None else one.probabilities[alarm],
                 })  # fmt: skip
-            while self._marks and self._marks[0]["time_s"] < window.stop_s - SPAN_S:
+            first_s = window.stop_s - SPAN_S
+            while self._marks and self._marks[0]["time_s"] < first_s:
                 self._marks.popleft()
+            for columns in self._columns.values():
+                while columns and columns[0][0] * STEP_S < first_s:
+                    columns.popleft()
             self._stop_s = window.stop_s
             self._state |= {"state": "running", "counts": dict(counts), "processor_share": processor_share}
 
@@ -111,7 +118,7 @@ class Rolling:
         facts |= {"range_time": None, "signature": None}
         arrays: dict[str, npt.NDArray[Any]] = {}
         if stop_s is not None:
-            facts["start_s"] = stop_s - SPAN_S
+            facts["start_s"] = max(stop_s - SPAN_S, self._begin_s)
         for name, columns in pictures.items():
             first, last = columns[0][0], columns[-1][0]
             power = np.zeros((last - first + 1, columns[0][1].size), dtype=np.float32)
@@ -132,7 +139,10 @@ class Rolling:
     def _put(
         self, name: str, times_s: npt.NDArray[np.float64], power: npt.NDArray[Any], rows: npt.NDArray[np.float64]
     ) -> None:
-        """Put powers (time, row) into their columns; the strongest of a column stays."""
+        """Put powers (time, row) into their columns."""
+        # A body that stands still in one window leaves its mean in the times when it was elsewhere, where other windows
+        # are better. The signatures of two targets lie over each other.
+        join = np.minimum if name == "range_time" else np.maximum
         block = block_of(rows.size, MOST_ROWS)
         centres = np.array([part.mean() for part in np.array_split(rows, range(block, rows.size, block))])
         if name in self._rows and self._rows[name].size != centres.size:
@@ -144,6 +154,6 @@ class Rolling:
         columns = self._columns[name]
         known = dict(columns)
         for number, values in zip(numbers[starts].tolist(), strongest, strict=True):
-            known[number] = np.maximum(known[number], values) if number in known else values
+            known[number] = join(known[number], values) if number in known else values
         columns.clear()
         columns.extend(sorted(known.items()))  # the oldest fall out

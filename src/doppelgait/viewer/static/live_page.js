@@ -36,6 +36,7 @@ export function show(container, session) {
       status.replaceChildren(...statusOf(facts));
       fillTracks(tracks, facts);
       for (const chart of charts) chart.redraw();
+      if (facts.state === "ended") return; // nothing will change
     } catch (error) {
       if (isAborted(error) || ended) return;
       showError(error);
@@ -165,7 +166,7 @@ function makeEvidence(page) {
     view: () =>
       page.facts?.stop_s == null || page.facts.alarm_class === null
         ? null
-        : { x: timeAxis(page.facts), y: { limits: [-0.03, 1.03], name: page.facts.alarm_class, unit: "" } },
+        : { x: timeAxis(page.facts), y: { limits: [-0.03, 1.03], name: "probability", unit: page.facts.alarm_class } },
     draw(context) {
       const { facts } = page;
       context.fillStyle = "#15181c";
