@@ -39,7 +39,7 @@ from doppelgait.radar import Recording
 FloatArray = npt.NDArray[np.float64]
 
 CHANGE_PER_S = 0.02
-"""Rate at which the class of a track changes: evidence of a minute ago counts a tenth."""
+"""Rate at which the class of a track changes: of two classes, evidence of a minute ago counts a tenth."""
 LINK_M, LINK_GROWS_MPS = 0.6, 0.4
 """Distance at which a target still continues a path, and how it grows with the time without a detection."""
 LINK_MPS = 1.5

@@ -49,7 +49,8 @@ void dg_start(dg_window *window);
    DG_WINDOW_PULSES (then DG_STFT_COLUMNS * DG_HOP) pulses have made a whole window, else 0. */
 int dg_push(dg_window *window, const float *samples);
 
-/* Decide about a whole window, by the network alone, and begin the next one. */
+/* Decide about a whole window, by the network alone, and begin the next one. Work memory is static: one thread at a
+   time, for however many windows. */
 void dg_decide(dg_window *window, dg_decision *decision);
 
 /* Log-probabilities of every network for levels (DG_COLUMNS, DG_VELOCITIES), time first, 0 to 1. */
