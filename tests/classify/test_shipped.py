@@ -33,7 +33,14 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
 
 @pytest.mark.parametrize(
     ("carrier_hz", "prf_hz", "name"),
-    [(7.29e9, 500, "x4"), (7.29e9, 1600, "x4"), (7.29e9, 1740, "x4"), (24e9, 1000, "fmcw-24"), (61e9, 5434, "fmcw-60")],
+    [
+        (7.29e9, 500, "x4"),
+        (7.29e9, 1600, "x4"),
+        (7.29e9, 1740, "x4"),
+        (24e9, 1000, "fmcw-24"),
+        (61e9, 5434, "fmcw-60"),
+        (62e9, 3333, "fmcw-60"),
+    ],
 )
 def test_the_radar_chooses(carrier_hz, prf_hz, name):
     assert fitting_model(carrier_hz, prf_hz) == name
