@@ -1,6 +1,6 @@
 """Train the models that ship with the package, on synthetic data alone.
 
-    python tools/train_models.py [NAME ...] [--work FOLDER] [--examples 2000] [--workers 2]
+    python tools/train_models.py [NAME ...] [--work FOLDER] [--examples N] [--workers 2]
 
 Needs ``pip install 'doppelgait[torch]'`` and some 20 minutes of two cores. The plans are those of :func:`plan_of`; no
 recording is used. Written are ``src/doppelgait/classify/models/NAME.npz`` and the model card next to it, ``NAME.json``.
@@ -37,18 +37,18 @@ CAT = {"build": "cat", "withers_m": {"log_uniform": [0.22, 0.3]}}
 RADARS: dict[str, dict[str, Any]] = {
     "x4": {
         "radar": {"preset": "x4", "prf_hz": {"choice": [500, 700, 1000, 1300, 1600]}},
-        "scene": {"duration_s": 2.5}, "range_m": [4.8, 5.1],
+        "scene": {"duration_s": 2.5}, "range_m": [4.8, 5.1], "examples": 2000,
     },
     "fmcw-24": {
         "radar": {"preset": "ancortek-24", "sweep_s": 0.0005, "prf_hz": {"choice": [1000, 2000]}},
-        "scene": {"duration_s": 2.5}, "range_m": [5.0, 7.0],
+        "scene": {"duration_s": 2.5}, "range_m": [5.0, 7.0], "examples": 1000,
     },
     "fmcw-60": {
         "radar": {"preset": {"choice": ["ti-60", "infineon-60"]}},
-        "scene": {"duration_s": 2.0}, "range_m": [3.9, 4.1],
+        "scene": {"duration_s": 2.0}, "range_m": [3.9, 4.1], "examples": 1500,
     },
 }  # fmt: skip
-"""Radar, observation and mid-track range; a body at 3.2 m/s stays inside every frame."""
+"""Radar, observation, mid-track range (a body at 3.2 m/s stays inside every frame) and examples of a class."""
 X4_ALONE = ("static_clutter", "dropped_frames")
 """Impairments of the X4 that no other radar has in this form."""
 TABLES = ("balanced_accuracy", "auc", "brier", "expected_calibration_error")
@@ -121,14 +121,15 @@ def main() -> None:
     parser.add_argument("names", nargs="*", default=list(RADARS), help=f"of {', '.join(RADARS)}")
     parser.add_argument("--work", type=Path, help="keep the datasets here, and take complete ones from here")
     parser.add_argument("--models", type=Path, default=MODELS, help="folder of the models")
-    parser.add_argument("--examples", type=int, default=2000, help="of a class")
+    parser.add_argument("--examples", type=int, help="of a class, in place of those of RADARS")
     parser.add_argument("--workers", type=int)
     options = parser.parse_args()
     options.models.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as scratch:
         for name in options.names:
-            target = (options.work or Path(scratch)) / f"shipped-{name}-{options.examples}"
-            report = build_dataset(plan_of(name, options.examples), target, workers=options.workers,
+            n_examples = options.examples or RADARS[name]["examples"]
+            target = (options.work or Path(scratch)) / f"shipped-{name}-{n_examples}"
+            report = build_dataset(plan_of(name, n_examples), target, workers=options.workers,
                                    max_failed_share=0.02)  # fmt: skip
             print(f"{name}: {report.n_rows} rows in {report.seconds:.0f} s", flush=True)
             card = train(open_dataset(target), options.models, name)
