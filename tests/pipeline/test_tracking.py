@@ -13,7 +13,7 @@ from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
-from doppelgait.pipeline import analyze, describe_results, simulate
+from doppelgait.pipeline import analyze, describe_results, simulate, tracking
 from doppelgait.pipeline.analyze import flag_overlaps
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.result import Result
@@ -159,12 +159,18 @@ def test_an_empty_list_says_that_frames_are_too_few():
     assert found.reason == ("moving bodies were not looked for at 17 frames/s; no bin breathes steadily for 12 s")
 
 
-def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece():
+def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece(monkeypatch):
     path = {"kind": "stop_and_go", "stops": [{"at_m": 3.0, "pause_s": 3.0}]}
     walk = boulic_walk(speed_mps=1.0, height_m=1.75, duration_s=20.0)
     target = Target(walk, start_position_m=(9.0, 0.0), heading_deg=180.0, path=path)
     made = simulate(Scene([target], duration_s=11.5), RADAR, rng=rng(1), snr_db=25.0, conditions=ROOM)
+    measured = []
+    share = tracking.share_removed
+    monkeypatch.setattr(
+        tracking, "share_removed", lambda *given, **more: measured.append(given) or share(*given, **more)
+    )
     found = analyze(made)
+    assert len(measured) == 1  # of the track, not of every piece: time goes with the length of the recording
     assert len(found) == 1
     pieces = found[0].segments
     assert len(pieces) == 2

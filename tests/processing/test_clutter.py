@@ -8,7 +8,7 @@ import pytest
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, Gate, remove_clutter
-from doppelgait.processing.clutter import clutter_gain, share_removed, torso_share_removed, without_clutter
+from doppelgait.processing.clutter import clutter_gain, pulse_sum, share_removed, torso_share_removed, without_clutter
 from doppelgait.processing.common_phase import without_common_phase
 
 PRF_HZ = 100.0
@@ -213,6 +213,30 @@ def test_the_mean_takes_nothing_from_a_body_that_moves_and_no_answer_is_given_fo
     assert float(share_removed(before, without_clutter(before, kind="mean"), gate).max()) < 0.02
     stays = Gate.fixed(2.0, 3.0, time_s=TIME_S)
     assert np.isnan(share_removed(before, without_clutter(before, kind="mean"), stays).values).all()
+
+
+def test_the_reference_is_every_pulse_when_the_gate_is_elsewhere_or_over():
+    before, gate = crossing(4.0, 30.0)
+    after = without_clutter(before, kind="mti")
+    part = gate.during(10.0, 20.0)
+    range_m, values = before.coords["range"].values, before.values.astype(complex)
+    at = np.arange(np.searchsorted(TIME_S, part.start_s - 1e-9), np.searchsorted(TIME_S, part.stop_s + 1e-9))
+    first, count = part.whole_bins(TIME_S[at], first_bin_m=range_m[0], bin_spacing_m=range_m[1] - range_m[0])
+    inside = np.zeros(values.shape, dtype=bool)
+    for pulse, start in zip(at, first, strict=True):
+        inside[pulse, max(start, 0) : max(start + count, 0)] = True
+    lost, body = np.zeros(at.size), np.zeros(at.size)
+    for n in range(range_m.size):
+        reference = values[~inside[:, n], n].mean()
+        for m, pulse in enumerate(at):
+            if inside[pulse, n]:
+                lost[m] += abs(after.values[pulse, n]) ** 2
+                body[m] += abs(values[pulse, n] - reference) ** 2
+    length = round(0.1 * PRF_HZ)
+    blocks = [slice(k * length, (k + 1) * length) for k in range(at.size // length)]
+    expected = [max(1 - lost[block].sum() / body[block].sum(), 0) for block in blocks]
+    np.testing.assert_allclose(share_removed(before, after, part), expected, atol=1e-5)
+    np.testing.assert_allclose(share_removed(before, after, part, total=pulse_sum(before)), expected, atol=1e-5)
 
 
 def test_a_crossing_that_stands_at_0_hz_is_said_to_be_lost():

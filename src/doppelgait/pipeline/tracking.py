@@ -24,7 +24,7 @@ from doppelgait.pipeline.verdicts import is_echo, judge
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.bursts import burst_means
-from doppelgait.processing.clutter import share_removed, torso_share_removed, without_clutter
+from doppelgait.processing.clutter import pulse_sum, share_removed, torso_share_removed, without_clutter
 from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
@@ -124,7 +124,8 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         nothing_moves = _why_no_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no bin breathes steadily for 12 s'}")
     tracks = _link(tracks, persons, axis(raw, "range"))
-    analyze = partial(_analyze_track, raw, clean, wavelength_m, persons, analysis, tracking)
+    total = pulse_sum(raw)
+    analyze = partial(_analyze_track, raw, clean, total, wavelength_m, persons, analysis, tracking)
     moving = [_flag_lost_frames(analyze(found), baseband) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
@@ -302,8 +303,9 @@ def _breath_quality(person: BreathingTarget) -> dict[str, float]:
 
 
 def _analyze_track(
-    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, persons: Sequence[BreathingTarget],
-    analysis: Analysis, tracking: Tracking, found: Track, *, taken: npt.NDArray[np.bool_] | None = None,
+    raw: xr.DataArray, clean: xr.DataArray, total: npt.NDArray[np.complex128], wavelength_m: float,
+    persons: Sequence[BreathingTarget], analysis: Analysis, tracking: Tracking, found: Track, *,
+    taken: npt.NDArray[np.bool_] | None = None,
 ) -> Result:  # fmt: skip
     """Analyse every segment of a track; return the longest with all.
 
@@ -325,10 +327,11 @@ def _analyze_track(
             for start_s, stop_s in free
         ]
         usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
-    results = [
-        _analyze_segment(raw, clean, wavelength_m, found, gate.during(segment.start_s, segment.stop_s), analysis)
-        for segment in usable
-    ]
+    measured = None
+    if analysis.clutter not in ("none", "auto"):
+        measured = share_removed(raw, clean, gate, total=total)
+    analyze_segment = partial(_analyze_segment, clean, measured, wavelength_m, found, analysis)
+    results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {
         "track_start_s": found.first_s,
         "track_stop_s": found.last_s,
@@ -339,7 +342,7 @@ def _analyze_track(
         **_breath_facts(found, persons),
     }
     if not results:
-        whole = _analyze_segment(raw, clean, wavelength_m, found, gate, analysis)
+        whole = analyze_segment(gate)
         reasons = sorted({segment.reason for segment in segments}) or ["too_short"]
         flags = (*whole.flags, *(f"no_steady_piece:{reason}" for reason in reasons))
         return replace(whole, quality={**whole.quality, **facts}, flags=flags)
@@ -348,9 +351,17 @@ def _analyze_track(
 
 
 def _analyze_segment(
-    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, gate: Gate, analysis: Analysis
+    clean: xr.DataArray,
+    measured: xr.DataArray | None,
+    wavelength_m: float,
+    found: Track,
+    analysis: Analysis,
+    gate: Gate,
 ) -> Result:
-    """Analyse one segment; flag hidden gait and clutter removal losses."""
+    """Analyse one segment; flag hidden gait and clutter removal losses.
+
+    ``measured`` is the :func:`share_removed` of the whole track.
+    """
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)
@@ -362,10 +373,10 @@ def _analyze_segment(
         if motion.visibility == "hidden":
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
-    if analysis.clutter not in ("none", "auto"):  # as measured where a reference is known, else by the filter's gain
-        measured = share_removed(raw, clean, gate).values
-        known = measured[np.isfinite(measured)]
-        times_s = axis(raw, "slow_time")
+    if measured is not None and analysis.clutter not in ("none", "auto"):  # as measured, else by the filter's gain
+        share = measured.values[(axis(measured, "time") >= start_s) & (axis(measured, "time") <= stop_s)]
+        known = share[np.isfinite(share)]
+        times_s = axis(clean, "slow_time")
         by_gain = torso_share_removed(
             gate, gate.time_s, kind=analysis.clutter, wavelength_m=wavelength_m, prf_hz=sampling_rate_hz(times_s),
             n_pulses=times_s.size, clutter_time_s=analysis.clutter_time_s,

@@ -204,15 +204,16 @@ def clutter_gain(
 
 
 def share_removed(
-    before: xr.DataArray, after: xr.DataArray, gate: Gate, *, piece_s: float = 0.1, reference_share: float = 0.2
-) -> xr.DataArray:
+    before: xr.DataArray, after: xr.DataArray, gate: Gate, *, total: npt.NDArray[np.complex128] | None = None,
+    piece_s: float = 0.1, reference_share: float = 0.2,
+) -> xr.DataArray:  # fmt: skip
     r"""Measure the power share that clutter removal took from a body.
 
     The share is that in the body's gate, over time.
 
     Static clutter is in a range bin all the time, a body only while its gate covers the bin. The mean c of every bin
-    over the pulses when the gate is *elsewhere* is therefore clutter without the body, and the body alone is the
-    baseband before removal minus c:
+    over the pulses when the gate is *elsewhere* (at another place, or before its first time or after its last) is
+    therefore clutter without the body, and the body alone is the baseband before removal minus c:
 
     .. math:: \text{share} = 1 - \frac{\sum |y_{after}|^2}{\sum |y_{before} - c|^2}
 
@@ -226,6 +227,8 @@ def share_removed(
     before, after : DataArray (slow_time, range)
         Baseband before and after clutter removal.
     gate : Gate
+    total : ndarray, shape (range,), optional
+        Sum of ``before`` over all pulses, where it is known: the work is then that of the gate's own pulses.
     piece_s : float
         Length of a time block.
     reference_share : float
@@ -234,18 +237,22 @@ def share_removed(
     Returns
     -------
     DataArray (time)
-        One share for every block, 0 to 1; NaN where fewer than half of the gate's bins have a reference.
+        One share for every block of the gate's times, 0 to 1; NaN where fewer than half of the gate's bins have a
+        reference.
     """
     check_signal(before, BASEBAND)
     check_signal(after, BASEBAND)
+    n_pulses = before.sizes["slow_time"]
+    if total is None:
+        total = pulse_sum(before)
+    before, after = gate.crop(before), gate.crop(after)
     times = axis(before, "slow_time")
     low, high = gate.edges(axis(before, "range"), times, sharp=True)
     bins = np.arange(before.sizes["range"])
     inside = (bins > low[:, None]) & (bins < high[:, None])
-    elsewhere = ~inside
-    count = elsewhere.sum(axis=0)
-    clutter = np.einsum("in,in->n", before.values, elsewhere) / np.maximum(count, 1)
-    known = inside & (count >= reference_share * times.size)
+    count = n_pulses - inside.sum(axis=0)
+    clutter = (total - np.einsum("in,in->n", before.values, inside, dtype=np.complex128)) / np.maximum(count, 1)
+    known = inside & (count >= reference_share * n_pulses)
     length = min(max(1, round(piece_s * sampling_rate_hz(times))), times.size)
 
     def per_piece(values: npt.NDArray[Any]) -> FloatArray:
@@ -257,6 +264,11 @@ def share_removed(
     usable = (per_piece(known.sum(axis=1)) >= 0.5 * per_piece(inside.sum(axis=1))) & (body > 0)
     share = np.where(usable, np.maximum(1.0 - left / np.where(usable, body, 1.0), 0.0), np.nan)
     return make_array(SHARE_REMOVED, share, {"time": per_piece(times) / length})
+
+
+def pulse_sum(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:
+    """Sum a baseband over its pulses, for :func:`share_removed`."""
+    return np.asarray(baseband.values.sum(axis=0, dtype=np.complex128))
 
 
 def torso_share_removed(
