@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import h5py
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.config import FieldSpec
 from doppelgait.dataset.example import label_arrays
-from doppelgait.dataset.finish import read_description
+from doppelgait.dataset.finish import read_description, read_records, tally
 from doppelgait.dataset.shard_files import DB_FLOOR, ShardFiles, decode, encode, facts_of
 
 
@@ -72,3 +74,18 @@ def test_an_array_that_fills_the_memory_is_not_read(tmp_path):
         file.create_dataset("signature", (1, 100_000, 200_000), "f4", chunks=(1, 50, 50))
     with pytest.raises(DatasetError, match="would take 128,000 MB of memory"):
         ShardFiles(tmp_path / "shards").read("train-00000-of-00001", "signature", 0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"shard": None}, {"bytes": []}, {"rows": [{}]}, {"rows": [{"label": ["a"]}]}, {"failures": {}}, {"sha256": 3}],
+)
+def test_a_damaged_record_is_one_error(tmp_path, change):
+    record = {"shard": "a", "sha256": "b", "bytes": 1, "failures": [], "rows": [{"label": "human"}]}
+    (tmp_path / "shards").mkdir()
+    place = tmp_path / "shards" / "train-00000-of-00001.json"
+    place.write_text(json.dumps(record))
+    assert tally(read_records(tmp_path, [place.stem])).rows == 1
+    place.write_text(json.dumps({**record, **change}))
+    with pytest.raises(DatasetError, match=f"train-00000-of-00001.json: {next(iter(change))} is missing or damaged"):
+        tally(read_records(tmp_path, [place.stem]))

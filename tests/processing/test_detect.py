@@ -91,7 +91,7 @@ def test_maps_are_the_equation():
     values = noise(260, 5, n_bins=3) + 2.0
     transform = plan_transform(Analysis(cpi_s=0.02, hop=37), n_pulses=260, prf_hz=PRF_HZ)
     scans = np.arange(transform.n_columns)
-    found = power_per_cell(values.astype(np.complex64), transform, scans)
+    found = power_per_cell(baseband(values, range_m=RANGE_M[:3]), transform, scans)
     n_doppler, window = transform.n_doppler_bins, transform.window
     assert found.shape == (len(scans), n_doppler, 3)
     for j, k in itertools.product(scans, range(n_doppler)):

@@ -237,6 +237,6 @@ def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy):
         given = samples.with_noise(np.uint64(7), 0.3) if noisy else samples
         whole, first_bin = given.read(cut.needed_pulses(), cut.margin_pulses)
         wanted = signature_of_planes(whole[0], whole[1], first_bin, cut, wavelength_m=0.04)
-        found = signature_in_tiles(given, cut, wavelength_m=0.04)
+        found = signature_in_tiles(given.read_tile, cut, wavelength_m=0.04)
         np.testing.assert_array_equal(found.values, wanted.values)
         assert found.attrs == wanted.attrs

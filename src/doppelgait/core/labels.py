@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import xarray as xr
+from xarray.core.indexing import LazilyIndexedArray
 from xarray.indexes import PandasIndex
 
 from doppelgait.core.errors import AnalysisError
@@ -204,7 +205,7 @@ def take_columns(array: Signal, columns: slice) -> Signal:
 
 def with_values(
     array: Signal,
-    values: npt.NDArray[Any],
+    values: Any,
     *,
     schema: Schema | None = None,
     attrs: Mapping[str, Any] | None = None,
@@ -234,9 +235,11 @@ def with_values(
 def label_values(dims: Any, values: npt.ArrayLike, attrs: Mapping[str, Any] | None = None) -> xr.Variable:
     """Make a variable of numbers or text.
 
-    Where Dask is installed, xarray's ordinary way imports it (0.3 s) to see whether the values are a Dask array.
+    Where Dask is installed, xarray's ordinary way imports it (0.3 s) to see whether the values are a Dask array. Values
+    that are read when they are asked for (:mod:`doppelgait.core.lazy`) stay so.
     """
-    return xr.Variable(dims, np.asarray(values), attrs, fastpath=True)
+    known = values if isinstance(values, LazilyIndexedArray) else np.asarray(values)
+    return xr.Variable(dims, known, attrs, fastpath=True)
 
 
 def label_table(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import weakref
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ Matrix = npt.NDArray[np.complex64]
 Spans = npt.NDArray[np.int64]
 Factor = npt.NDArray[np.float32]
 Turns = npt.NDArray[np.float64]
+Rows = Callable[[int, int], Matrix]
 
 ROWS = 32
 """Rows of planes or of a matrix that are changed at a time, so that intermediate results stay in the cache."""
@@ -95,9 +97,11 @@ class Samples:
     and write, because a range bin's pulses follow each other in memory. Columns beyond the last pulse mean nothing.
 
     Receiver noise may be pending (:meth:`with_noise`): every access shows it, but it is made for what is read only.
+
+    Samples may be *stored* in a file (:meth:`stored`): they are read when they are asked for, and not kept.
     """
 
-    __slots__ = ("_matrix", "_noise", "_owned", "_planes", "shape")
+    __slots__ = ("_matrix", "_noise", "_owned", "_planes", "_stored", "shape")
 
     def __init__(self, matrix: npt.ArrayLike) -> None:
         values = np.asarray(matrix)
@@ -109,6 +113,7 @@ class Samples:
         self._matrix: Matrix | None = np.ascontiguousarray(values, dtype=np.complex64)
         self._planes: Planes | None = None
         self._noise: Noise | None = None
+        self._stored: Rows | None = None
         self._owned = False
         self.shape: tuple[int, int] = values.shape
 
@@ -118,7 +123,28 @@ class Samples:
     ) -> Samples:
         made = cls.__new__(cls)
         made.shape, made._matrix, made._planes, made._noise, made._owned = shape, matrix, planes, noise, owned
+        made._stored = None
         return made
+
+    @classmethod
+    def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
+        """Wrap samples of a file.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Pulses and samples.
+        rows : callable
+            Reads the pulses from a first to before a second number, complex64.
+        """
+        made = cls._make(shape, None, None, None, False)
+        made._stored = rows
+        return made
+
+    @property
+    def in_memory(self) -> bool:
+        """False for samples of a file, which are read at every access."""
+        return self._stored is None
 
     @classmethod
     def own(cls, matrix: Matrix) -> Samples:
@@ -139,6 +165,8 @@ class Samples:
     @property
     def matrix(self) -> Matrix:
         """Complex64 array, one row per pulse."""
+        if self._stored is not None:
+            return self._stored(0, self.shape[0])
         settled = self._add_noise()
         if settled._matrix is not None:
             return settled._matrix
@@ -149,10 +177,14 @@ class Samples:
         join_planes(settled._planes[0], settled._planes[1], 0, self.shape[1], joined)
         return joined
 
+    def rows(self, first: int, stop: int) -> Matrix:
+        """Return some pulses of the matrix."""
+        return self._stored(first, stop) if self._stored is not None else self.matrix[first:stop]
+
     @property
     def planes(self) -> Planes:
         """Real and imaginary planes, float32, one row per sample."""
-        settled = self._add_noise()
+        settled = self if self._stored is not None else self._add_noise()
         return settled._planes if settled._planes is not None else _split(settled.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
@@ -178,7 +210,8 @@ class Samples:
         needed = np.flatnonzero(spans[:, 0] < spans[:, 1])
         first, stop = (int(needed[0]), int(needed[-1]) + 1) if needed.size else (0, 0)
         rows = slice(first, stop)
-        split = None if self._matrix is None else _split(self._matrix, rows)
+        matrix = self._matrix if self._stored is None else self.matrix
+        split = None if matrix is None else _split(matrix, rows)
         source = self._planes[:, rows] if split is None and self._planes is not None else split
         assert source is not None
         if self._noise is None:
@@ -204,7 +237,9 @@ class Samples:
         ndarray, shape (2, columns, pulses)
             Real and imaginary parts. Not to be changed.
         """
-        if self._matrix is not None:
+        if self._stored is not None:
+            tile = _split(self._stored(pulses.start, pulses.stop), columns)
+        elif self._matrix is not None:
             tile = _split(self._matrix[pulses], columns)
         else:
             assert self._planes is not None
@@ -228,6 +263,8 @@ class Samples:
 
     def settle(self) -> Samples:
         """Add the pending noise in place where memory is owned."""
+        if self._stored is not None:
+            return Samples.own(self.matrix)
         if self._noise is None:
             return self
         from doppelgait.core.kernels.noise import add_noise_block, add_noise_matrix
@@ -254,7 +291,7 @@ class Samples:
 
     def copy(self) -> Samples:
         """Copy the samples to memory of their own."""
-        return self._allocate(keep=True)
+        return self._allocate(keep=True) if self._stored is None else self.settle()
 
     def _allocate(self, keep: bool) -> Samples:
         matrix = None if self._matrix is None else np.empty_like(self._matrix)
@@ -271,7 +308,9 @@ class Samples:
         Changes of either are made in a copy.
         """
         self._owned = False
-        return self._make(self.shape, self._matrix, self._planes, self._noise, False)
+        frozen = self._make(self.shape, self._matrix, self._planes, self._noise, False)
+        frozen._stored = self._stored
+        return frozen
 
     def quantise(self, step: float, lowest: float, highest: float, limit: float = math.inf) -> tuple[Samples, int]:
         """Round in-phase and quadrature values to whole steps between two codes.

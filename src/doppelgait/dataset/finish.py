@@ -397,7 +397,24 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
     """Yield the records of shards, one in memory at a time."""
     for name in names:
         raise_if_stopped()
-        yield parse_json((target / "shards" / f"{name}.json").read_text())
+        place = target / "shards" / f"{name}.json"
+        record = parse_json(place.read_text())
+        wrong = (
+            "record"
+            if not isinstance(record, Mapping)
+            else next((key for key, kind in RECORD_KINDS.items() if type(record.get(key, "")) is not kind), None)
+        )
+        if wrong is None and not all(
+            isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in record["rows"]
+        ):
+            wrong = "rows"
+        if wrong is not None:
+            raise DatasetError(f"{place}: {wrong} is missing or damaged; remove the shard and build again")
+        yield record
+
+
+RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
+"""What a record of a shard must have; only the last may be missing."""
 
 
 def tally(records: Iterable[Record]) -> Totals:

@@ -12,6 +12,7 @@ import xarray as xr
 from doppelgait import processing
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.lazy import LONG_PULSES
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_signature, with_parts
 from doppelgait.pipeline.tracking import Tracking, track_targets
@@ -19,7 +20,7 @@ from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
-from doppelgait.processing.signature import LONG_PULSES, cut_out, signature_in_tiles, signature_of_planes
+from doppelgait.processing.signature import cut_out, signature_in_tiles, signature_of_planes
 from doppelgait.radar.recording import Recording
 
 __all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_signatures"]
@@ -118,8 +119,11 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
         for gate in gates
     ]
     analysis = analysis.resolved(None)
-    if recording.n_pulses > LONG_PULSES and analysis.clutter == "none":
-        return [signature_in_tiles(recording.samples, cut, wavelength_m=wavelength_m) for cut in cuts]
+    if recording.n_pulses > LONG_PULSES:
+        if analysis.clutter == "none":
+            return [signature_in_tiles(recording.samples.read_tile, cut, wavelength_m=wavelength_m) for cut in cuts]
+        clean = processing.remove_clutter(recording.baseband, analysis)
+        return [processing.signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
     spans = np.stack([cut.needed_pulses() for cut in cuts])
     spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
     if analysis.clutter != "none":  # looks at the whole recording

@@ -15,6 +15,7 @@ from doppelgait import processing
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.lazy import tiles_of
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import piece_motion
 from doppelgait.pipeline import rangeless
@@ -92,7 +93,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     tracking : Tracking
     """
     baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
-    unknown = np.flatnonzero(~np.isfinite(baseband.values).all(axis=1))
+    unknown = np.flatnonzero(np.concatenate([~np.isfinite(values).all(axis=1) for _, values in tiles_of(baseband)]))
     if unknown.size:
         raise AnalysisError(
             f"{recording.source}: {unknown.size} of {baseband.shape[0]} frames have values that are not finite (first: "
@@ -157,10 +158,13 @@ def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
 
     A recorder that loses frames repeats the last one or stores zeros; the jumps that follow are wide in Doppler.
     """
-    times_s, values = axis(baseband, "slow_time"), baseband.values
+    times_s = axis(baseband, "slow_time")
     first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
-    part = values[first:stop]
-    share = float((part[1:] == part[:-1]).all(axis=1).mean()) if part.shape[0] > 1 else 0.0
+    repeated, before = 0, np.empty((0, baseband.shape[1]), dtype=np.complex64)
+    for _, values in tiles_of(baseband.isel(slow_time=slice(first, stop))):
+        repeated += int((values[1:] == values[:-1]).all(axis=1).sum()) + int((values[:1] == before).all(axis=1).sum())
+        before = values[-1:]
+    share = repeated / (stop - first - 1) if stop - first > 1 else 0.0
     segments = tuple(_flag_lost_frames(segment, baseband) for segment in result.segments)
     quality, flags = {**result.quality, "lost_frame_share": share}, result.flags
     if share > LOST_SHARE:

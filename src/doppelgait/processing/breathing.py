@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.core.lazy import tiles_of
 from doppelgait.processing.breath_signal import (
     BreathSpectrum,
     breath_spectrum,
@@ -21,6 +22,7 @@ from doppelgait.processing.breath_signal import (
     threshold,
     without_common_gain,
 )
+from doppelgait.processing.common_phase import block_means
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -173,12 +175,12 @@ def find_breathing(
             f"breathing needs {SHORTEST_S:g} s or more at {LEAST_RATE_HZ:g} Hz or more; this recording has "
             f"{pulse_times.size / rate_hz:.3g} s at {rate_hz:.4g} Hz"
         )
-    if not np.isfinite(baseband.values).all():
-        raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     # averaged to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
-    values = baseband.values[: count * size].reshape(count, size, -1).mean(axis=1, dtype=np.complex128)
+    values = np.concatenate([block_means(tile, size) for _, tile in tiles_of(baseband, size)])
+    if not np.isfinite(values).all():
+        raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
     people = [one.target for one in _find_in(values, times, range_m, wavelength_m, options)]
     # who moves for a part of the time: single windows, which share the chance of a false breath

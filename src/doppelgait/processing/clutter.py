@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +21,7 @@ from doppelgait.core.labels import (
     sampling_rate_hz,
     with_values,
 )
+from doppelgait.core.lazy import LONG_PULSES, lazy_rows, map_rows, rows_of, tiles_of
 from doppelgait.core.samples import Planes, Samples
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
@@ -100,9 +103,14 @@ def without_clutter(
     if kind in ("none", "auto"):
         return baseband
     prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
-    planes = Samples(baseband.values).planes
-    cleaned = _clean_planes(planes, kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
-    return with_values(baseband, Samples.from_planes(cleaned, baseband.shape[0]).matrix)
+    if kind in ("mean", "median"):
+        count, block = baseband.sizes["slow_time"], _block_pulses(baseband.sizes["slow_time"], prf_hz)
+        planes = (Samples(values).planes[:, :, : values.shape[0]] for _, values in tiles_of(baseband, block))
+        part_re, part_im = _static_part(planes, kind, count, block)
+        static = (part_re + 1j * part_im).astype(np.complex64)[:, 0]
+        return map_rows(baseband, lambda values, first: values - static)
+    clean, start_pulses = _filter_of(kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
+    return _filtered(baseband, clean, start_pulses)
 
 
 def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
@@ -113,33 +121,87 @@ def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf
     kind = analysis.clutter
     if kind in ("none", "auto"):
         return planes
-    return _clean_planes(planes[:, :, :n_pulses], kind, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
+    planes = planes[:, :, :n_pulses]
+    if kind in ("mean", "median"):
+        return np.asarray(planes - _static_part([planes], kind, n_pulses, _block_pulses(n_pulses, prf_hz)))
+    clean, start_pulses = _filter_of(kind, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
+    return clean(planes, planes[..., :start_pulses].mean(axis=-1, dtype=np.float64, keepdims=True), None)[0]
 
 
-def _clean_planes(
-    planes: Planes, kind: ClutterKind, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ
-) -> Planes:
+def _block_pulses(n_pulses: int, prf_hz: float) -> int:
+    return min(max(round(MEDIAN_BLOCK_S * prf_hz), 1), n_pulses)
+
+
+def _static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
+    """Return mean or median of planes over their pulses, (2, bins, 1), float32."""
     if kind == "mean":
-        return np.asarray(planes - planes.mean(axis=-1, dtype=np.float64, keepdims=True).astype(np.float32))
-    if kind == "median":
-        means = block_means(planes, min(max(round(MEDIAN_BLOCK_S * prf_hz), 1), planes.shape[-1]))
-        return np.asarray(planes - np.median(means, axis=-1, keepdims=True).astype(np.float32))
+        total = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles)
+        return np.asarray(total / n_pulses, dtype=np.float32)
+    means = np.concatenate([block_means(planes, block_pulses) for planes in tiles], axis=-1)
+    return np.asarray(np.median(means, axis=-1, keepdims=True), dtype=np.float32)
+
+
+Clean = Callable[[Planes, FloatArray, Any], tuple[Planes, Any]]
+"""Gets planes, the level before the first of all pulses, and the state before these; returns them clean, and the state
+after them."""
+
+
+def _filter_of(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
+    """Return a filter along the pulses, and over how many pulses its first level is the mean."""
     from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
     if kind == "exponential":
         alpha = -math.expm1(-1.0 / (time_s * prf_hz))
-        start = planes[..., : max(round(time_s * prf_hz), 1)].mean(axis=-1, dtype=np.float64, keepdims=True)
-        mean, _ = lfilter([alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=(1.0 - alpha) * start)
-        return np.asarray(planes - mean, dtype=np.float32)
+
+        def exponential(planes: Planes, level: FloatArray, state: Any) -> tuple[Planes, Any]:
+            mean, state = lfilter(
+                [alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=(1.0 - alpha) * level if state is None else state
+            )
+            return np.asarray(planes - mean, dtype=np.float32), state
+
+        return exponential, max(round(time_s * prf_hz), 1)
     if not 0.0 < cutoff_hz < prf_hz / 2.0:
         raise AnalysisError(
             f"clutter removal 'mti' at {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} frames per second, and the "
             f"recording has {prf_hz:g}; take 'mean', 'median' or 'exponential'"
         )
     sections = np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
-    start = planes[..., : max(round(prf_hz / cutoff_hz), 1)].mean(axis=-1, dtype=np.float64, keepdims=True)
-    state = sosfilt_zi(sections)[:, None, None, :] * start
-    return np.asarray(sosfilt(sections, planes, axis=-1, zi=state)[0], dtype=np.float32)
+
+    def high_pass(planes: Planes, level: FloatArray, state: Any) -> tuple[Planes, Any]:
+        state = sosfilt_zi(sections)[:, None, None, :] * level if state is None else state
+        values, state = sosfilt(sections, planes, axis=-1, zi=state)
+        return np.asarray(values, dtype=np.float32), state
+
+    return high_pass, max(round(prf_hz / cutoff_hz), 1)
+
+
+def _filtered(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
+    """Filter a baseband along its pulses, a long one tile by tile when they are asked for."""
+    count = baseband.sizes["slow_time"]
+
+    def planes_of(first: int, stop: int) -> Planes:
+        return Samples(rows_of(baseband, first, stop)).planes[:, :, : stop - first]
+
+    level = planes_of(0, min(start_pulses, count)).mean(axis=-1, dtype=np.float64, keepdims=True)
+    if count <= LONG_PULSES:
+        return with_values(baseband, Samples.from_planes(clean(planes_of(0, count), level, None)[0], count).matrix)
+    states = [None]  # before each tile
+    for first in range(0, count - LONG_PULSES, LONG_PULSES):
+        states.append(clean(planes_of(first, first + LONG_PULSES), level, states[-1])[1])
+
+    @lru_cache(maxsize=1)
+    def tile(number: int) -> Values:
+        first, stop = number * LONG_PULSES, min((number + 1) * LONG_PULSES, count)
+        return Samples.from_planes(clean(planes_of(first, stop), level, states[number])[0], stop - first).matrix
+
+    def rows(first: int, stop: int) -> Values:
+        parts = []
+        for number in range(first // LONG_PULSES, -(-stop // LONG_PULSES)):
+            start = number * LONG_PULSES
+            parts.append(tile(number)[max(first - start, 0) : stop - start])
+        return np.concatenate(parts) if parts else np.empty((0, baseband.shape[1]), dtype=np.complex64)
+
+    return with_values(baseband, lazy_rows(baseband.shape, rows))
 
 
 def block_means(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
@@ -249,26 +311,41 @@ def share_removed(
     times = axis(before, "slow_time")
     low, high = gate.edges(axis(before, "range"), times, sharp=True)
     bins = np.arange(before.sizes["range"])
-    inside = (bins > low[:, None]) & (bins < high[:, None])
-    count = n_pulses - inside.sum(axis=0)
-    clutter = (total - np.einsum("in,in->n", before.values, inside, dtype=np.complex128)) / np.maximum(count, 1)
-    known = inside & (count >= reference_share * n_pulses)
+
+    def covered(first: int, size: int) -> npt.NDArray[np.bool_]:
+        part = slice(first, first + size)
+        return np.asarray((bins > low[part, None]) & (bins < high[part, None]))
+
+    elsewhere, count = total, np.full(bins.size, n_pulses)
+    for first, values in tiles_of(before):
+        inside = covered(first, values.shape[0])
+        elsewhere = elsewhere - np.einsum("in,in->n", values, inside, dtype=np.complex128)
+        count -= inside.sum(axis=0)
+    clutter, usual = elsewhere / np.maximum(count, 1), count >= reference_share * n_pulses
     length = min(max(1, round(piece_s * sampling_rate_hz(times))), times.size)
+    # of every pulse: the power that is left, that of the body, bins with a reference, bins of the gate
+    sums = np.empty((4, times.size))
+    for (first, values), (_, cleaned) in zip(tiles_of(before), tiles_of(after), strict=True):
+        inside = covered(first, values.shape[0])
+        known = inside & usual
+        sums[:, first : first + values.shape[0]] = (
+            np.einsum("in,in->i", _power(cleaned), known), np.einsum("in,in->i", _power(values - clutter), known),
+            known.sum(axis=1), inside.sum(axis=1),
+        )  # fmt: skip
 
     def per_piece(values: npt.NDArray[Any]) -> FloatArray:
         whole = times.size // length
         return np.asarray(values[: whole * length].reshape(whole, length).sum(axis=1), dtype=np.float64)
 
-    left = per_piece(np.einsum("in,in->i", _power(after.values), known))
-    body = per_piece(np.einsum("in,in->i", _power(before.values - clutter), known))
-    usable = (per_piece(known.sum(axis=1)) >= 0.5 * per_piece(inside.sum(axis=1))) & (body > 0)
+    left, body, n_known, n_inside = (per_piece(values) for values in sums)
+    usable = (n_known >= 0.5 * n_inside) & (body > 0)
     share = np.where(usable, np.maximum(1.0 - left / np.where(usable, body, 1.0), 0.0), np.nan)
     return make_array(SHARE_REMOVED, share, {"time": per_piece(times) / length})
 
 
 def pulse_sum(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:
     """Sum a baseband over its pulses, for :func:`share_removed`."""
-    return np.asarray(baseband.values.sum(axis=0, dtype=np.complex128))
+    return np.asarray(sum(values.sum(axis=0, dtype=np.complex128) for _, values in tiles_of(baseband)))
 
 
 def torso_share_removed(

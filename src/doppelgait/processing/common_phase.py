@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz, with_values
+from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.core.lazy import map_rows, tiles_of
 
 Values = npt.NDArray[np.complex64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -63,36 +67,48 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     block = max(round(BLOCK_S * sampling_rate_hz(axis(baseband, "slow_time"))), 1)
     if range_m[-1] - range_m[0] < 2 * zone_m or baseband.sizes["slow_time"] < 2 * block:
         return baseband
-    values: Values = baseband.values
+    count = baseband.sizes["slow_time"]
+    tiles = partial(tiles_of, baseband, block)
     zone = ((range_m - range_m[0]) / zone_m).astype(np.int64)
     member = (zone[:, None] == np.arange(zone[-1] + 1)).astype(np.float32)
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
-    power, variance = _moments(np.abs(values))
+    power, variance = _moments(lambda: (np.abs(values) for _, values in tiles()), count)
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
     # mean of every bin over the blocks, after each block was turned to the one before by the far bins
-    blocks = block_means(values, block)
+    blocks = np.concatenate([block_means(values, block) for _, values in tiles()])
     steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
     phase_rad = np.cumsum(np.angle(steps), axis=0)
     static = (blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0]
     own = weight * np.abs(static) ** 2
     wanted = np.maximum(LEAST_WEIGHT, MARGIN * own) / np.maximum(own @ member @ far, TINY)[zone]
-    sums = values @ ((weight / weight.max() * static.conj())[:, None] * member).astype(np.complex64) @ far
-    turned, place = values.copy(), np.arange(values.shape[0])
-    for number in range(zone[-1] + 1):
-        bins = slice(*np.searchsorted(zone, [number, number + 1]))
-        served = wanted[bins] <= block
-        if served.any():
-            pulses = math.ceil(wanted[bins][served].max())
-            pointer, zone_values = sums[:, number], turned[:, bins]
-            if pulses > 1:  # sum over so many frames around each, over fewer at both ends
-                total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])
-                stop = np.minimum(place + pulses - pulses // 2, place.size)
-                pointer = np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
-            turn = (pointer.conj() / np.maximum(np.abs(pointer), TINY)).astype(np.complex64)
-            trial = np.asarray(zone_values * turn[:, None], dtype=np.complex64)
-            better = served & (_moments(trial)[1] < _moments(zone_values)[1])  # only bins that vary less for it
-            zone_values[:, better] = trial[:, better]  # a view of ``turned``
-    return with_values(baseband, turned)
+    served = wanted <= block
+    if not served.any():
+        return baseband
+    pointing = ((weight / weight.max() * static.conj())[:, None] * member).astype(np.complex64)
+    zones = np.unique(zone[served])
+    turns = np.concatenate([(values @ pointing @ far)[:, zones] for _, values in tiles()])
+    for column, number in enumerate(zones):
+        turns[:, column] = _turn(turns[:, column], math.ceil(wanted[served & (zone == number)].max()))
+    place = np.searchsorted(zones, zone)
+
+    def turned(bins: npt.NDArray[np.bool_], values: Values, first: int) -> Values:
+        changed = values.copy()
+        changed[:, bins] *= turns[first : first + values.shape[0], place[bins]]
+        return changed
+
+    trial = _moments(lambda: (turned(served, values, first) for first, values in tiles()), count)[1]
+    better = served & (trial < _moments(lambda: (values for _, values in tiles()), count)[1])
+    return map_rows(baseband, partial(turned, better)) if better.any() else baseband
+
+
+def _turn(pointer: Values, pulses: int) -> Values:
+    """Return what turns a zone back, from its reference summed over so many frames around each, fewer at both ends."""
+    if pulses > 1:
+        place = np.arange(pointer.size)
+        total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])
+        stop = np.minimum(place + pulses - pulses // 2, place.size)
+        pointer = np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
+    return np.asarray(pointer.conj() / np.maximum(np.abs(pointer), TINY), dtype=np.complex64)
 
 
 def block_means(values: Values, block_pulses: int) -> ComplexArray:
@@ -107,16 +123,20 @@ def block_means(values: Values, block_pulses: int) -> ComplexArray:
         1 to I.
     """
     n_blocks = values.shape[0] // block_pulses
-    blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, -1)
+    blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, values.shape[1])
     return np.asarray(blocks.mean(axis=1, dtype=np.complex128))
 
 
-def _moments(values: npt.NDArray[np.float32] | Values) -> tuple[FloatArray, FloatArray]:
+def _moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
     """Compute mean power and variance of every column.
 
-    The power is that of the mean.
+    The power is that of the mean. The ``tiles`` of ``count`` rows together are asked for twice.
     """
-    mean = values.mean(axis=0, dtype=np.complex128 if np.iscomplexobj(values) else np.float64)
-    rest = values - mean.astype(values.dtype)
-    variance = np.einsum("in,in->n", rest, rest.conj()).real / values.shape[0]
+    mean = variance = np.zeros(())
+    for values in tiles():
+        mean = mean + values.sum(axis=0, dtype=np.complex128 if np.iscomplexobj(values) else np.float64)
+    mean = mean / count
+    for values in tiles():
+        rest = values - mean.astype(values.dtype)
+        variance = variance + (np.einsum("in,in->n", rest, rest.conj()).real / count).astype(np.float64)
     return np.abs(mean) ** 2, np.asarray(variance, dtype=np.float64)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,8 @@ from doppelgait.core.labels import (
     take_columns,
     with_values,
 )
-from doppelgait.core.samples import Samples
+from doppelgait.core.lazy import LONG_PULSES, rows_of
+from doppelgait.core.samples import Planes, Samples
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
 from doppelgait.processing.gate import Gate, bin_share
@@ -119,8 +121,15 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     """
     check_signal(baseband, BASEBAND)
     cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis, bin_share=bin_share(baseband))
+    if cut.n_pulses > LONG_PULSES:
+        return signature_in_tiles(partial(_read_tile, baseband), cut, wavelength_m=wavelength_m)
     planes, first_bin = Samples(baseband.values).read(cut.needed_pulses(), cut.margin_pulses)
     return signature_of_planes(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m)
+
+
+def _read_tile(baseband: xr.DataArray, pulses: slice, columns: slice) -> Planes:
+    values = rows_of(baseband, pulses.start, pulses.stop)
+    return Samples(values).read_tile(slice(0, values.shape[0]), columns)
 
 
 @dataclass(frozen=True)
@@ -232,20 +241,22 @@ def signature_of_planes(
     return _label_signature(out, cut, wavelength_m)
 
 
-LONG_PULSES, TILE_PULSES = 1 << 15, 1 << 10
-"""Recordings of more pulses are read in tiles, of about so many pulses."""
+TILE_PULSES = 1 << 10
+"""Pulses of a tile of a long recording."""
+ReadTile = Callable[[slice, slice], Planes]
 LANES = 16
 """Columns that the kernel transforms together; whole groups in every tile keep the bytes those of the whole."""
 
 
-def signature_in_tiles(samples: Samples, cut: Cut, *, wavelength_m: float) -> xr.DataArray:
+def signature_in_tiles(read_tile: ReadTile, cut: Cut, *, wavelength_m: float) -> xr.DataArray:
     """Compute the signature of a long recording, tile by tile of time.
 
     The bytes are those of :func:`signature_of_planes`; the memory of pulses and noise does not grow with the recording.
 
     Parameters
     ----------
-    samples : Samples
+    read_tile : callable
+        Gets a slice of pulses and one of range bins, and returns their planes, as :meth:`Samples.read_tile`.
     cut : Cut
     wavelength_m : float
 
@@ -269,7 +280,7 @@ def signature_in_tiles(samples: Samples, cut: Cut, *, wavelength_m: float) -> xr
         first = transform.first_pulse + transform.hop * start
         after = transform.first_pulse + transform.hop * (columns.stop - 1) + window.size + 2 * transform.hop
         pulses = slice(max(first, 0), min(after, cut.n_pulses))
-        tile = samples.read_tile(pulses, bins)
+        tile = read_tile(pulses, bins)
         gated_signature(
             tile[0], tile[1], tile.shape[2], first - pulses.start, transform.hop, window,
             low - bins.start, high - bins.start, out[columns],

@@ -14,6 +14,7 @@ import xarray as xr
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
+from doppelgait.core.lazy import lazy_rows, tiles_of
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.parameters import Radar
@@ -227,10 +228,13 @@ class Recording:
     def baseband(self) -> xr.DataArray:
         """Samples as a labelled, read-only complex64 array, V.
 
-        (slow_time, range); it is made on first access.
+        (slow_time, range); it is made on first access. The values of a long recording in a file are read at every
+        access (``samples.in_memory``): take a part, ``baseband.isel(slow_time=slice(0, 1000))``.
         """
-        matrix = self.samples.matrix.view()
-        matrix.flags.writeable = False
+        matrix: Any = lazy_rows(self.samples.shape, self.samples.rows)
+        if self.samples.in_memory:
+            matrix = self.samples.matrix.view()
+            matrix.flags.writeable = False
         coords = {"slow_time": self.slow_time_s, "range": self.range_m}
         return make_array(BASEBAND, matrix, coords, {**baseband_facts(self.radar), **self.facts})
 
@@ -314,11 +318,13 @@ def check_plausible(recording: Recording, where: str) -> None:
     for number, truth in enumerate(recording.truth):
         for name, values, most in (
             *((name, getattr(truth, name), most) for name, most in zip(CENTRE_ARRAYS, MOST_OF_TRUTH, strict=True)),
-            ("range_m", truth.scatterers["range"].values, RANGES_M[1]),
-            ("radial_velocity_mps", truth.scatterers["radial_velocity"].values, FASTEST_MPS),
+            ("range_m", truth.scatterers["range"], RANGES_M[1]),
+            ("radial_velocity_mps", truth.scatterers["radial_velocity"], FASTEST_MPS),
         ):
-            if values.shape[:1] != times_s.shape or not (np.abs(values) <= most).all():
-                said = f"of shape {values.shape}" if values.shape[:1] != times_s.shape else "not finite or too large"
+            parts = [values] if isinstance(values, np.ndarray) else (part for _, part in tiles_of(values))
+            shape = values.shape if isinstance(values, np.ndarray) else values.shape[:1]
+            if shape != times_s.shape or not all((np.abs(part) <= most).all() for part in parts):
+                said = f"of shape {values.shape}" if shape != times_s.shape else "not finite or too large"
                 _refuse(where, f"{name} of truth {number}", said, f"one value a pulse, up to {most:g}, is allowed")
 
 

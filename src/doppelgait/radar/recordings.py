@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ from doppelgait.core.labels import (
     label_values,
     make_array,
 )
+from doppelgait.core.lazy import lazy_rows
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Samples
 from doppelgait.radar.frames import Frame, Header, header_of
 from doppelgait.radar.measured import check_finite
 from doppelgait.radar.parameters import Radar
@@ -36,6 +39,8 @@ __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
 FORMAT = "doppelgait-recording"
 FORMAT_VERSION = 1
+STORED_BYTES = 1 << 26
+"""Samples of more bytes stay in the file until they are asked for."""
 BLOCK = 256
 """Frames that are streamed from a recording at a time."""
 
@@ -140,12 +145,17 @@ def read_hdf5(path: Path) -> Recording:
                 for key, value in file["baseband"].attrs.items()
                 if key != "units"
             }
-            attrs = {**baseband_facts(radar), **further}
+            found = file["baseband"]
+            stored = len(found.shape) == 2 and found.dtype.kind == "c" and 8 * found.size > STORED_BYTES
+            rows = StoredRows(path, "baseband", "c8", _stamp(path)) if stored else None
             with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: refused with its place
-                values = file["baseband"][:].astype(np.complex64)
+                values = found if stored else found[:].astype(np.complex64)
             if values.ndim == 2:
                 check_finite(path, values)
-            baseband = make_array(BASEBAND, values, coords, attrs)
+            lazy = None if rows is None else lazy_rows(found.shape, rows)
+            baseband = make_array(
+                BASEBAND, values if lazy is None else lazy, coords, {**baseband_facts(radar), **further}
+            )
             numbers = sorted(file.get("truth", {}), key=int)
             pose = {
                 name: np.asarray(file.attrs[name], dtype=np.float64).reshape(POSE[name]).tolist()
@@ -154,10 +164,16 @@ def read_hdf5(path: Path) -> Recording:
             }
             if "radar_position_m" in pose:
                 pose["radar_position_m"] = tuple(pose["radar_position_m"])
-            return Recording.from_baseband(
-                baseband,
+            return Recording(
+                Samples(values) if rows is None else Samples.stored(found.shape, rows),
                 radar,
-                truth=[_read_truth(file[f"truth/{number}"], coords["slow_time"], int(number)) for number in numbers],
+                axis(baseband, "slow_time"),
+                axis(baseband, "range"),
+                facts={name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")},
+                truth=[
+                    _read_truth(file[f"truth/{number}"], coords["slow_time"], int(number), path if stored else None)
+                    for number in numbers
+                ],
                 noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
                 snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
                 seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
@@ -196,20 +212,54 @@ def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
 
 def _numbers(group: Any, name: str) -> Any:
     """Return the values of a dataset of real numbers."""
-    if group[name].dtype.kind not in "fiu":
-        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
+    _check_real(group, name)
     return group[name][:]
 
 
-def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
+def _check_real(group: Any, name: str) -> None:
+    if group[name].dtype.kind not in "fiu":
+        raise ValueError(f"{name} holds {group[name].dtype} values, must be real numbers")
+
+
+@dataclass(frozen=True)
+class StoredRows:
+    """Reads some rows of a dataset in a file that must not change meanwhile."""
+
+    path: Path
+    name: str
+    dtype: str
+    stamp: tuple[int, int, int]
+
+    def __call__(self, first: int, stop: int) -> Any:
+        """Return the rows from the first to before the second number."""
+        try:
+            if _stamp(self.path) != self.stamp:
+                raise ValueError("it was changed since it was opened")
+            with open_hdf5(self.path, members=False) as file:
+                return np.asarray(file[self.name][first:stop], dtype=self.dtype)
+        except FAULTS as error:
+            raise RecordingError(f"{self.path}: pulses {first} to {stop} cannot be read: {error}") from None
+
+
+def _stamp(path: Path) -> tuple[int, int, int]:
+    facts = path.stat()
+    return facts.st_ino, facts.st_size, facts.st_mtime_ns
+
+
+def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
+    """Read the truth of one target; with a ``path`` leave what there is of every pulse and scatterer in this file."""
     parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
     shape = (len(slow_time_s), len(parts))
     dims = ("slow_time", "scatterer")
-    values = {
-        name: np.broadcast_to(_numbers(group, name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]]), shape)
-        for name in STORED_VARIABLES
-        if name not in OPTIONAL_VARIABLES or name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] in group
-    }
+
+    def values_of(key: str) -> Any:
+        if path is None or group[key].shape != shape:
+            return np.broadcast_to(_numbers(group, key), shape)
+        _check_real(group, key)
+        return lazy_rows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _stamp(path)), np.float64)
+
+    keys = {name: name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] for name in STORED_VARIABLES}
+    values = {name: values_of(key) for name, key in keys.items() if name not in OPTIONAL_VARIABLES or key in group}
     scatterers = xr.Dataset(
         {name: label_values(dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
         coords={

@@ -224,3 +224,13 @@ def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None
         assert copy.name in refusal or (motion is not None and motion.n_frames <= 6)
         read_count += motion is not None
     assert 0 < read_count < 300
+
+
+def test_a_number_of_thousands_of_digits_in_the_header_is_no_traceback(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3)
+    lines = path.read_text().split("\n")
+    values = lines[2].split("\t")
+    values[2] = values[3] = "9" * 5000
+    path.write_text("\n".join([*lines[:2], "\t".join(values), *lines[3:]]))
+    with pytest.warns(DoppelgaitWarning, match="declares 999999999999999999 frames but holds"):
+        read(path, clean=False)

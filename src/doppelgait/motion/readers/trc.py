@@ -43,6 +43,10 @@ class _Content:
     rows: list[Row]
 
 
+LONGEST_NUMBER = 18
+"""Digits of the longest number of frames or markers that is looked at."""
+
+
 def sniff_trc(path: Path, head: bytes) -> bool:
     """Return whether the first word of a file is PathFileType."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
@@ -91,12 +95,12 @@ def read_trc(
     declared = content.header.get("numframes", "")
     if not content.header:
         notes.append("values of the header do not match its keys; they were not used")
-    if declared.isdecimal() and int(declared) != n_frames:
-        notes.append(f"declares {declared} frames but holds {n_frames}")
+    if _is_other(declared, n_frames):
+        notes.append(f"declares {declared[:LONGEST_NUMBER]} frames but holds {n_frames}")
         warn_caller(f"{path}: {notes[-1]}; is it cut off? Those are read.")
     points = content.header.get("nummarkers", "")
-    if points.isdecimal() and int(points) != len(content.labels):
-        notes.append(f"declares {points} markers but holds {len(content.labels)}")
+    if _is_other(points, len(content.labels)):
+        notes.append(f"declares {points[:LONGEST_NUMBER]} markers but holds {len(content.labels)}")
     rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content, notes)
     titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(content.labels) for axis in "XYZ"]
     columns = range(FIRST, FIRST + len(titles))
@@ -189,3 +193,8 @@ def _rate(path: Path, content: _Content, notes: list[str]) -> float:
         notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
         warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     return rate
+
+
+def _is_other(declared: str, count: int) -> bool:
+    """Return whether a header states a number, and not this one; numbers may have thousands of digits."""
+    return declared.isdecimal() and (len(declared) > LONGEST_NUMBER or int(declared) != count)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.lazy import rows_of
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform
 from doppelgait.processing.detect.config import Detector
@@ -172,7 +173,7 @@ def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) 
     times_s = axis(baseband, "slow_time")[0] + transform.centre_pulses() / prf_hz
     n_blocks = math.ceil(transform.n_columns / BLOCK_SCANS)
     for scans in np.array_split(np.arange(transform.n_columns), n_blocks):
-        power = power_per_cell(baseband.values, transform, scans)
+        power = power_per_cell(baseband, transform, scans)
         yield Maps(
             time_s=times_s[scans],
             doppler_hz=doppler_hz,
@@ -184,7 +185,7 @@ def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) 
 
 
 def power_per_cell(
-    values: npt.NDArray[np.complex64], transform: Transform, scans: npt.NDArray[np.int64]
+    baseband: xr.DataArray, transform: Transform, scans: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float32]:
     """Compute the power of every range-Doppler cell (E-24).
 
@@ -192,7 +193,7 @@ def power_per_cell(
 
     Parameters
     ----------
-    values : ndarray, shape (I, N)
+    baseband : DataArray (slow_time, range)
     transform : Transform
     scans : ndarray of int64, shape (J,)
 
@@ -205,12 +206,15 @@ def power_per_cell(
 
     window = (transform.window / np.sqrt((transform.window**2).sum())).astype(np.float32)[:, None]
     n_doppler, size = transform.n_doppler_bins, window.shape[0]
-    power = np.empty((scans.size, n_doppler, values.shape[1]), dtype=np.float32)
+    n_bins = baseband.sizes["range"]
+    power = np.empty((scans.size, n_doppler, n_bins), dtype=np.float32)
     first_half = n_doppler - n_doppler // 2
     for start in range(0, scans.size, TRANSFORM_SCANS):
         part = scans[start : start + TRANSFORM_SCANS]
-        frames = np.zeros((part.size, n_doppler, values.shape[1]), dtype=np.complex64)
-        for row, pulse in enumerate(transform.first_pulse + transform.hop * part):
+        frames = np.zeros((part.size, n_doppler, n_bins), dtype=np.complex64)
+        pulses = transform.first_pulse + transform.hop * part
+        values = rows_of(baseband, pulses[0], pulses[-1] + size)
+        for row, pulse in enumerate(pulses - pulses[0]):
             np.multiply(values[pulse : pulse + size], window, out=frames[row, :size])
         spectrum = fft.fft(frames, axis=1, overwrite_x=True)
         out = power[start : start + part.size]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.lazy import rows_of
 from doppelgait.processing.config import gaussian_window
 from doppelgait.processing.track.live import Track
 
@@ -33,6 +34,8 @@ SPLIT_S, SPLIT_SHARE = 2.0, 0.75
 DOUBT_S, DOUBT_SHARE = 1.0, 0.2
 """Time of a second echo without a break, and its share of the scans in which the track is fast and no other is near."""
 RUN_SHARE = 0.9
+READ_SCANS = 64
+"""Scans whose pulses are read together."""
 SAME_M, SAME_S = 0.4, 0.5
 """A second peak this near to another track, or its end this near to that track's start, belongs to it."""
 
@@ -77,16 +80,19 @@ def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cp
     slow_s = np.arange(size) / prf_hz
     offsets_m = profile_offsets_m()
     profiles = np.zeros((found.times_s.size, offsets_m.size))
-    for number, (time_s, centre_m, velocity_mps) in enumerate(
-        zip(found.times_s, found.range_m, found.velocity_mps, strict=True)
+    pulses = np.round((found.times_s - times_s[0]) * prf_hz - size / 2).astype(np.int64)
+    pulses = np.clip(pulses, 0, times_s.size - size)
+    for number, (first, centre_m, velocity_mps) in enumerate(
+        zip(pulses, found.range_m, found.velocity_mps, strict=True)
     ):
-        first = int(np.clip(round((time_s - times_s[0]) * prf_hz - size / 2), 0, times_s.size - size))
+        if number % READ_SCANS == 0:
+            start, read = first, rows_of(clean, first, int(pulses[number : number + READ_SCANS][-1]) + size)
         low, high = np.searchsorted(range_m, [centre_m - REACH_M - STEP_M, centre_m + REACH_M + STEP_M])
         if high - low < 2:
             continue
         doppler_hz = 2.0 * (velocity_mps + np.linspace(-BAND_MPS, BAND_MPS, N_BAND)) / wavelength_m
         kernel = np.exp(-2j * np.pi * doppler_hz[:, None] * slow_s) * window
-        power = (np.abs(kernel @ clean.values[first : first + size, low:high]) ** 2).sum(axis=0)
+        power = (np.abs(kernel @ read[first - start : first - start + size, low:high]) ** 2).sum(axis=0)
         profiles[number] = np.interp(centre_m + offsets_m, range_m[low:high], power, left=0.0, right=0.0)
     return profiles
 

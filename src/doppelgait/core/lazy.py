@@ -1,0 +1,84 @@
+"""Pulses of a baseband that are read or computed when they are asked for.
+
+A recording of ten minutes has a gigabyte of samples. What looks at all of them goes from tile to tile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+from doppelgait.core.labels import with_values
+
+Matrix = npt.NDArray[np.complex64]
+
+LONG_PULSES = 1 << 15
+"""Recordings of more pulses are worked on in tiles of about so many."""
+
+
+class _Source(BackendArray):
+    """What xarray needs to index rows that do not exist yet."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, rows: Callable[[int, int], npt.NDArray[Any]]) -> None:
+        self.shape, self.dtype, self._rows = shape, np.dtype(dtype), rows
+
+    def __getitem__(self, key: ExplicitIndexer) -> npt.NDArray[Any]:
+        return np.asarray(explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._take))
+
+    def _take(self, key: tuple[Any, ...]) -> npt.NDArray[Any]:
+        wanted, *columns = key
+        if not isinstance(wanted, slice):
+            row = int(wanted) % self.shape[0]
+            return np.asarray(self._rows(row, row + 1)[(0, *columns)])
+        first, stop, step = wanted.indices(self.shape[0])
+        if step < 0:
+            return self._take((slice(None), *columns))[wanted]
+        return np.asarray(self._rows(first, max(first, stop))[(slice(None, None, step), *columns)])
+
+
+def lazy_rows(
+    shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
+) -> LazilyIndexedArray:
+    """Make values for a labelled array from a function that gives some rows.
+
+    Every access asks for the rows again: nothing is kept.
+    """
+    return LazilyIndexedArray(_Source(shape, dtype, rows))
+
+
+def rows_of(baseband: xr.DataArray, first: int, stop: int) -> Matrix:
+    """Return some pulses of a baseband, (pulses, range bins)."""
+    return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
+
+
+def tiles_of(baseband: xr.DataArray, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
+    """Yield a baseband tile by tile: the first pulse, and the values.
+
+    Every tile but the last has a multiple of so many pulses. A short recording is one tile.
+    """
+    count = baseband.sizes["slow_time"]
+    size = max(LONG_PULSES // multiple, 1) * multiple
+    for first in range(0, count, count if count <= LONG_PULSES else size):
+        yield first, rows_of(baseband, first, min(first + size, count) if count > LONG_PULSES else count)
+
+
+def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:
+    """Change the pulses of a baseband, those of a long one when they are asked for.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+    change : callable
+        Gets some pulses and the number of the first, and returns as many; it must not change what it gets.
+    """
+    if baseband.sizes["slow_time"] <= LONG_PULSES:
+        return with_values(baseband, change(baseband.values, 0))
+    return with_values(
+        baseband, lazy_rows(baseband.shape, lambda first, stop: change(rows_of(baseband, first, stop), first))
+    )
