@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -12,9 +14,10 @@ import numpy as np
 import pytest
 
 from checkout import ROOT
+from doppelgait.core import own_hdf5
 from doppelgait.core.cost import DEFAULT_MB, VARIABLE, check_cost, limit_bytes
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.core.own_hdf5 import HEAP, _endless_heaps, open_hdf5, own_member
+from doppelgait.core.own_hdf5 import HEAP, _endless_heaps, _heap_starts, open_hdf5, own_member
 
 
 def plain(path: Path, **datasets: object) -> Path:
@@ -67,6 +70,35 @@ def chain_ends(content: bytes, start: int) -> bool:
     return True
 
 
+def endless(content: bytes) -> Iterator[int]:
+    return _endless_heaps(content, _heap_starts(io.BytesIO(content)))  # type: ignore[arg-type]
+
+
+def test_heaps_are_found_across_the_pieces_that_a_file_is_read_in(monkeypatch) -> None:
+    content = b"".join(HEAP + bytes(gap) for gap in range(40)) + HEAP[:5]
+    wanted = [match.start() for match in re.finditer(re.escape(HEAP), content)]
+    for piece in (1, 7, 8, 9, 100):
+        monkeypatch.setattr(own_hdf5, "PIECE", piece)
+        assert list(_heap_starts(io.BytesIO(content))) == wanted
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="needs a Linux kernel")
+def test_opening_a_large_file_keeps_none_of_it_in_memory(tmp_path: Path) -> None:
+    """The pages of a map that is searched count as memory of the process."""
+    path = plain(tmp_path / "a.h5", values=np.zeros(5_000_000))
+    mapped = []
+
+    def looked(content, starts):  # type: ignore[no-untyped-def]
+        yield from _endless_heaps(content, starts)
+        own = re.search(rf"{path.name}\n(?:.*\n)*?Rss: +(\d+) kB", Path("/proc/self/smaps").read_text())
+        mapped.append(int(own[1]) if own else 0)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(own_hdf5, "_endless_heaps", looked)
+        open_hdf5(path).close()
+    assert mapped[0] < 4_000  # kB, of 40,000
+
+
 def test_heaps_without_end_are_those_of_the_literal_rule() -> None:
     rng = np.random.default_rng(4)
     for _ in range(300):
@@ -78,14 +110,14 @@ def test_heaps_without_end_are_those_of_the_literal_rule() -> None:
             content += struct.pack("<H6xQ", int(rng.integers(0, 2)), step)
         starts = [match.start() for match in re.finditer(re.escape(HEAP), bytes(content))]
         wanted = [start for start in starts if start + 16 <= len(content) and not chain_ends(bytes(content), start)]
-        assert list(_endless_heaps(bytes(content))) == wanted  # type: ignore[arg-type]
+        assert list(endless(bytes(content))) == wanted
 
 
 def test_every_object_of_a_heap_is_looked_at_once() -> None:
     """20,000 heaps, the chain of each through all later ones: the literal rule needs 200 million steps."""
 
     one = HEAP + struct.pack("<Q", 2**40) + struct.pack("<H6xQ", 1, 16) + bytes(16)
-    assert list(_endless_heaps(one * 20_000)) == []  # type: ignore[arg-type]
+    assert list(endless(one * 20_000)) == []
 
 
 @pytest.mark.parametrize("way", ["external", "external link", "virtual", "soft link"])

@@ -11,10 +11,10 @@ import mmap
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from doppelgait.core.cost import cost_fault, limit_bytes
 
@@ -242,7 +242,7 @@ def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
         if sizes != b"\x08\x08":
             return f"its addresses and lengths have {tuple(sizes)} bytes, not 8"
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            for start in _endless_heaps(content):
+            for start in _endless_heaps(content, _heap_starts(file)):
                 return f"its heap at byte {start} has no end"
     return ""
 
@@ -251,15 +251,31 @@ def _signature_at(head: bytes) -> int | None:
     return next((at for at in USER_BLOCKS if head[at : at + len(SIGNATURE)] == SIGNATURE), None)
 
 
-def _endless_heaps(content: mmap.mmap) -> Iterator[int]:
+def _heap_starts(file: BinaryIO) -> Iterator[int]:
+    """Yield where heaps start.
+
+    The file is read in pieces: of a map that is searched every page stays in memory.
+    """
+    kept, first = b"", 0
+    file.seek(0)
+    while piece := file.read(PIECE):
+        piece = kept + piece
+        at = piece.find(HEAP)
+        while at >= 0:
+            yield first + at
+            at = piece.find(HEAP, at + 1)
+        kept = piece[1 - len(HEAP) :]
+        first += len(piece) - len(kept)
+
+
+def _endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
     """Yield the start of every heap whose objects do not end.
 
     Chains of a damaged file may run into each other; every object is looked at once.
     """
     size = len(content)
     faults: dict[int, int] = {}  # by the start of an object: the first one from there that leads nowhere
-    start = content.find(HEAP)
-    while start >= 0:
+    for start in starts:
         if start + HEAP_BYTES <= size:  # else it is cut off; the library reports that
             end = min(start + struct.unpack_from("<Q", content, start + 8)[0], size)
             at, chain, fault = start + HEAP_BYTES, [], size
@@ -277,4 +293,3 @@ def _endless_heaps(content: mmap.mmap) -> Iterator[int]:
             faults.update(dict.fromkeys(chain, fault))
             if fault + OBJECT_BYTES <= end or len(faults) > MAX_OBJECTS:
                 yield start
-        start = content.find(HEAP, start + 1)
