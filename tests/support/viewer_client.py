@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-import uvicorn
 
 import processes
 from doppelgait.viewer.app import make_app
+from doppelgait.viewer.limits import make_server
 from doppelgait.viewer.server import listening
 
 TOKEN = "token-of-this-test"
@@ -97,12 +97,19 @@ def served(opened, settings=None):
     """Client of a viewer that has something open, or nothing."""
     with listening(0) as listener:
         port = listener.getsockname()[1]
-        app = make_app(opened, token=TOKEN, port=port, settings=settings)
-        server = uvicorn.Server(uvicorn.Config(app, log_level="critical", server_header=False))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
-        thread.start()
-        processes.wait_until(lambda: server.started or not thread.is_alive())
-        assert server.started
-        yield Client(port)
+        with running(make_server(make_app(opened, token=TOKEN, port=port, settings=settings)), listener):
+            yield Client(port)
+
+
+@contextmanager
+def running(server, listener):
+    """Run a server in a thread, for the time of the block."""
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    thread.start()
+    processes.wait_until(lambda: server.started or not thread.is_alive())
+    assert server.started
+    try:
+        yield server
+    finally:
         server.should_exit = True
         processes.join(thread)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 ADDRESS = "127.0.0.1"
 TOKEN_BYTES = 24
-END_S = 1
-"""How long requests that are being answered may take when the server ends."""
+END_S = 2
+"""How long the thread of a server may take to end."""
 NO_SERVER = "the viewer needs starlette and uvicorn, which are not installed: pip install 'doppelgait[viewer]'"
 
 
@@ -85,7 +85,7 @@ def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
             yield url
         finally:
             server.should_exit = True
-            thread.join(2 * END_S)
+            thread.join(END_S)
 
 
 @contextmanager
@@ -94,18 +94,14 @@ def _prepared(
 ) -> Iterator[tuple[uvicorn.Server, socket.socket, str]]:
     """Give a server that does not run yet, its socket, and the address of the page."""
     check_installed()
-    import uvicorn
-
     from doppelgait.viewer.app import make_app
+    from doppelgait.viewer.limits import make_server
 
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with listening(port) as listener:
         taken = int(listener.getsockname()[1])
-        config = uvicorn.Config(
-            make_app(opened, token=token, port=taken, settings=settings, live=live), access_log=False,
-            server_header=False, log_level="critical", ws="none", lifespan="on", timeout_graceful_shutdown=END_S,
-        )  # fmt: skip
-        yield uvicorn.Server(config), listener, f"http://{ADDRESS}:{taken}/{token}/"
+        app = make_app(opened, token=token, port=taken, settings=settings, live=live)
+        yield make_server(app), listener, f"http://{ADDRESS}:{taken}/{token}/"
 
 
 def check_installed() -> None:

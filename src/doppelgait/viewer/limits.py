@@ -1,0 +1,219 @@
+"""Limits of the viewer's server: connections, times, open files."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import socket
+import sys
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import h11
+import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+if TYPE_CHECKING:
+    from doppelgait.viewer.app import App
+
+END_S = 1
+"""How long requests that are being answered may take when the server ends."""
+QUEUE = 1024
+"""Connections that the system holds until the server takes them."""
+TAKEN_AT_ONCE = 16
+"""Connections that are taken before those beyond the limit are closed: each has an open file."""
+OUT_OF_FILES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+QUIET_S = 60.0
+"""One line about a lack of open files, and the next after so long without one."""
+TOO_SLOW = b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
+TOO_MANY = b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\nretry-after: 1\r\ncontent-length: 0\r\n\r\n"
+
+Phase = Literal["idle", "headers", "body", "answer"]
+"""What a connection keeps the server waiting for."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one server.
+
+    Parameters
+    ----------
+    connections : int
+        Open at once. One more closes the one that has kept the server waiting longest; where none does, because all
+        are being answered, the new one is refused.
+    idle_s, headers_s, body_s : float
+        How long a connection may wait for the first byte of a request, the rest of its headers, and its body.
+    answer_s : float
+        How long a client may take none of an answer.
+    """
+
+    connections: int = 100
+    idle_s: float = 30.0
+    headers_s: float = 10.0
+    body_s: float = 10.0
+    answer_s: float = 60.0
+
+    def seconds(self, phase: Phase) -> float:
+        """Return how long a connection may stay in a phase."""
+        return {"idle": self.idle_s, "headers": self.headers_s, "body": self.body_s, "answer": self.answer_s}[phase]
+
+
+class LimitedConnection(H11Protocol):
+    """Connection that is closed when it keeps the server waiting too long.
+
+    Parameters
+    ----------
+    *arguments, **named
+        Of uvicorn.
+    limits : Limits
+    waiting : dict
+        All connections that the server waits for, the longest first.
+    """
+
+    def __init__(self, *arguments: Any, limits: Limits, waiting: dict[LimitedConnection, None], **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._limits, self._waiting = limits, waiting
+        self._phase: Phase | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._full, self._unsent = False, 0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a connection, in the place of another where there are too many."""
+        super().connection_made(transport)
+        if len(self.connections) > self._limits.connections:
+            longest = next(iter(self._waiting), None)
+            if longest is None:
+                self.drop(TOO_MANY)
+                return
+            longest.drop()
+        self._follow()
+
+    def data_received(self, data: bytes) -> None:
+        """Take a part of a request."""
+        super().data_received(data)
+        self._follow()
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request."""
+        super().on_response_complete()
+        self._follow()
+
+    def pause_writing(self) -> None:
+        """Wait for a client that does not take what it asked for."""
+        super().pause_writing()
+        self._full = True
+        self._follow()
+
+    def resume_writing(self) -> None:
+        """Go on with an answer."""
+        super().resume_writing()
+        self._full = False
+        self._follow()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        self._enter(None)
+        super().connection_lost(exc)
+
+    def drop(self, said: bytes = b"") -> None:
+        """Close the connection at once, whatever is still to be sent."""
+        self._enter(None)
+        self.transport.write(said)
+        self.transport.abort()
+
+    def _follow(self) -> None:
+        """Enter the phase that the connection is in now."""
+        phase: Phase | None = None
+        if self._full or (self.transport.is_closing() and self.transport.get_write_buffer_size()):
+            phase = "answer"
+        elif self.transport.is_closing():
+            pass
+        elif self.conn.their_state is h11.SEND_BODY:
+            phase = "body"
+        elif self.conn.their_state is h11.IDLE:
+            phase = "headers" if self.conn.trailing_data[0] else "idle"
+        if phase != self._phase:  # further bytes of the same request do not prolong its time
+            self._enter(phase)
+
+    def _enter(self, phase: Phase | None) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._waiting.pop(self, None)
+        self._phase, self._timer = phase, None
+        if phase is not None:
+            self._waiting[self] = None
+            self._unsent = self.transport.get_write_buffer_size()
+            self._timer = self.loop.call_later(self._limits.seconds(phase), self._end)
+
+    def _end(self) -> None:
+        """Close the connection, unless some of the answer was taken meanwhile."""
+        if self._phase == "answer" and self.transport.get_write_buffer_size() < self._unsent:
+            self._enter(self._phase)
+        else:
+            self.drop(TOO_SLOW if self._phase == "headers" else b"")
+
+
+class LimitedServer(uvicorn.Server):
+    """Server that says in one line that it cannot open files, and goes on when it can.
+
+    Parameters
+    ----------
+    config : uvicorn.Config
+    waiting : dict
+        Connections that the server waits for, the longest first.
+    """
+
+    def __init__(self, config: uvicorn.Config, waiting: dict[LimitedConnection, None]) -> None:
+        super().__init__(config)
+        self._waiting = waiting
+        self._lacked_s, self._closing = float("-inf"), False
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start to take connections."""
+        asyncio.get_running_loop().set_exception_handler(self._on_error)
+        await super().startup(sockets=sockets)
+        for listener in sockets or ():
+            listener.listen(QUEUE)  # asyncio has one number for the queue and for what it takes at once
+
+    def _on_error(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        if not isinstance(error, OSError) or error.errno not in OUT_OF_FILES:
+            loop.default_exception_handler(context)
+            return
+        if not self._closing:  # asyncio tries again at once, before a closed file is free
+            self._closing = True
+            loop.call_soon(self._close_some)
+        if loop.time() - self._lacked_s > QUIET_S:
+            print(
+                f"note: the viewer takes no further connection for the moment: {error.strerror}; it goes on when "
+                "connections are closed ('ulimit -n' shows how many files may be open)",
+                file=sys.stderr, flush=True,
+            )  # fmt: skip
+        self._lacked_s = loop.time()
+
+    def _close_some(self) -> None:
+        """Close the half of the connections that have kept the server waiting longest."""
+        self._closing = False
+        for connection in list(self._waiting)[: len(self._waiting) // 2 + 1]:
+            connection.drop()
+
+
+def make_server(app: App, limits: Limits | None = None) -> LimitedServer:
+    """Make a server that does not run yet, with limits.
+
+    Parameters
+    ----------
+    app : ASGI application
+    limits : Limits, optional
+    """
+    known = limits or Limits()
+    waiting: dict[LimitedConnection, None] = {}
+    # uvicorn takes anything that it can call so
+    protocol = cast("type[asyncio.Protocol]", partial(LimitedConnection, limits=known, waiting=waiting))
+    config = uvicorn.Config(
+        cast("Any", app), loop="asyncio", http=protocol, ws="none", lifespan="on", access_log=False,
+        server_header=False, log_level="critical", backlog=TAKEN_AT_ONCE, timeout_graceful_shutdown=END_S,
+        timeout_keep_alive=cast("int", known.idle_s),
+    )  # fmt: skip
+    return LimitedServer(config, waiting)
