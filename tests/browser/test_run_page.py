@@ -18,6 +18,7 @@ from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import read_recording
 from doppelgait.radar.recordings import write_recording
 from doppelgait.viewer.payload import ALIGNMENT, MAGIC, as_json
+from doppelgait.viewer.server import page_in_browser
 
 DURATION_S = 2.5
 WALK = {
@@ -58,6 +59,18 @@ def opened(page: Any, url: str, query: str = "") -> Any:
     page.wait_for_selector(READY)
     until(lambda: look(page, "range-doppler")[1] > 20, "no range-Doppler picture")
     return page
+
+
+def test_the_page_is_opened_by_a_file(browser: Any, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = browser.new_page()  # the console of a page tells every refusal
+    monkeypatch.setattr("webbrowser.open", page.goto)
+    with page_in_browser(url):
+        page.wait_for_url(f"{url}**")
+        page.wait_for_selector(READY)
+        page.reload()
+        page.wait_for_selector(READY)
+    assert page.url.startswith("http://127.0.0.1:")
+    page.close()
 
 
 def look(page: Any, name: str) -> tuple[int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import process_time, sleep
@@ -95,16 +95,13 @@ class DecisionLog:
 def _page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
     """Serve the page of a stream and say where it is."""
     from doppelgait.viewer.live_page import Rolling
-    from doppelgait.viewer.server import serving_live
+    from doppelgait.viewer.server import page_in_browser, serving_live
 
     page = Rolling(stream.source, stream.radar.name, model)
     with serving_live(page, port) as url:
         say(f"page: {url}")
-        if not no_browser:
-            import webbrowser
-
-            webbrowser.open(url)
-        yield page
+        with nullcontext() if no_browser else page_in_browser(url):
+            yield page
 
 
 def live(
@@ -133,8 +130,9 @@ def live(
         bool, typer.Option("--view", help="Show pictures, tracks and decisions in the browser; stays until Ctrl-C.")
     ] = False,
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="With --view: port of the page; 0 for any free one.")
-    ] = 0,
+        int | None,
+        typer.Option("--port", min=0, max=65535, help="With --view: port of the page; any free one by default."),
+    ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="With --view: only print the address.")] = False,
 ) -> None:
     """Classify targets while the frames of a radar arrive.
@@ -151,9 +149,13 @@ def live(
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.shipped import model_of_radar, open_model
     from doppelgait.core.config import apply_overrides, json_value
+    from doppelgait.core.errors import ConfigError
     from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
     from doppelgait.radar import open_stream
 
+    for option, given in ((f"--port {port}", port is not None), ("--no-browser", no_browser)):
+        if given and not view:
+            raise ConfigError(f"{option}: has no effect without --view; add --view to see the page, or leave it out")
     loaded = None if model is None else open_model(model)
     kept = None if log is None else DecisionLog(log)
 
@@ -168,7 +170,7 @@ def live(
         say(f"listening: {stream.source}")
         radar = stream.radar
         loaded = loaded or model_of_radar(radar)
-        page = ends.enter_context(_page(stream, loaded, port, no_browser)) if view else None
+        page = ends.enter_context(_page(stream, loaded, port or 0, no_browser)) if view else None
         running = run_live(
             stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m,
             skip=source.startswith(SENSORS),

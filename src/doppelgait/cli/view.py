@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -47,7 +48,7 @@ def view(
 
     Example: doppelgait view home-alarm --no-browser
     """
-    from doppelgait.viewer.server import check_installed, serve
+    from doppelgait.viewer.server import check_installed, page_in_browser, serve
     from doppelgait.viewer.settings import parse_settings
     from doppelgait.viewer.source import open_path
 
@@ -61,14 +62,14 @@ def view(
     for note in (*run.notes, *run.recording.notes) if run is not None and run.recording is not None else ():
         say(f"note: {note}")
 
-    def on_ready(url: str) -> None:
-        print(url, flush=True)
-        if not no_browser:
-            import webbrowser
+    with ExitStack() as ends:
 
-            webbrowser.open(url)
+        def on_ready(url: str) -> None:
+            print(url, flush=True)
+            if not no_browser:
+                ends.enter_context(page_in_browser(url))
 
-    serve(opened, settings=settings, port=port, on_ready=on_ready)
+        serve(opened, settings=settings, port=port, on_ready=on_ready)
     # End the process without waiting for a running analysis: nothing is left to be saved.
     sys.stdout.flush()
     sys.stderr.flush()

@@ -64,7 +64,8 @@ class Guard:
 
     A page of another site can make the browser ask any port of this computer, and make a name of its own mean
     127.0.0.1 (DNS rebinding): so the host must be a name of this computer, and the secret token the first part of the
-    path; it is taken off before the request goes on.
+    path; it is taken off before the request goes on. The page alone may be opened from elsewhere, by who has the
+    token: the file that opens the browser leads there.
 
     Parameters
     ----------
@@ -122,12 +123,19 @@ class Guard:
             return 403, "the Host header must name this computer and the port of this server"
         own = [b"http://" + host for host in self.hosts]
         origins, sites = _values(headers, b"origin"), _values(headers, b"sec-fetch-site")
-        if any(origin not in own for origin in origins) or any(s not in (b"same-origin", b"none") for s in sites):
+        elsewhere = any(site not in (b"same-origin", b"none") for site in sites)
+        if any(origin not in own for origin in origins) or (elsewhere and not self.opens_page(scope)):
             return 403, "requests from other sites are refused"
         first = scope["path"].partition("/")[2].partition("/")[0].encode()
         if not hmac.compare_digest(first, self.token):
             return 403, "the token is missing or wrong; take the address that the command printed"
         return None
+
+    def opens_page(self, scope: Message) -> bool:
+        """Return True if a browser opens the page in a tab or window of its own."""
+        headers = list(scope["headers"])
+        how = _values(headers, b"sec-fetch-mode") + _values(headers, b"sec-fetch-dest")
+        return bool(scope["path"] == f"/{self.token.decode()}/" and how == [b"navigate", b"document"])
 
 
 def _values(headers: Headers, name: bytes) -> list[bytes]:

@@ -6,6 +6,8 @@ import asyncio
 import errno
 import socket
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -175,6 +177,13 @@ class LimitedServer(uvicorn.Server):
         await super().startup(sockets=sockets)
         for listener in sockets or ():
             listener.listen(QUEUE)  # asyncio has one number for the queue and for what it takes at once
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """End in order at a signal; uvicorn would raise it once more, which counts as a second one."""
+        with super().capture_signals():
+            yield
+            self._captured_signals.clear()
 
     def _on_error(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import socket
+import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
@@ -51,8 +56,8 @@ def serve(
         If the port cannot be taken.
     """
     with _prepared(port, opened, settings) as (server, listener, url):
-        on_ready(url)
         try:
+            on_ready(url)
             server.run(sockets=[listener])
         except KeyboardInterrupt:  # how a viewer is ended
             return
@@ -102,6 +107,43 @@ def _prepared(
         taken = int(listener.getsockname()[1])
         app = make_app(opened, token=token, port=taken, settings=settings, live=live)
         yield make_server(app), listener, f"http://{ADDRESS}:{taken}/{token}/"
+
+
+PAGE = (
+    '<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
+    '<meta http-equiv="refresh" content="0; url={url}"><title>doppelgait</title><a href="{url}">doppelgait</a>\n'
+)
+
+
+@contextmanager
+def page_in_browser(url: str) -> Iterator[None]:
+    """Open the page in the user's browser; what that needs is there for the time of the block.
+
+    Every user of a computer can read the command lines of all programs, and the address holds the secret. The browser
+    is therefore started with the name of a file that only this user can read, and that leads on to the address.
+
+    Parameters
+    ----------
+    url : str
+        Address of the page.
+    """
+    import webbrowser
+
+    try:
+        folder = tempfile.TemporaryDirectory(prefix="doppelgait-", ignore_cleanup_errors=True)
+        page = Path(folder.name) / "viewer.html"
+        with open(os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            file.write(PAGE.format(url=escape(url)))
+    except OSError as error:
+        said = (
+            f"note: the browser is not opened, since no file can be written for it: {error}; open the address by hand"
+        )
+        print(said, file=sys.stderr, flush=True)
+        yield
+        return
+    with folder:
+        webbrowser.open(page.as_uri())
+        yield
 
 
 def check_installed() -> None:

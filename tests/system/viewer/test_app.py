@@ -103,6 +103,15 @@ def test_other_sites_are_refused(viewer, headers):
     assert refused(viewer.ask(f"/{TOKEN}/api/session", **sent), 403)
 
 
+def test_the_page_alone_is_opened_from_elsewhere(viewer):
+    opened = {"Sec_Fetch_Site": "cross-site", "Sec_Fetch_Mode": "navigate", "Sec_Fetch_Dest": "document"}
+    assert viewer.ask(f"/{TOKEN}/", **opened).status == 200
+    for path in (f"/{TOKEN}/api/session", f"/{TOKEN}/static/main.js", "/wrong/", "/"):
+        assert refused(viewer.ask(path, **opened), 403)
+    for other in ({"Sec_Fetch_Dest": "iframe"}, {"Sec_Fetch_Mode": "no-cors"}, {"Origin": "http://rebound.example"}):
+        assert refused(viewer.ask(f"/{TOKEN}/", **{**opened, **other}), 403)
+
+
 def test_long_addresses_are_refused(viewer):
     assert refused(viewer.ask(f"/{TOKEN}/api/rows?text={'a' * 4096}"), 414)
     assert refused(viewer.ask(f"/{TOKEN}/{'a' * 4096}"), 414)

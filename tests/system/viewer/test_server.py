@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -256,6 +259,71 @@ def test_command_prints_the_address_and_ends_when_interrupted(files):
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=processes.LIMIT_S)
     assert (process.returncode, out, err) == (0, "", "")
+
+
+BROWSER = """
+import json, pathlib, stat, sys, urllib.parse, urllib.request
+page = pathlib.Path(urllib.request.url2pathname(urllib.parse.urlsplit(sys.argv[2]).path))
+modes = [stat.S_IMODE(place.stat().st_mode) for place in (page.parent, page)]
+told = pathlib.Path(sys.argv[1])
+told.with_suffix(".part").write_text(json.dumps([sys.argv[2], str(page), page.read_text(), modes]))
+told.with_suffix(".part").rename(told)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the browser of a test is named by a command")
+@pytest.mark.parametrize(
+    ("command", "ended_by", "status"),
+    [
+        ("view", signal.SIGINT, 0),
+        ("view", signal.SIGTERM, 0),
+        ("live", signal.SIGINT, 130),
+        ("live", signal.SIGTERM, 130),
+    ],
+)
+def test_the_secret_is_not_on_the_command_line_of_the_browser(files, tmp_path, command, ended_by, status):
+    (tmp_path / "browser.py").write_text(BROWSER)
+    line = [sys.executable, "-c", "from doppelgait.cli import main; main()", command, str(files / "walk.h5")]
+    line += ["--view"] if command == "live" else []
+    told = tmp_path / "told.json"
+    environment = {**os.environ, "BROWSER": f"{sys.executable} {tmp_path / 'browser.py'} {told} %s"}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with processes.started(line, env=environment, **pipes) as process:
+        said = process.stdout if command == "view" else process.stderr
+        url = next(found[0] for text in said if (found := re.search(r"http://\S+", text)))
+        processes.wait_until(told.exists)
+        opened, page, content, modes = json.loads(told.read_text())
+        assert opened == Path(page).as_uri()
+        assert url.split("/")[-2] not in opened
+        assert f"url={url}" in content
+        assert modes == [0o700, 0o600]
+        process.send_signal(ended_by)
+        _, err = process.communicate(timeout=processes.LIMIT_S)
+    assert process.returncode == status, err
+    assert not Path(page).parent.exists()
+
+
+def test_the_viewer_goes_on_where_no_file_can_be_written(monkeypatch, capsys):
+    def fail(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(server.tempfile, "TemporaryDirectory", fail)
+    monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("nothing to open"))
+    with server.page_in_browser("http://127.0.0.1:1/token/"):
+        said = capsys.readouterr().err
+    assert "No space left on device; open the address by hand" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "named"), [(["--port", "8000"], "--port 8000"), (["--no-browser"], "--no-browser")]
+)
+def test_options_of_the_page_are_refused_without_it(options, named):
+    from doppelgait.cli.app import app
+
+    found = CliRunner().invoke(app, ["live", "nothing.h5", *options])
+    assert isinstance(found.exception, ConfigError)
+    assert str(found.exception).startswith(f"{named}: has no effect without --view")
 
 
 def test_command_says_what_is_wrong_before_it_starts(files):
