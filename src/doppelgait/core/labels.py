@@ -284,6 +284,8 @@ def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: boo
     def take(variable: xr.Variable) -> xr.Variable:
         if variable.dims[-1:] != ("scatterer",):
             return variable
+        if isinstance(variable._data, LazilyIndexedArray):
+            return variable[..., chosen]
         values = variable.values[..., chosen]
         return label_values(variable.dims, values.copy() if copy else values, variable.attrs)
 

@@ -1,4 +1,4 @@
-"""Pulses of a baseband that are read or computed when they are asked for.
+"""Pulses of a baseband, or of a scatterer table, that are read or computed when they are asked for.
 
 A recording of ten minutes has a gigabyte of samples. What looks at all of them goes from tile to tile.
 """
@@ -52,12 +52,12 @@ def lazy_rows(
     return LazilyIndexedArray(_Source(shape, dtype, rows))
 
 
-def rows_of(baseband: xr.DataArray, first: int, stop: int) -> Matrix:
+def rows_of(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Matrix:
     """Return some pulses of a baseband, (pulses, range bins)."""
     return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
 
 
-def tiles_of(baseband: xr.DataArray, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
+def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
     """Yield a baseband tile by tile: the first pulse, and the values.
 
     Every tile but the last has a multiple of so many pulses. A short recording is one tile.

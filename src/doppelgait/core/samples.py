@@ -98,7 +98,8 @@ class Samples:
 
     Receiver noise may be pending (:meth:`with_noise`): every access shows it, but it is made for what is read only.
 
-    Samples may be *stored* in a file (:meth:`stored`): they are read when they are asked for, and not kept.
+    Samples may be *stored* in a file, or come from another source of rows (:meth:`stored`): they are read or computed
+    when they are asked for, and not kept.
     """
 
     __slots__ = ("_matrix", "_noise", "_owned", "_planes", "_stored", "shape")
@@ -128,14 +129,14 @@ class Samples:
 
     @classmethod
     def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
-        """Wrap samples of a file.
+        """Wrap samples of a file, or others that are made when they are asked for.
 
         Parameters
         ----------
         shape : (int, int)
             Pulses and samples.
         rows : callable
-            Reads the pulses from a first to before a second number, complex64.
+            Reads or makes the pulses from a first to before a second number, complex64.
         """
         made = cls._make(shape, None, None, None, False)
         made._stored = rows
@@ -143,7 +144,7 @@ class Samples:
 
     @property
     def in_memory(self) -> bool:
-        """False for samples of a file, which are read at every access."""
+        """False for samples that are read or made at every access."""
         return self._stored is None
 
     @classmethod
@@ -260,6 +261,14 @@ class Samples:
         quiet = self.settle()
         owned, quiet._owned, self._owned = quiet._owned, False, False
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
+
+    def add_noise_from(self, first_pulse: int, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
+        """Add the noise that :meth:`with_noise` gives a longer recording, whose ``first_pulse`` is the first here."""
+        from doppelgait.core.kernels.noise import add_noise_block
+
+        planes, n_pulses = self.planes[:, :, : self.shape[0]].copy(), self.shape[0]
+        add_noise_block(planes[0], planes[1], 0, n_pulses, 0, first_pulse, key, math.sqrt(power_v2), factor)
+        return Samples.from_planes(planes, n_pulses)
 
     def settle(self) -> Samples:
         """Add the pending noise in place where memory is owned."""

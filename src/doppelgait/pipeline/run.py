@@ -191,7 +191,9 @@ def _check_preset(table: Mapping[str, Any]) -> None:
             raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")
 
 
-def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True) -> Recording:
+def run_simulation(
+    run: Run, *, folder: Path | None = None, angles: bool = True, in_tiles: bool = False
+) -> Recording:  # fmt: skip
     """Simulate the recording of a run; equal runs give equal bytes.
 
     Parameters
@@ -199,10 +201,10 @@ def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True)
     run : Run
     folder : Path, optional
         Folder that relative motion paths start from.
-    angles : bool
+    angles, in_tiles : bool
         As for :func:`doppelgait.pipeline.simulate`.
     """
     scene, radar = place(run.scene, run.streams, folder=folder), run.radar
     if run.auto_prf:
         radar = with_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
-    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions)
+    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions, in_tiles=in_tiles)

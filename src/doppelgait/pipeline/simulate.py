@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +11,10 @@ import xarray as xr
 
 from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis, label_axis, select_scatterers
+from doppelgait.core.labels import axis, label_axis, label_table, select_scatterers
+from doppelgait.core.lazy import LONG_PULSES
 from doppelgait.core.rng import Streams
-from doppelgait.core.samples import Samples
+from doppelgait.core.samples import Factor, Matrix, Samples
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
@@ -29,13 +31,14 @@ from doppelgait.radar.simulate import (
     lowest_prf_hz,
     noise_level_v2,
     snr_frame_db,
+    strongest_powers_v2,
     synthesise_bins,
     synthesise_planes,
     warn_of_limits,
 )
 from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at, body_track
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
-from doppelgait.scene.observe import make_scatterers, tabulate
+from doppelgait.scene.observe import make_scatterers, tabulate, tabulate_later
 from doppelgait.scene.placement import as_placed
 
 FloatArray = npt.NDArray[np.float64]
@@ -56,6 +59,7 @@ def simulate(
     conditions: Conditions | None = None,
     snr_db: float | None = None,
     angles: bool = True,
+    in_tiles: bool = False,
 ) -> Recording:
     """Simulate what a radar records of a scene, with the truth.
 
@@ -76,6 +80,10 @@ def simulate(
     angles : bool
         Include every scatterer's aspect angle and the bodies for plots in the truth; without, the simulation is
         faster.
+    in_tiles : bool
+        Make the samples of more than 32,768 pulses, and the truth of their scatterers, when they are asked for, at
+        every access, for a recording that is only written: memory then hardly grows with the duration. The values are
+        the same. Recordings with impairments are made at once.
 
     Returns
     -------
@@ -100,17 +108,21 @@ def simulate(
     snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)
-    scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
+    later = in_tiles and not conditions.impairments and slow_time_s.size > LONG_PULSES
+    scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng, later=later)
     warn_of_limits(scatterers, radar)
-    # the echoes of the targets set the signal level; ghosts and background bodies are added to them
-    targets, others = split_targets(scatterers)
     # nothing between receiver and range bins looks at samples that a transform follows: a shorter way to the bins
     bare = not conditions.impairments and not radar.waveform.samples_are_bins
-    synthesise = synthesise_bins if bare else synthesise_planes
-    samples = synthesise(targets, radar)
-    signal_v2 = frame_power_v2(samples if bare else compress_samples(samples, radar))
-    if others is not None:
-        samples += synthesise(others, radar)
+    # the echoes of the targets set the signal level; ghosts and background bodies are added to them
+    if later:
+        signal_v2 = _signal_in_tiles_v2(scatterers, radar)
+    else:
+        targets, others = split_targets(scatterers)
+        synthesise = synthesise_bins if bare else synthesise_planes
+        samples = synthesise(targets, radar)
+        signal_v2 = frame_power_v2(samples if bare else compress_samples(samples, radar))
+        if others is not None:
+            samples += synthesise(others, radar)
     # level of the receiver noise, mean square in a range bin
     thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
     noise_v2 = 0.0
@@ -118,21 +130,24 @@ def simulate(
         noise_v2 = sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
     elif rng is not None and (snr_db is not None or conditions.noise.kind != "none"):
         noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
-    if rng is not None:  # noise first, then the impairments in their order
-        if noise_v2 > 0 and not thermal:
-            power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
-            noise = draw_key(rng.generator("noise")), power_v2, noise_taps(radar)
-            if bare:
-                silent = Samples.own(np.zeros((slow_time_s.size, radar.waveform.n_samples(radar)), dtype=np.complex64))
-                samples += compress_samples(silent.with_noise(*noise), radar)
-            else:
-                samples = samples.with_noise(*noise)
+    noise: NoiseLevel | None = None
+    if rng is not None and noise_v2 > 0 and not thermal:
+        noise = draw_key(rng.generator("noise")), noise_v2 / radar.waveform.noise_gain(radar), noise_taps(radar)
+    if later:
+        rows = partial(_rows, scatterers, radar, noise)
+        samples = Samples.stored((slow_time_s.size, radar.range_axis_m().size), rows)
+    elif rng is not None:  # noise first, then the impairments in their order
+        if noise is not None and bare:
+            silent = Samples.own(np.zeros((slow_time_s.size, radar.waveform.n_samples(radar)), dtype=np.complex64))
+            samples += compress_samples(silent.with_noise(*noise), radar)
+        elif noise is not None:
+            samples = samples.with_noise(*noise)
         _, samples_rng = _impairment_generators(rng)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
     # the bodies in the truth are for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording(
-        samples if bare else compress_samples(samples, radar),
+        samples if bare or later else compress_samples(samples, radar),
         radar,
         slow_time_s,
         radar.range_axis_m(),
@@ -148,6 +163,48 @@ def simulate(
         radar_azimuth_deg=placed.scene.radar_azimuth_deg,
         radar_tilt_deg=placed.scene.radar_tilt_deg,
     )
+
+
+NoiseLevel = tuple[np.uint64, float, Factor]
+"""Key, mean square (V^2), and taps over range of receiver noise."""
+ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
+
+
+def _pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
+    """Return what echoes need of some pulses of a table, in memory."""
+    names = [name for name in ECHO_VARIABLES if name in scatterers]
+    values = {name: scatterers[name].variable[first:stop].values for name in names}
+    coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}
+    return label_table(values, coords, scatterers.attrs)
+
+
+def _signal_in_tiles_v2(scatterers: xr.Dataset, radar: Radar) -> float:
+    """Return the :func:`frame_power_v2` of the targets of a long recording."""
+    strongest = []
+    for first in range(0, scatterers.sizes["slow_time"], LONG_PULSES):
+        targets, _ = split_targets(_pulses(scatterers, first, first + LONG_PULSES))
+        strongest.append(strongest_powers_v2(_bins(targets, radar)))
+    return float(np.concatenate(strongest).mean(dtype=np.float64))
+
+
+def _bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
+    bare = not radar.waveform.samples_are_bins
+    return (synthesise_bins if bare else synthesise_planes)(scatterers, radar)
+
+
+def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first: int, stop: int) -> Matrix:
+    """Make some pulses of a long recording, (stop - first, range bins)."""
+    targets, others = split_targets(_pulses(scatterers, first, stop))
+    samples = _bins(targets, radar)
+    if others is not None:
+        samples += _bins(others, radar)
+    if noise is None:
+        return samples.matrix
+    if radar.waveform.samples_are_bins:
+        return samples.add_noise_from(first, *noise).matrix
+    silent = np.zeros((2, radar.waveform.n_samples(radar), stop - first), dtype=np.float32)
+    samples += compress_samples(Samples.from_planes(silent, stop - first).add_noise_from(first, *noise), radar)
+    return samples.matrix
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
@@ -170,7 +227,7 @@ def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float |
 
 def observe_scene(
     scene: Scene | PlacedScene, radar: Radar, slow_time_s: FloatArray, conditions: Conditions, *, angles: bool,
-    streams: Streams | None,
+    streams: Streams | None, later: bool = False,
 ) -> tuple[xr.Dataset, list[LineOfSight]]:  # fmt: skip
     """Observe a scene through its environment and the antenna.
 
@@ -185,6 +242,9 @@ def observe_scene(
         Whether the table must hold angles; environment and antenna have directions made where they need them.
     streams : Streams or None
         Of the radar cross sections (``scene``) and of the frame times (``impairments``).
+    later : bool
+        Make what every pulse has of its own when it is asked for, where neither environment nor antenna nor a receiver
+        elsewhere changes it.
 
     Returns
     -------
@@ -216,6 +276,8 @@ def observe_scene(
 
     bodies = make_scatterers(placed, times_s, scene_rng)
     wanted = ("azimuth", "elevation", "aspect") if angles else ()
+    if later and not conditions.environment and not patterned and room.receiver_position_m is None:
+        return tabulate_later(placed, bodies, times_s, wanted), tracks
     table = tabulate(placed, bodies, times_s, wanted)
     scatterers = through_room(table, placed, bodies, conditions.environment, through) if directions else through(table)
     if scatterers is None:

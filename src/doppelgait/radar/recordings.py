@@ -25,7 +25,7 @@ from doppelgait.core.labels import (
     label_values,
     make_array,
 )
-from doppelgait.core.lazy import lazy_rows
+from doppelgait.core.lazy import lazy_rows, tiles_of
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
@@ -74,7 +74,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 file.attrs["seed"] = recording.seed
             if recording.notes:
                 file.attrs["notes"] = json.dumps(recording.notes)
-            _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
+            _put_tiles(file, "baseband", recording.baseband.variable, "<c8", "V")
             file["baseband"].attrs.update(further_facts(recording.baseband))
             _put(file, "slow_time_s", recording.slow_time_s, "s")
             _put(file, "range_m", recording.range_m, "m")
@@ -95,9 +95,10 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                     )
                 for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
                     units = SCATTERER_VARIABLES[name]
-                    values = truth.scatterers[name].values
-                    constant = name in ("rcs", "path_gain") and bool((values == values[:1]).all())
-                    _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
+                    values = truth.scatterers[name].variable
+                    if name in ("rcs", "path_gain") and all((x == values[0].values).all() for _, x in tiles_of(values)):
+                        values = values[:1]
+                    _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
                 if truth.body is not None:
                     group.attrs["body_marker"] = json.dumps([str(m) for m in axis(truth.body, "marker")])
                     group.attrs["body_part"] = json.dumps([str(p) for p in axis(truth.body, "part")])
@@ -107,6 +108,14 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
 def _put(group: Any, name: str, values: Any, units: str) -> None:
     dataset = group.create_dataset(name, data=values, track_times=False)
+    dataset.attrs["units"] = units
+
+
+def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: str) -> None:
+    """Write values (slow_time, ...), those of a long recording tile by tile."""
+    dataset = group.create_dataset(name, values.shape, dtype, track_times=False)
+    for first, tile in tiles_of(values):
+        dataset[first : first + tile.shape[0]] = tile
     dataset.attrs["units"] = units
 
 

@@ -11,6 +11,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, axis, make_array, with_values
+from doppelgait.core.lazy import tiles_of
 from doppelgait.core.samples import WHITE, Factor, Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.link import fold_scatterers, noise_power_v2, noise_taps, scatterer_arrays
@@ -19,8 +20,8 @@ from doppelgait.radar.recording import baseband_facts
 
 __all__ = [
     "add_noise", "compress", "compress_samples", "draw_key", "frame_power_v2", "label_baseband", "lowest_prf_hz",
-    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_bins", "synthesise_planes",
-    "synthesise_samples", "warn_of_limits",
+    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "strongest_powers_v2", "synthesise",
+    "synthesise_bins", "synthesise_planes", "synthesise_samples", "warn_of_limits",
 ]  # fmt: skip
 
 
@@ -161,14 +162,17 @@ def frame_power_v2(bins: Samples) -> float:
 
     It is the time mean of the strongest bin's |y|^2.
     """
+    return 0.0 if 0 in bins.shape else float(strongest_powers_v2(bins).mean(dtype=np.float64))
+
+
+def strongest_powers_v2(bins: Samples) -> npt.NDArray[np.float32]:
+    """Return the strongest bin's |y|^2 of every pulse, V^2."""
     from doppelgait.core.kernels.planes import strongest_power
 
-    if 0 in bins.shape:
-        return 0.0
     strongest = np.empty(bins.shape[0], dtype=np.float32)
     plane_re, plane_im = bins.planes
     strongest_power(plane_re, plane_im, strongest)
-    return float(strongest.mean(dtype=np.float64))
+    return strongest
 
 
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
@@ -234,20 +238,26 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
         )
     if scatterers.sizes["scatterer"] == 0:
         return
-    speeds = scatterers["radial_velocity"].values
-    fastest_mps = max(float(speeds.max()), -float(speeds.min()))
+    fastest_mps = 0.0
+    for _, speeds in tiles_of(scatterers["radial_velocity"].variable):
+        fastest_mps = max(fastest_mps, float(speeds.max()), -float(speeds.min()))
     if fastest_mps >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest_mps, radar.wavelength_m)) + 60.0
         warn_caller(
             f"aliasing: a scatterer reaches {fastest_mps:.2f} m/s, but prf_hz = {radar.prf_hz:g} is unambiguous only "
             f"to {radar.unambiguous_velocity_mps:.2f} m/s; set radar.prf_hz to {np.ceil(needed / 10) * 10:g} or more"
         )
-    ranges_m = np.asarray(scatterers["range"].values)
     own = axis(scatterers, "target") >= 0 if "target" in scatterers.coords else np.ones(1, dtype=bool)
-    ranges_m = ranges_m if own.all() else ranges_m[:, own]
-    if ranges_m.size == 0 or not radar.waveform.ranged:
+    if not own.any() or not radar.waveform.ranged:
         return
-    nearest, farthest = float(ranges_m.min()), float(ranges_m.max())
+    nearest, farthest, outside = math.inf, -math.inf, 0.0
+    for _, ranges_m in tiles_of(scatterers["range"].variable):
+        ranges_m = ranges_m if own.all() else ranges_m[:, own]
+        low_m, high_m = float(ranges_m.min()), float(ranges_m.max())
+        nearest, farthest = min(nearest, low_m), max(farthest, high_m)
+        if low_m < radar.range_start_m or high_m > radar.range_stop_m:
+            beyond = (ranges_m < radar.range_start_m) | (ranges_m > radar.range_stop_m)
+            outside += float(beyond.mean()) * ranges_m.shape[0] / scatterers.sizes["slow_time"]
     waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
     folds = radar.folds_pulses or not waveform.samples_are_bins
@@ -262,7 +272,6 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
             f"echo appears at {farthest % folding_m:.2f} m, the truth keeps the range; move the target, {remedy}"
         )
     elif nearest < radar.range_start_m or farthest > radar.range_stop_m:
-        outside = float(((ranges_m < radar.range_start_m) | (ranges_m > radar.range_stop_m)).mean())
         share = f"{100 * outside:.0f} %" if outside >= 0.005 else "less than 1 %"
         warn_caller(
             f"outside the frame: {share} of all scatterer samples (ranges {nearest:.2f} to "

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_table, label_values, make_array
+from doppelgait.core.lazy import lazy_rows
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
@@ -174,7 +177,57 @@ def tabulate(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:  # fmt: skip
     """Observe scatterers at some times; the table of :func:`assemble` with the ``wanted`` angles."""
-    seen = [_observe(body, placed.scene, times, wanted) for body in bodies]
+    return _label(placed, bodies, times, _look(placed.scene, bodies, _splines_of(bodies), times, wanted))
+
+
+def tabulate_later(
+    placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
+) -> xr.Dataset:  # fmt: skip
+    """Observe scatterers as :func:`tabulate`, with ranges, velocities and angles made when they are asked for.
+
+    The receiver is where the transmitter is: gains do not follow from ranges then.
+    """
+    splines, count = _splines_of(bodies), sum(len(body.motion.markers) for body in bodies)
+    alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not asked for
+
+    @lru_cache(maxsize=1)
+    def look(first: int, stop: int, angles: tuple[str, ...]) -> dict[str, FloatArray]:
+        return _look(placed.scene, alike, splines, times[first:stop], angles)
+
+    def rows_of(name: str, first: int, stop: int) -> FloatArray:
+        return look(first, stop, tuple(wanted) if name in wanted else ())[name]
+
+    values: dict[str, Any] = {
+        name: lazy_rows((times.size, count), partial(rows_of, name), np.float64)
+        for name in ("range", "radial_velocity", *wanted)
+    }
+    for name in ("rcs", "path_gain"):
+        of_body = {"rcs": "rcs_m2", "path_gain": "path_gain"}[name]
+        values[name] = _side_by_side([
+            np.empty((times.size, 0)),
+            *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
+        ])  # fmt: skip
+    return _label(placed, bodies, times, values)
+
+
+def _splines_of(bodies: Sequence[Scatterers]) -> list[Spline]:
+    return [fit_spline(body.motion) for body in bodies]
+
+
+def _look(
+    scene: Scene, bodies: Sequence[Scatterers], splines: Sequence[Spline], times: FloatArray, wanted: Sequence[str]
+) -> dict[str, FloatArray]:  # fmt: skip
+    """Observe all scatterers side by side, by variable of the table."""
+    seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
+    return seen[0] if len(seen) == 1 else {
+        name: _side_by_side([np.empty((times.size, 0)), *(table[name] for table in seen)])
+        for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
+    }  # fmt: skip
+
+
+def _label(
+    placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, values: Mapping[str, Any]
+) -> xr.Dataset:  # fmt: skip
     columns = {
         "target": np.array(
             [t.number for t, b in zip(placed.targets, bodies, strict=True) for _ in b.motion.markers], int
@@ -182,10 +235,6 @@ def tabulate(
         "marker": np.array([marker for body in bodies for marker in body.motion.markers], dtype=str),
         "part": np.array([part for body in bodies for part in body.motion.parts], dtype=str),
     }
-    values = seen[0] if len(seen) == 1 else {
-        name: _side_by_side([np.empty((times.size, 0)), *(table[name] for table in seen)])
-        for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
-    }  # fmt: skip
     return label_table(
         {name: values[name] for name in SCATTERER_VARIABLES if name in values},
         {
@@ -205,9 +254,11 @@ def _side_by_side(parts: list[FloatArray]) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def _observe(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Sequence[str]) -> dict[str, FloatArray]:
+def _observe(
+    scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, angles: Sequence[str]
+) -> dict[str, FloatArray]:  # fmt: skip
     """Observe a target's scatterers, by variable of the table."""
-    spline, times = fit_spline(scatterers.motion), check_times(scatterers.motion, times)
+    times = check_times(scatterers.motion, times)
     range_m, approach_mps = _ranges_on(spline, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
