@@ -1,6 +1,7 @@
 """Paths over the ground (E-02b): curves, pace, posture on stopping, footfalls and what is refused."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -147,6 +148,15 @@ def test_start_and_heading_move_the_whole_path(walk, path):
     c, s = math.cos(math.radians(65)), math.sin(math.radians(65))
     turned = plain.position_m @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [2.0, -1.0, 0]
     np.testing.assert_allclose(moved.position_m, turned, atol=1e-9)
+
+
+@pytest.mark.parametrize("path", PATHS, ids=NAMES)
+def test_blocks_of_frames_give_the_bytes_of_the_whole(walk, path, monkeypatch):
+    whole = follow(walk, path, start_position_m=(1.0, -2.0), heading_deg=30.0)
+    monkeypatch.setattr(sys.modules[follow.__module__], "BLOCK_FRAMES", 100)
+    blocks = follow(walk, path, start_position_m=(1.0, -2.0), heading_deg=30.0)
+    assert whole.n_frames > 300
+    np.testing.assert_array_equal(blocks.position_m, whole.position_m)
 
 
 def test_a_mirrored_walk_on_the_mirrored_path_is_the_mirror_image(walk):

@@ -41,6 +41,8 @@ UNEVEN_M, UNEVEN_SHARE = 0.15, 0.05
 SUPPORT_STRIDES = 0.12
 """Share of a stride over which the speed of the feet is averaged to find double support: what it lasts in a walk."""
 _SAMPLES_PER_STRIDE = 400
+BLOCK_FRAMES = 1 << 15
+"""Frames that are put on a path at a time: an hour has a million."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,23 @@ def follow(
     rate_hz = motion.rate_hz
     frames = _frame_count(course, gait, path, duration_s, rate_hz)
     times_s = np.arange(frames) / rate_hz
-    # the motion's points on the path (E-02b)
+    position = np.empty((frames, len(motion.markers), 3))
+    for first in range(0, frames, BLOCK_FRAMES):
+        part = slice(first, first + BLOCK_FRAMES)
+        _lay(course, gait, times_s[part], position[part])
+    return make_motion(
+        position,
+        rate_hz=rate_hz,
+        markers=motion.markers,
+        parts=motion.parts,
+        start_s=float(motion.time_s[0]),
+        facts=(facts := _facts(course, gait, path, times_s)),
+        report={**motion.report, "path": asdict(facts.path) if facts.path else None},
+    )
+
+
+def _lay(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
+    """Put the motion's points at some times on the path (E-02b), into ``position``."""
     along_m = distance_m(course.pace, times_s) + course.ahead_m
     heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
     offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
@@ -177,19 +195,9 @@ def follow(
     offset[..., 1] += course.side_m
     origin = point_at(course.curve, along_m)
     cosines, sines = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    position = np.empty_like(offset)
     position[..., 0] = origin[:, :1] + cosines * offset[..., 0] - sines * offset[..., 1]
     position[..., 1] = origin[:, 1:] + sines * offset[..., 0] + cosines * offset[..., 1]
     position[..., 2] = offset[..., 2]
-    return make_motion(
-        position,
-        rate_hz=rate_hz,
-        markers=motion.markers,
-        parts=motion.parts,
-        start_s=float(motion.time_s[0]),
-        facts=(facts := _facts(course, gait, path, times_s)),
-        report={**motion.report, "path": asdict(facts.path) if facts.path else None},
-    )
 
 
 def steady_speed_mps(motion: Motion) -> float:
@@ -229,7 +237,9 @@ def _straight_gait(motion: Motion) -> Gait:
     along = velocity_mps / speed_mps
     turn = np.array([[along[0], along[1]], [-along[1], along[0]]])
     position_m = motion.position_m.copy(order="K")
-    position_m[..., :2] = (motion.position_m[..., :2] - start_m) @ turn.T
+    for first in range(0, len(position_m), BLOCK_FRAMES):
+        ground = position_m[first : first + BLOCK_FRAMES, :, :2]
+        ground[:] = (ground - start_m) @ turn.T
     body = motion.with_positions(position_m)
     gait = Gait(motion, fit_spline(body), speed_mps, lasts_s)
     centre_m = fit_centre(body).values
