@@ -28,6 +28,8 @@ STRIP_M = 0.5
 """Range extent of the strip around a track in which its Doppler is measured: less than that of a body's gate."""
 SIGNIFICANT = 4.0
 """Cells of a strip count from this many times the noise on."""
+STEPS_AT_ONCE = 4096
+"""Steps that are averaged together; the values of a column are few, but those of an hour are a gigabyte."""
 
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
 """Longest pause of a folding track, its distance from the edges then, and how well range, speed and level continue."""
@@ -160,11 +162,13 @@ def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
     mu = processing.thin(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
     floor_v2 = processing.noise_floor_v2(mu)
-    excess_v2 = np.where(mu.values > SIGNIFICANT * floor_v2, mu.values - floor_v2, 0.0)
     times_s = axis(mu, "time")
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
-    grouped = excess_v2[: steps * every].reshape(steps, -1, excess_v2.shape[1]).mean(axis=1)
+    grouped = np.concatenate([
+        _significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
+        for first in range(0, steps, STEPS_AT_ONCE)
+    ])  # fmt: skip
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
     around_s = time_s[:, None] + np.array([-0.25, 0.25])
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
@@ -172,6 +176,12 @@ def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float
     approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
     velocity_mps = axis(mu, "doppler") * wavelength_m / 2
     return Seen(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
+
+
+def _significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
+    """Average the power above the noise over so many columns each."""
+    excess_v2 = np.where(mu_v2 > SIGNIFICANT * floor_v2, mu_v2 - floor_v2, 0.0)
+    return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
 
 
 # Things --------------------------------------------------------------------------------------------------------------

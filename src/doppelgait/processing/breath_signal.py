@@ -80,19 +80,19 @@ def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) ->
     frequency_hz = np.arange(fft_length // 2) * (rate_hz / fft_length)
     taper = np.hanning(length + 2)[1:-1, None]
     place = np.linspace(-1.0, 1.0, length)[:, None]
-    powers = []
-    for start in starts:
+    plain = np.empty((starts.size, frequency_hz.size, series.shape[1]))
+    for power, start in zip(plain, starts, strict=True):
         part = series[start : start + length]
         flat = part - part.mean(axis=0) - place * (part * place).mean(axis=0) / (place**2).mean()
         both = np.abs(np.fft.fft(flat * taper, fft_length, axis=0)) ** 2
-        power = both[: frequency_hz.size].copy()
+        power[:] = both[: frequency_hz.size]
         power[1:] += both[: -frequency_hz.size : -1]
-        powers.append(power)
-    plain = np.stack(powers)
     # level of every window and bin: the median over a wide band, never 0
     level = np.median(plain[:, _background(frequency_hz)], axis=1, keepdims=True)
     level = np.maximum(level, 1e-300 + 1e-12 * plain.max(axis=1, keepdims=True))
-    return BreathSpectrum(frequency_hz, plain / level, np.median(plain, axis=0), starts, length, fft_length, rate_hz)
+    middle = np.stack([np.median(plain[:, :, n], axis=0) for n in range(plain.shape[2])], axis=1)
+    plain /= level
+    return BreathSpectrum(frequency_hz, plain, middle, starts, length, fft_length, rate_hz)
 
 
 def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
@@ -261,8 +261,10 @@ def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArr
         mean = corrected.mean(axis=0)
         weight = 1.0 / np.maximum(np.var(corrected, axis=0), 1e-300 + 1e-14 * np.abs(mean) ** 2)
         strength = (weight * np.abs(mean) ** 2) @ far
-        gain = (values * (weight * mean.conj())) @ far / np.maximum(strength, 1e-300)
-        trial = values / np.where((strength >= LEAST_WEIGHT) & (np.abs(gain) > 0.1), gain, 1.0)
+        gain = (values * (weight * mean.conj())) @ far
+        gain /= np.maximum(strength, 1e-300)
+        gain[(strength < LEAST_WEIGHT) | (np.abs(gain) <= 0.1)] = 1.0
+        trial = np.divide(values, gain, out=gain)
         better = (strength >= LEAST_WEIGHT) & (np.var(trial, axis=0) < own_power)
         corrected = np.where(better, trial, values)
     return corrected
