@@ -9,6 +9,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features.ground_motion import piece_motion
+from doppelgait.processing import pieces
 from doppelgait.processing.pieces import PieceSettings, best_knots, find_pieces
 
 SD_M = 0.065
@@ -299,3 +300,25 @@ def test_a_short_piece_has_no_aspect_and_an_empty_one_is_refused():
     assert (found.ground_speed_mps, found.aspect_deg, found.visibility) == (None, None, "unknown")
     with pytest.raises(AnalysisError, match="from 7 to 9 s holds 0 ranges"):
         piece_motion(times, 8 - times, start_s=7, stop_s=9)
+
+
+def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
+    """Walks to and fro, faster and slower, with lost ranges: as without giving up, of a part of the starts."""
+    rng = np.random.default_rng(8)
+    times = np.arange(0, 120, 0.1)
+    speed = rng.choice([-2.0, -1.0, 0.0, 1.0, 1.5], 60)[(times / 2.5).astype(int)]
+    ranges = np.abs(np.cumsum(speed * 0.1) % 14 - 7) + 1.0 + 0.02 * rng.normal(size=times.size)
+    ranges[rng.random(times.size) < 0.01] += 1.0
+    settings = {"range_sd_m": 0.02, "smooth_mps2": 0.45, "penalty": 20.0, "min_piece_s": 0.8}
+    most, keep = [], pieces._Filters.keep
+
+    def counted(filters, starts):
+        keep(filters, starts)
+        most.append(filters.starts.size)
+
+    monkeypatch.setattr(pieces._Filters, "keep", counted)
+    found = best_knots(times, ranges, **settings)
+    assert len(found[0]) > 20
+    assert max(most) < times.size / 3
+    monkeypatch.setattr(pieces, "HOPELESS", np.inf)
+    assert best_knots(times, ranges, **settings) == found

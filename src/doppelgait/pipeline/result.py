@@ -552,7 +552,7 @@ def _write_values(
     """
     values = np.ascontiguousarray(values)
     text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
-    content = hashlib.blake2b(values.reshape(-1).view(np.uint8)).digest()
+    content = hashlib.blake2b(values.reshape(-1).view(np.uint8).data).digest()
     key = (values.dtype.str, values.shape, content, tuple(sorted(text.items())))
     if key in written:
         group[name] = written[key]

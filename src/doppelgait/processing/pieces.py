@@ -24,6 +24,10 @@ ENVELOPE_SPAN_SD = 6.0
 ENVELOPE_POINTS = 25
 """Values at a change point, about the range measured there, at which histories are compared."""
 REFERENCE_STEP_S = 0.1
+HOPELESS = 1e3
+"""Cost above the lowest, beyond that of a change point, at which a start is given up: one range 30 sd off."""
+GIVE_UP_EVERY = 64
+"""Samples from one look for hopeless starts to the next."""
 
 
 def best_knots(
@@ -43,7 +47,8 @@ def best_knots(
     :math:`2 R a`; at a change point s stays and s', s'' begin anew. For segments from i to j the least cost, given the
     values at both ends, is a quadratic form of the two, which a Kalman filter with the first value kept in its state
     yields for all i at once. The least cost up to j, given the value there, is the lower envelope of parabolas, one a
-    history; those nowhere lowest are dropped (the envelope is compared at 25 values).
+    history; those nowhere lowest are dropped (the envelope is compared at 25 values). Starts whose cost is hopelessly
+    above that of a change point at j are given up, so that the time is that of the track's length.
 
     Parameters
     ----------
@@ -72,6 +77,8 @@ def best_knots(
         room_left = j == n - 1 or time_s[-1] - time_s[j] >= min_piece_s - 1e-9
         if last_start >= 0 and room_left:
             histories.extend(j, last_start, filters, penalty, (value[j], noise[j]))
+            if j % GIVE_UP_EVERY == 0:
+                filters.keep(histories.give_up(penalty))
     return histories.knots(n - 1)
 
 
@@ -85,6 +92,9 @@ class _Histories:
         self.abc = np.array([[noise**-2], [value], [0.0]])
         self.at = np.zeros(1, dtype=np.int64)
         self.before = np.full(1, -1, dtype=np.int64)
+        self.alive = np.zeros(1, dtype=np.int64)  # numbers of those whose start is not given up
+        self.least = np.zeros(0)  # cost of those of them that could end at the last sample, and what more to allow
+        self.more = 0.0
 
     def extend(self, j: int, last_start: int, filters: _Filters, penalty: float, measured: tuple[float, float]) -> None:
         """Add the histories that are lowest somewhere at sample j.
@@ -94,22 +104,31 @@ class _Histories:
         The filter gives cost + (z - m)^T P^-1 (z - m) for z = (value at the start, value here), so that the history's
         a (x - b)^2 acts as one more measurement of the start's value: b, with variance 1 / a.
         """
-        count = int(np.searchsorted(self.at, last_start, side="right"))
-        at, (a, b, c) = self.at[:count], self.abc[:, :count]
-        first, cross, last = (filters.covariance[p, q, at] for p, q in ((0, 0), (0, 1), (1, 1)))
+        able = self.alive[: int(np.searchsorted(self.at[self.alive], last_start, side="right"))]
+        at, (a, b, c) = self.at[able], self.abc[:, able]
+        column = np.searchsorted(filters.starts, at)
+        first, cross, last = (filters.covariance[p, q, column] for p, q in ((0, 0), (0, 1), (1, 1)))
         variance = first + 1.0 / a
-        surprise = b - filters.mean[0, at]
-        least = c + filters.cost[at] + surprise**2 / variance + penalty * (at > 0)
-        centre = filters.mean[1, at] + cross / variance * surprise
+        surprise = b - filters.mean[0, column]
+        least = c + filters.cost[column] + surprise**2 / variance + penalty * (at > 0)
+        centre = filters.mean[1, column] + cross / variance * surprise
         steep = 1.0 / (last - cross**2 / variance)
         x = measured[0] + measured[1] * np.linspace(-ENVELOPE_SPAN_SD, ENVELOPE_SPAN_SD, ENVELOPE_POINTS)
         best = int(least.argmin())
-        hopeful = np.flatnonzero(least <= least[best] + (steep[best] * (x - centre[best]) ** 2).max())
+        self.least, self.more = least, float((steep[best] * (x - centre[best]) ** 2).max())
+        hopeful = np.flatnonzero(least <= least[best] + self.more)
         cost = steep[hopeful, None] * (x - centre[hopeful, None]) ** 2 + least[hopeful, None]
         kept = np.unique(np.append(hopeful[cost.argmin(axis=0)], best))
         self.abc = np.hstack([self.abc, np.stack([steep[kept], centre[kept], least[kept]])])
+        self.alive = np.append(self.alive, np.arange(self.at.size, self.at.size + kept.size))
         self.at = np.append(self.at, np.full(kept.size, j))
-        self.before = np.append(self.before, kept)
+        self.before = np.append(self.before, able[kept])
+
+    def give_up(self, penalty: float) -> npt.NDArray[np.int64]:
+        """Give up hopeless histories; return the starts that are left."""
+        hopeless = np.flatnonzero(self.least > self.least.min() + self.more + penalty + HOPELESS)
+        self.alive = np.delete(self.alive, hopeless)
+        return np.unique(self.at[self.alive])
 
     def knots(self, last: int) -> tuple[list[int], float]:
         """Return change points and cost of the cheapest history.
@@ -135,7 +154,7 @@ class _Filters:
     """
 
     def __init__(self, n: int) -> None:
-        self.count = 0
+        self.starts = np.zeros(0, dtype=np.int64)
         self.mean = np.zeros((4, n))
         self.covariance = np.zeros((4, 4, n))
         self.cost = np.zeros(n)
@@ -145,15 +164,26 @@ class _Filters:
 
         Its value is left to the segment before.
         """
-        self.mean[:2, i] = value
-        self.covariance[:2, :2, i] = (UNKNOWN_SD * noise) ** 2
-        self.covariance[2, 2, i] = (2.0 * range_m * TYPICAL_SPEED_MPS) ** 2
-        self.covariance[3, 3, i] = (2.0 * TYPICAL_SPEED_MPS**2) ** 2
-        self.count = i + 1
+        new = self.starts.size
+        self.starts = np.append(self.starts, i)
+        self.mean[:, new], self.covariance[:, :, new], self.cost[new] = 0.0, 0.0, 0.0
+        self.mean[:2, new] = value
+        self.covariance[:2, :2, new] = (UNKNOWN_SD * noise) ** 2
+        self.covariance[2, 2, new] = (2.0 * range_m * TYPICAL_SPEED_MPS) ** 2
+        self.covariance[3, 3, new] = (2.0 * TYPICAL_SPEED_MPS**2) ** 2
+
+    def keep(self, starts: npt.NDArray[np.int64]) -> None:
+        """Keep the filters of these starts, and of later ones."""
+        kept = np.isin(self.starts, starts) | (self.starts > starts[-1])
+        columns, count = np.flatnonzero(kept), int(kept.sum())
+        self.starts = self.starts[columns]
+        for values in (self.mean, self.covariance, self.cost):
+            values[..., :count] = values[..., columns]
 
     def step(self, dt: float, value: float, noise: float, drive: float) -> None:
         """Predict over dt, then update with one value."""
-        mean, covariance = self.mean[:, : self.count], self.covariance[:, :, : self.count]
+        count = self.starts.size
+        mean, covariance = self.mean[:, :count], self.covariance[:, :, :count]
         for moved in (mean, covariance, covariance.swapaxes(0, 1)):  # F m, then F P F^T: its rows, then its columns
             moved[1] += dt * moved[2] + dt * dt / 2.0 * moved[3]
             moved[2] += dt * moved[3]
@@ -162,7 +192,7 @@ class _Filters:
         seen = covariance[1].copy()
         variance = seen[1] + noise**2
         surprise = value - mean[1]
-        self.cost[: self.count] += surprise**2 / variance
+        self.cost[:count] += surprise**2 / variance
         mean += seen * (surprise / variance)
         covariance -= seen[:, None] * (seen / variance)[None]
 
