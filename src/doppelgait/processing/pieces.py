@@ -106,7 +106,7 @@ class _Histories:
         """
         able = self.alive[: int(np.searchsorted(self.at[self.alive], last_start, side="right"))]
         at, (a, b, c) = self.at[able], self.abc[:, able]
-        column = np.searchsorted(filters.starts, at)
+        column = filters.column(at)
         first, cross, last = (filters.covariance[p, q, column] for p, q in ((0, 0), (0, 1), (1, 1)))
         variance = first + 1.0 / a
         surprise = b - filters.mean[0, column]
@@ -154,7 +154,8 @@ class _Filters:
     """
 
     def __init__(self, n: int) -> None:
-        self.starts = np.zeros(0, dtype=np.int64)
+        self.count = 0
+        self.starts = np.zeros(n, dtype=np.int64)
         self.mean = np.zeros((4, n))
         self.covariance = np.zeros((4, 4, n))
         self.cost = np.zeros(n)
@@ -164,25 +165,31 @@ class _Filters:
 
         Its value is left to the segment before.
         """
-        new = self.starts.size
-        self.starts = np.append(self.starts, i)
-        self.mean[:, new], self.covariance[:, :, new], self.cost[new] = 0.0, 0.0, 0.0
+        new = self.count
+        self.starts[new] = i
         self.mean[:2, new] = value
         self.covariance[:2, :2, new] = (UNKNOWN_SD * noise) ** 2
         self.covariance[2, 2, new] = (2.0 * range_m * TYPICAL_SPEED_MPS) ** 2
         self.covariance[3, 3, new] = (2.0 * TYPICAL_SPEED_MPS**2) ** 2
+        self.count += 1
+
+    def column(self, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return where the filters of some starts are."""
+        given_up = self.starts[self.count - 1] >= self.count
+        return np.searchsorted(self.starts[: self.count], starts) if given_up else starts
 
     def keep(self, starts: npt.NDArray[np.int64]) -> None:
         """Keep the filters of these starts, and of later ones."""
-        kept = np.isin(self.starts, starts) | (self.starts > starts[-1])
-        columns, count = np.flatnonzero(kept), int(kept.sum())
-        self.starts = self.starts[columns]
-        for values in (self.mean, self.covariance, self.cost):
-            values[..., :count] = values[..., columns]
+        own = self.starts[: self.count]
+        columns = np.flatnonzero(np.isin(own, starts) | (own > starts[-1]))
+        for values in (self.starts, self.mean, self.covariance, self.cost):
+            values[..., : columns.size] = values[..., columns]
+            values[..., columns.size : self.count] = 0
+        self.count = columns.size
 
     def step(self, dt: float, value: float, noise: float, drive: float) -> None:
         """Predict over dt, then update with one value."""
-        count = self.starts.size
+        count = self.count
         mean, covariance = self.mean[:, :count], self.covariance[:, :, :count]
         for moved in (mean, covariance, covariance.swapaxes(0, 1)):  # F m, then F P F^T: its rows, then its columns
             moved[1] += dt * moved[2] + dt * dt / 2.0 * moved[3]
