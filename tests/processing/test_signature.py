@@ -1,5 +1,7 @@
 """Window, transform plan, gate, signature (E-20 to E-27)."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -240,3 +242,19 @@ def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy):
         found = signature_in_tiles(given.read_tile, cut, wavelength_m=0.04)
         np.testing.assert_array_equal(found.values, wanted.values)
         assert found.attrs == wanted.attrs
+
+
+@pytest.mark.parametrize("method", ["standard", "liland2018"])
+def test_range_doppler_maps_of_a_long_recording_are_those_of_the_whole(method, monkeypatch):
+    rng = np.random.default_rng(2)
+    values = rng.normal(size=(700, 5, 2)).astype(np.float32).view(np.complex64)[..., 0]
+    baseband = make_array(BASEBAND, values, {"slow_time": np.arange(700) / 500.0, "range": 0.1 * np.arange(5)})
+    analysis = Analysis(method=method)
+
+    def maps():
+        return np.concatenate([block.values for block in range_doppler(baseband, analysis, wavelength_m=0.04)])
+
+    whole = maps()
+    for module in ("core.lazy", "processing.signature"):
+        monkeypatch.setattr(sys.modules[f"doppelgait.{module}"], "LONG_PULSES", 100)
+    np.testing.assert_array_equal(maps(), whole)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, gaussian_window
@@ -166,3 +168,30 @@ def test_a_run_without_a_recording_says_why():
     for body in (recording_payload(run, None, clutter="removed"), range_doppler_payload(run, None, start=0, count=1)):
         assert unpack(body)[0]["reason"] == "it was not kept"
     assert "it was not kept" in unpack(targets_payload(run, "track"))[0]["reason"]
+
+
+def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkeypatch):
+    def payloads():
+        asked = Settings(gate="truth", analysis=Analysis(clutter="none"))
+        run = Run("walk", "recording", asked, load=lambda: recording)
+        return recording_payload(run, None), range_doppler_payload(run, None, start=0, count=256)
+
+    monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 3000)
+    monkeypatch.setattr("doppelgait.viewer.recording_panel.MOST_LINE_POINTS", 200)
+    whole = payloads()
+    for module in ("core.lazy", "processing.signature"):
+        monkeypatch.setattr(sys.modules[f"doppelgait.{module}"], "LONG_PULSES", 300)
+    assert recording.n_pulses > 1000
+    assert payloads() == whole
+
+
+def test_blocks_of_a_picture_do_not_end_at_tiles(monkeypatch):
+    power = np.float32(6) ** np.random.default_rng(3).normal(size=(1000, 7)).astype(np.float32)
+    axes = [axis_facts("time", "s", np.arange(1000) / 10), axis_facts("range", "m", np.arange(7) / 10)]
+    monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 300)
+    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 100)
+    facts, codes = image_facts("a", power, *axes, unit="dB", most=(64, 4))
+    pulses = xr.DataArray(power, dims=("slow_time", "range"))
+    tiled_facts, tiled_codes = image_facts("a", pulses, *axes, unit="dB", most=(64, 4))
+    assert tiled_facts == facts
+    np.testing.assert_array_equal(tiled_codes, codes)

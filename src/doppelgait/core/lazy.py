@@ -52,12 +52,12 @@ def lazy_rows(
     return LazilyIndexedArray(_Source(shape, dtype, rows))
 
 
-def rows_of(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Matrix:
+def rows_of(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
     """Return some pulses of a baseband, (pulses, range bins)."""
     return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
 
 
-def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Matrix]]:
+def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
     """Yield a baseband tile by tile: the first pulse, and the values.
 
     Every tile but the last has a multiple of so many pulses. A short recording is one tile.
@@ -66,6 +66,11 @@ def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterato
     size = max(LONG_PULSES // multiple, 1) * multiple
     for first in range(0, count, count if count <= LONG_PULSES else size):
         yield first, rows_of(baseband, first, min(first + size, count) if count > LONG_PULSES else count)
+
+
+def every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
+    """Return every so many-th row of an array, from the first on."""
+    return np.concatenate([tile[-first % step :: step] for first, tile in tiles_of(array)])
 
 
 def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:

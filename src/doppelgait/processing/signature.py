@@ -74,15 +74,12 @@ def range_doppler(
 
     transform, prf_hz = plan_for(baseband, analysis)
     wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
-    padded = baseband.values
-    if analysis.zero_padded and transform.half_window:
-        padded = np.pad(padded, ((transform.half_window, transform.half_window), (0, 0)))
     window = transform.window.astype(np.float32)
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    offsets = np.arange(window.size)
+    frames_of = _frames_in(baseband, transform.half_window if analysis.zero_padded else 0, window.size)
     for start in range(0, wanted.size, block):
         part = wanted[start : start + block]
-        frames = padded[(part * transform.hop)[:, None] + offsets] * window[None, :, None]
+        frames = frames_of(part * transform.hop) * window[None, :, None]
         spectrum = fft.fftshift(fft.fft(frames, transform.n_doppler_bins, axis=1), axes=1)
         coords = {
             "time": axis(baseband, "slow_time")[0] + transform.centre_pulses()[part] / prf_hz,
@@ -92,6 +89,23 @@ def range_doppler(
         }
         power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
         yield make_array(RANGE_DOPPLER, power, coords, {"window_energy": float((transform.window**2).sum())})
+
+
+def _frames_in(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
+    """Return what gives ``size`` pulses from each of some first ones, of a baseband padded by ``pad`` at both ends."""
+    count = baseband.sizes["slow_time"]
+    if count <= LONG_PULSES:
+        padded = np.pad(baseband.values, ((pad, pad), (0, 0))) if pad else baseband.values
+        return lambda first: padded[first[:, None] + np.arange(size)]
+
+    def of_long(first: npt.NDArray[np.int64]) -> npt.NDArray[np.complex64]:
+        frames = np.zeros((first.size, size, baseband.sizes["range"]), dtype=np.complex64)
+        for frame, start in zip(frames, (first - pad).tolist(), strict=True):
+            low, high = max(start, 0), min(start + size, count)
+            frame[low - start : high - start] = rows_of(baseband, low, high)
+        return frames
+
+    return of_long
 
 
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from doppelgait.core.config import json_value
+from doppelgait.core.lazy import tiles_of
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 
 MAGIC = b"DGV1"
@@ -125,7 +127,7 @@ def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
 
 
 def image_facts(
-    name: str, power: FloatArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
+    name: str, power: FloatArray | xr.DataArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
 ) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
     """Encode a picture of levels.
 
@@ -133,8 +135,8 @@ def image_facts(
     ----------
     name : str
         Name of its array in the payload.
-    power : ndarray, shape (x.n, y.n)
-        Its levels, 10 log10, are shown; 0, negative powers and NaN as the lowest.
+    power : ndarray, or DataArray (slow_time, ...), shape (x.n, y.n)
+        Its levels, 10 log10, are shown; 0, negative powers and NaN as the lowest. An array of pulses is read in tiles.
     x, y : dict
         Axes from :func:`axis_facts`.
     unit : str
@@ -149,16 +151,19 @@ def image_facts(
     codes : ndarray of uint16, shape (x.n, y.n)
     """
     blocks = [block_of(size, limit) for size, limit in zip(power.shape, most, strict=True)]
-    strongest = level_db(
-        block_maxima(power, *blocks)
-    )  # of the powers: a logarithm of every cell takes ten times as long
+    every = max(1, power.size // MEDIAN_OF)
+    maxima, some = [], []
+    for first, tile in [(0, power)] if isinstance(power, np.ndarray) else tiles_of(power, blocks[0]):
+        maxima.append(block_maxima(tile, *blocks))
+        some.append(tile[-first % every :: every])
+    strongest = level_db(np.concatenate(maxima))  # of the powers: a logarithm of every cell takes ten times as long
     low, high = level_span_db(strongest)
     facts = {
         "array": name,
         "x": _in_blocks(x, blocks[0]),
         "y": _in_blocks(y, blocks[1]),
         "db": [low, high],
-        "shown_db": shown_range_db(level_db(some_of(power)), high),
+        "shown_db": shown_range_db(level_db(np.concatenate(some)), high),
         "unit": unit,
     }
     return facts, encode(strongest, low, high)
@@ -167,11 +172,6 @@ def image_facts(
 def block_of(size: int, most: int) -> int:
     """Return the cells per block that leave at most ``most`` blocks."""
     return max(1, math.ceil(size / most))
-
-
-def some_of(values: FloatArray) -> FloatArray:
-    """Decimate the columns of a large array, keeping enough for its median."""
-    return values[:: max(1, values.size // MEDIAN_OF)]
 
 
 def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:

@@ -14,6 +14,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.lazy import every_row, lazy_rows, rows_of, tiles_of
 from doppelgait.core.units import power_to_db
 from doppelgait.processing import Analysis, burst_pulses_of, range_doppler
 from doppelgait.processing.config import MIN_CPI_PULSES
@@ -66,7 +67,7 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
     if range_m.size > 1:
         range_time, arrays["range_time"] = image_facts(
             "range_time",
-            baseband.values.real**2 + baseband.values.imag**2,
+            _power(baseband),
             axis_facts("time", "s", times_s),
             axis_facts("range", "m", range_m),
             unit="dB re 1 V",
@@ -97,6 +98,14 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
         "truth": [_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
     }
     return pack(facts, arrays)
+
+
+def _power(baseband: xr.DataArray) -> xr.DataArray:
+    def rows(first: int, stop: int) -> npt.NDArray[np.float32]:
+        values = rows_of(baseband, first, stop)
+        return np.asarray(values.real**2 + values.imag**2)
+
+    return baseband.copy(data=lazy_rows(baseband.shape, rows, np.float32))
 
 
 def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -171,7 +180,7 @@ def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[l
     from doppelgait.core.units import velocity_to_doppler_hz
     from doppelgait.viz.motion import part_group
 
-    velocity_mps = truth.scatterers["radial_velocity"].values[::step]
+    velocity_mps = every_row(truth.scatterers["radial_velocity"], step)
     names = [str(part) for part in axis(truth.scatterers, "part")]
     parts = sorted(dict.fromkeys(names), key=lambda part: (part_group(part), part))
     columns = [[n for n, name in enumerate(names) if name == part] for part in parts]
@@ -298,7 +307,8 @@ def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float)
     levels = level_db(_cube(baseband, analysis, wavelength_m, looked_at).values)
     known = levels[np.isfinite(levels)]
     highest = float(known.max()) if known.size else 0.0
-    bound = float(np.abs(baseband.values).max()) * float(transform.window.sum())
+    strongest_v = max(float(np.abs(values).max()) for _, values in tiles_of(baseband))
+    bound = strongest_v * float(transform.window.sum())
     top = float(power_to_db(bound**2)) if bound > 0 else 0.0
     low, high = shown_range_db(levels, highest)
     return Frames(columns, (top - DEEPEST_DB, top), (low, high))
