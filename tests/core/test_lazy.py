@@ -81,3 +81,16 @@ def test_a_long_recording_stays_in_its_file(tmp_path, monkeypatch):
     (tmp_path / "a.h5").write_bytes(b"")
     with pytest.raises(RecordingError, match=r"a\.h5: pulses 0 to 1 cannot be read"):
         found.samples.rows(0, 1)
+
+
+def test_changes_of_a_long_recording_stay_on_demand(tmp_path, monkeypatch):
+    scene = dg.Scene(targets=[dg.Target(motion=dg.motion.generate("human", duration_s=2.0))])
+    recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=500.0), rng=dg.rng(1))
+    write_recording(recording, tmp_path / "a.h5")
+    monkeypatch.setattr("doppelgait.radar.recordings.STORED_BYTES", 0)
+    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 300)
+    found = read_recording(tmp_path / "a.h5")
+    changed = found.with_baseband(found.baseband)
+    assert not changed.samples.in_memory
+    np.testing.assert_array_equal(changed.baseband.values, recording.baseband.values)
+    assert found.between(0.5, 1.0).samples.in_memory

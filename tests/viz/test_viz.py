@@ -286,6 +286,15 @@ def test_range_time_draws_the_magnitude_in_db_with_range_up() -> None:
     assert bar.get_ylabel() == "magnitude (dB re 1 V), 70 dB shown"
 
 
+def test_range_time_of_a_long_recording_draws_some_of_its_pulses(monkeypatch) -> None:
+    baseband = make_baseband()
+    whole = image_db(viz.range_time(baseband, db_range=70.0).axes[0])
+    assert whole.shape == (20, 50)
+    monkeypatch.setattr("doppelgait.viz.ranges.LONG_PULSES", 40)
+    monkeypatch.setattr("doppelgait.viz.ranges.MOST_COLUMNS", 10)
+    np.testing.assert_array_equal(image_db(viz.range_time(baseband, db_range=70.0).axes[0]), whole[:, ::5])
+
+
 def test_tracks_are_drawn_two_lines_each_with_their_labels() -> None:
     axes = viz.range_time(make_baseband(), tracks={"human 1": make_gate(), "human 2": make_gate(1.7, 5.0)}).axes[0]
     assert len(axes.lines) == 4

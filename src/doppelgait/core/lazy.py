@@ -68,6 +68,11 @@ def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterato
         yield first, rows_of(baseband, first, min(first + size, count) if count > LONG_PULSES else count)
 
 
+def stays_lazy(baseband: xr.DataArray) -> bool:
+    """Return whether a baseband is long, and its pulses are made when they are asked for."""
+    return baseband.sizes["slow_time"] > LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
+
+
 def every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
     """Return every so many-th row of an array, from the first on."""
     return np.concatenate([tile[-first % step :: step] for first, tile in tiles_of(array)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import xarray as xr
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
-from doppelgait.core.lazy import lazy_rows, tiles_of
+from doppelgait.core.lazy import lazy_rows, rows_of, stays_lazy, tiles_of
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.parameters import Radar
@@ -168,7 +168,11 @@ class Recording:
         check_signal(baseband, BASEBAND)
         further = {name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")}
         slow_time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
-        return cls(Samples(baseband.values), radar, slow_time_s, range_m, facts=further, **facts)
+        if stays_lazy(baseband):
+            samples = Samples.stored(baseband.shape, partial(rows_of, baseband))
+        else:
+            samples = Samples(baseband.values)
+        return cls(samples, radar, slow_time_s, range_m, facts=further, **facts)
 
     def with_baseband(self, baseband: xr.DataArray, **changes: Any) -> Recording:
         """Return the recording with other samples and further changes."""

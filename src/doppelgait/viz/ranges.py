@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.patches import Rectangle
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, Schema
+from doppelgait.core.lazy import LONG_PULSES, every_row
 from doppelgait.viz.maps import (
     DOPPLER_LABEL,
     amplitude_to_db,
@@ -30,6 +32,8 @@ from doppelgait.viz.style import ACCENT, LINE_COLOURS, legend_below, name_axes, 
 ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
 GATE_RANGES = ("range_low", "range_high")
 GATE_BAND = ("doppler_low", "doppler_high")
+MOST_COLUMNS = 4096
+"""Columns of a map of a long recording, about: more than a page has dots."""
 
 
 def check_gate(gate: xr.Dataset, *names: str) -> xr.Dataset:
@@ -55,7 +59,7 @@ def range_time(
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-        Complex, V.
+        Complex, V. Of more than 32,768 pulses every n-th is drawn, about 4,096 of them.
     tracks : Dataset (time) or mapping of str to Dataset, optional
         Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
     db_range : float, optional
@@ -84,12 +88,14 @@ def draw_range_time(
 ) -> ScalarMappable:
     """Plot map and gate limits of :func:`range_time` on existing axes."""
     checked(baseband, BASEBAND)
-    level_db, range_m = amplitude_to_db(baseband.values).T, baseband.coords["range"].values
+    count = baseband.sizes["slow_time"]
+    every = math.ceil(count / MOST_COLUMNS) if count > LONG_PULSES else 1
+    level_db, range_m = amplitude_to_db(every_row(baseband, every)).T, baseband.coords["range"].values
     if range_m.size == 1:  # a radar without range: one band, as high as the axis
         level_db, range_m = np.repeat(level_db, 2, axis=0), range_m + np.array([-0.25, 0.25])
     image = draw_map(
         axes,
-        x=baseband.coords["slow_time"].values,
+        x=baseband.coords["slow_time"].values[::every],
         y=range_m,
         level_db=level_db,
         limits_db=level_limits_db(level_db, db_range),
