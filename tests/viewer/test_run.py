@@ -13,7 +13,9 @@ from doppelgait.core.labels import CADENCE_MAP, make_array
 from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.sound import doppler_sound
+from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
+from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer.recording_panel import recording_payload
 from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of
 from doppelgait.viewer.settings import Settings
@@ -223,3 +225,28 @@ def test_clutter_is_what_the_user_asked_for(recording):
     assert [run.analysis("truth", asked).clutter for asked in (None, "removed", "kept")] == ["mti", "mti", "none"]
     run = Run("a", "recording", Settings(analysis=Analysis(clutter="none")), load=lambda: recording)
     assert [run.analysis("track", asked).clutter for asked in (None, "removed")] == ["none", "median"]
+
+
+def test_the_sound_of_a_long_recording_is_made_tile_by_tile(tmp_path, monkeypatch):
+    """The same sound, and never more of the samples in memory than a tile."""
+    person = {"label": "human", "motion": {"kind": "boulic", "speed_mps": 0.5}, "range_m": 4.0, "aspect_deg": 0}
+    scene = {"seed": 5, "duration_s": 4.0, "radar": {"preset": "x4", "prf_hz": 1000}, "targets": [person]}
+    recording = run_simulation(parse_run(scene))
+    write_recording(recording, tmp_path / "walk.h5")
+    monkeypatch.setattr("doppelgait.radar.recordings.STORED_BYTES", 0)
+    stored = read_recording(tmp_path / "walk.h5")
+    assert not stored.samples.in_memory
+    gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
+    analysis = Analysis(clutter="median")
+    monkeypatch.setattr("doppelgait.processing.sound.BLOCK_PULSES", 1500)
+    whole = doppler_sound(recording.baseband, gate, analysis)
+    monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 1500)
+    monkeypatch.setattr("doppelgait.processing.sound.READ_PULSES", 700)
+    read, rows = [], StoredRows.__call__
+    monkeypatch.setattr(
+        StoredRows, "__call__", lambda self, first, stop: read.append(stop - first) or rows(self, first, stop)
+    )
+    found = doppler_sound(stored.baseband, gate, analysis)
+    assert max(read) <= 1500
+    assert found[0] == whole[0]
+    np.testing.assert_allclose(found[1], whole[1], atol=2)

@@ -75,7 +75,7 @@ def stays_lazy(baseband: xr.DataArray) -> bool:
 
 def every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
     """Return every so many-th row of an array, from the first on."""
-    return np.concatenate([tile[-first % step :: step] for first, tile in tiles_of(array)])
+    return np.concatenate([tile[-first % step :: step].copy() for first, tile in tiles_of(array)])
 
 
 def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:

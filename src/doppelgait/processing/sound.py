@@ -14,6 +14,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.core.lazy import rows_of
 from doppelgait.processing.bursts import burst_pulses_of
 from doppelgait.processing.clutter import remove_clutter
 from doppelgait.processing.common_phase import without_common_phase
@@ -138,6 +139,8 @@ FADE_S = 0.005
 WINDOW_S, WINDOW_PULSES = 0.1, 16
 """Frames of the pitch shift: the processing interval of the analysis, or this number of pulses if that takes longer."""
 BLOCK_PULSES = 1 << 15
+READ_PULSES = 1 << 12
+"""Pulses that are read at once, of all range bins."""
 MOST_STEPS = 500
 """Largest denominator of a change of rate: exact to 4 us per second and better."""
 HALF_FILTER = 32
@@ -190,18 +193,25 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
     low, high = gate.edges(range_m, time_s, sharp=False)
     bins = gate.touched_bins(low, high, range_m)
     clean = remove_clutter(baseband.isel(range=bins), analysis or Analysis())
-    parts = []  # pulses times the share of each range bin inside the gate, in blocks
     numbers = np.arange(bins.start, bins.start + clean.shape[1])
-    for first in range(0, clean.shape[0], BLOCK_PULSES):
-        rows = slice(first, first + BLOCK_PULSES)
-        inside = np.minimum(high[rows, None], numbers + 0.5) - np.maximum(low[rows, None], numbers - 0.5)
-        parts.append(clean.values[rows] * np.clip(inside, 0.0, 1.0).astype(np.float32))
-    ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if clean.shape[1] > 1 else 0.0
+
+    def parts() -> Iterator[Values]:
+        """Yield pulses times the share of each range bin inside the gate, in blocks."""
+        for first in range(0, clean.shape[0], BLOCK_PULSES):
+            rows = slice(first, min(first + BLOCK_PULSES, clean.shape[0]))
+            read = [rows_of(clean, n, min(n + READ_PULSES, rows.stop)) for n in range(first, rows.stop, READ_PULSES)]
+            inside = np.minimum(high[rows, None], numbers + 0.5) - np.maximum(low[rows, None], numbers - 0.5)
+            yield np.concatenate(read) * np.clip(inside, 0.0, 1.0).astype(np.float32)
+
+    # a long recording is read twice: its parts may take as much memory as all of it
+    kept = list(parts()) if clean.shape[0] <= BLOCK_PULSES else None
+    ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in kept or parts()) if clean.shape[1] > 1 else 0.0
     turn = np.exp(-1j * np.angle(ramp) * np.arange(clean.shape[1]))
+    signal = np.concatenate([part @ turn for part in kept or parts()]).astype(np.complex64)
     # 1 while the gate has times, with a short fade to 0 before and after
     outside_s = np.maximum(np.maximum(gate.start_s - time_s, time_s - gate.stop_s), 0.0)
     present = (0.5 + 0.5 * np.cos(np.pi * np.minimum(outside_s / FADE_S, 1.0))).astype(np.float32)
-    return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * present
+    return signal * present
 
 
 def why_silent(baseband: xr.DataArray) -> str | None:

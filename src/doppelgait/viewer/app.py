@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import hmac
+import sys
 import traceback
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from contextlib import asynccontextmanager, nullcontext, suppress
@@ -290,6 +292,18 @@ def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
     return endpoint
 
 
+def give_back_memory() -> None:
+    """Give memory that is free back to the system, where the C library keeps it (glibc).
+
+    The arrays of one answer are of other sizes than those of the next: without this, a server of long recordings holds
+    a third more.
+    """
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
+
+
 async def in_thread(make: Callable[[], T]) -> T:
     """Run a slow function in a thread.
 
@@ -313,6 +327,7 @@ def _run_answer(
             if await request.is_disconnected():
                 return Response(status_code=GONE)
             content = await in_thread(lambda: make(shelf.run(reference), reference))
+            give_back_memory()
         return Response(content, media_type=media_type)
 
     return endpoint

@@ -155,7 +155,7 @@ def image_facts(
     maxima, some = [], []
     for first, tile in [(0, power)] if isinstance(power, np.ndarray) else tiles_of(power, blocks[0]):
         maxima.append(block_maxima(tile, *blocks))
-        some.append(tile[-first % every :: every])
+        some.append(tile[-first % every :: every].copy())  # a view would keep the tile
     strongest = level_db(np.concatenate(maxima))  # of the powers: a logarithm of every cell takes ten times as long
     low, high = level_span_db(strongest)
     facts = {

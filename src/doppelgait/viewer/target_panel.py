@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import axis, with_values
 from doppelgait.pipeline.target import ALIGNED
 from doppelgait.processing.gate import GateChoice
 from doppelgait.viewer.payload import MOST, Axis, axis_facts, block_of, doppler_facts, image_facts, level_db, pack
@@ -88,6 +88,7 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         at = np.arange(0, view.main_line_hz.size, block) + (block - 1) / 2
         main_line = f"{prefix}main_line"
         arrays[main_line] = np.interp(at, np.arange(view.main_line_hz.size), view.main_line_hz).astype(np.float32)
+    power = None
     if cadence_map is not None:
         cadence, power = axis_facts("cadence", "Hz", axis(cadence_map, "cadence")), np.square(cadence_map.values)
         pictures["cadence_map"] = _picture(cadence_map, power, cadence, f"{prefix}cadence_map", "dB re 1", arrays)
@@ -118,7 +119,7 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         "main_line": main_line,
         "aligned": is_aligned(view, method),
         # Rows of the cadence-velocity diagram that are worth looking at, as in its figure.
-        "cadence_band_hz": None if cadence_map is None else doppler_limits_hz(cadence_map**2),
+        "cadence_band_hz": None if cadence_map is None else doppler_limits_hz(with_values(cadence_map, power)),
         "cadence_map": pictures["cadence_map"],
         "cadence_spectrum": spectrum,
         "gate_limits": gate_limits,

@@ -93,6 +93,10 @@ def wavelength_m(array: xr.DataArray) -> float:
     return float(2.0 * array.coords["velocity"].values[furthest] / doppler_hz[furthest])
 
 
+ROWS_AT_ONCE = 16
+"""Doppler rows that are looked at together."""
+
+
 def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
     """Select Doppler rows of powers (J, K) above the noise; shape (K,).
 
@@ -101,9 +105,13 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
     The floor is what a fifth of the rows keep below, the threshold 3 dB above it or more where quiet rows scatter
     more; rows 40 dB below the strongest are not counted.
     """
-    known = np.maximum(np.nan_to_num(power), 0.0)
-    occupied = np.zeros(known.shape[1], dtype=bool)
-    for rows in (known.mean(axis=0), np.quantile(known, 0.97, axis=0)):
+    occupied = np.zeros(power.shape[1], dtype=bool)
+    means, peaks = np.empty((2, power.shape[1]))
+    for first in range(0, power.shape[1], ROWS_AT_ONCE):  # the map of a long recording takes 100 MB
+        part = slice(first, first + ROWS_AT_ONCE)
+        known = np.maximum(np.nan_to_num(np.asarray(power[:, part], dtype=np.float64)), 0.0)
+        means[part], peaks[part] = known.mean(axis=0), np.quantile(known, 0.97, axis=0, overwrite_input=True)
+    for rows in (means, peaks):
         level_db = level_db_of(np.maximum(rows, 1e-9 * rows.max()))
         quiet, floor = (float(np.quantile(level_db, share, method="lower")) for share in (0.02, 0.2))
         threshold = max(floor + max(3.0, 2.5 * (floor - quiet)), float(level_db.max()) - 40.0)
@@ -129,7 +137,7 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
     doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
     whole = float(doppler_hz.min()), float(doppler_hz.max())
     lines = np.asarray(lines_hz, dtype=np.float64).ravel()
-    rows_hz = doppler_hz[occupied_rows(np.asarray(array.values, dtype=np.float64))]
+    rows_hz = doppler_hz[occupied_rows(array.values)]
     shown = np.concatenate([rows_hz, lines[np.isfinite(lines)], [0.0]])
     margin = 0.1 * float(np.ptp(shown)) + 2.0 * (whole[1] - whole[0]) / doppler_hz.size
     low, high = float(shown.min()) - margin, float(shown.max()) + margin
