@@ -1,1 +1,1 @@
-"""Names, units, errors, configuration, randomness and kernels for all other layers."""
+"""Names, units, errors, configuration, randomness and kernels."""

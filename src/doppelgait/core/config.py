@@ -205,7 +205,7 @@ def _model_inside(annotation: Any) -> type[BaseModel] | None:
 
 
 def line_note(text: str, location: Sequence[str | int]) -> str:
-    """Return `` (line 7)`` for a key in the text, else nothing."""
+    """Return `` (line 7)`` for a key, else nothing."""
     line = line_of_key(text, location)
     return f" (line {line})" if line else ""
 

@@ -23,7 +23,7 @@ CELL_BYTES = 72
 
 
 def limit_bytes(stored_bytes: int) -> int:
-    """Return the memory that the values of a file may take.
+    """Return the memory limit for a file's values.
 
     The larger of 256 MB, or the environment variable ``DOPPELGAIT_READ_LIMIT_MB``, and 16 times the size of the file.
 
@@ -50,7 +50,7 @@ def limit_bytes(stored_bytes: int) -> int:
 def check_cost(
     path: Path, n_bytes: int | float, error: Callable[[str], Exception] = ValueError, *, what: str = "its values"
 ) -> None:
-    """Refuse a file whose values take more memory than the limit.
+    """Refuse a file whose values exceed the memory limit.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""JSON and TOML of unknown origin: every fault is a short ``ValueError``.
+"""JSON and TOML of unknown origin, with short errors.
 
 The parsers of the standard library raise other errors for deep nesting and long integers, and some text that they
 accept breaks the code that uses it: a table deeper than that code can recurse, integers that no number type holds,
@@ -90,7 +90,7 @@ def _parse_integer(digits: str) -> int:
 
 
 def _check_depth(value: Any, *, integers: bool = False) -> None:
-    """Refuse deep nesting, and long integers if wanted, level by level."""
+    """Refuse deep nesting, and long integers if wanted."""
     level = [value]
     for _ in range(MAX_DEPTH + 1):
         inside = [one for one in level if type(one) in (dict, list)]

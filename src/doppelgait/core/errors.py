@@ -32,7 +32,7 @@ class ConfigError(DoppelgaitError):
 
 
 class MotionError(DoppelgaitError):
-    """Motion recording that cannot be read or used as a radar target."""
+    """Motion recording that is unreadable or unfit as target."""
 
 
 class RecordingError(DoppelgaitError):

@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all, and their hashes."""
+"""Atomic writing of files, and their hashes."""
 
 from __future__ import annotations
 

@@ -75,7 +75,10 @@ def stop_in_order() -> Iterator[None]:
 
 
 def raise_if_stopped() -> None:
-    """Raise KeyboardInterrupt if a signal came in a block of :func:`stop_in_order`."""
+    """Raise KeyboardInterrupt if a stop signal came.
+
+    The signal must have come in a block of :func:`stop_in_order`.
+    """
     if _mark.requested:
         raise KeyboardInterrupt
 
@@ -88,7 +91,7 @@ def _request(number: int, frame: FrameType | None) -> None:
 
 
 def end_on_signals() -> None:
-    """Let the signals end this process, a command, whatever it is at.
+    """Let the signals end this process, whatever it does.
 
     Outside of :func:`stop_in_order` they raise KeyboardInterrupt. What has not ended :data:`GRACE_SECONDS` later, since
     a library took the exception for its own or a step takes long, is ended with status 130, and so is what gets a
@@ -109,7 +112,7 @@ def end_on_signals() -> None:
 
 
 def signal_came() -> bool:
-    """Return True if a signal to stop has come since :func:`end_on_signals`."""
+    """Return True if a stop signal has come."""
     return _mark.came
 
 
@@ -119,7 +122,7 @@ def _raise(number: int, frame: FrameType | None) -> None:
 
 
 def _end_late(pipe: int) -> None:
-    """End the process at a second signal or some time after the first."""
+    """End the process at a second signal or after a delay."""
     wanted = {*SIGNALS}
     while not {*os.read(pipe, 64)} & wanted:
         pass

@@ -86,7 +86,7 @@ than its ``range`` does: it is added to -4 pi R / lambda.
 
 @dataclass(slots=True)
 class Plain:
-    """Array of a schema whose labels are made when they are asked for.
+    """Array of a schema that makes its labels on demand.
 
     Labels cost more than most of the sums made of the values; a chain of steps needs none in between.
 
@@ -259,7 +259,7 @@ def label_table(
 
 
 def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
-    """Return a table of scatterers with some variables replaced or added."""
+    """Return a scatterer table with some variables replaced or added."""
     variables: dict[Any, xr.Variable] = dict(table.data_vars.variables)
     return xr.Dataset(variables | _scatterer_variables(values), coords=table.coords.variables, attrs=table.attrs)
 
@@ -302,12 +302,12 @@ def _scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[Any, xr
 
 
 def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
-    """Make the coordinate of a dimension, with its unit and its index."""
+    """Make the coordinate of a dimension, with unit and index."""
     return _label_coordinate(name, np.asarray(values))[0]
 
 
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
-    """Copy a coordinate so that edits do not reach the original.
+    """Copy a coordinate, so that the original stays unchanged.
 
     The values of an index are fixed.
     """
@@ -317,7 +317,7 @@ def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
 def _assemble_array(
     variable: xr.Variable, coords: dict[Any, Any], indexes: Mapping[Any, Any], name: Any
 ) -> xr.DataArray:
-    """Build a labelled array from parts that are known to fit.
+    """Build a labelled array from parts known to fit.
 
     This is xarray's own path for them, ten times as fast as the one that checks again.
     """
@@ -391,7 +391,7 @@ def check_signal(array: xr.DataArray | Plain, schema: Schema) -> xr.DataArray | 
 
 
 def sampling_rate_hz(axis: npt.ArrayLike) -> float:
-    """Compute the rate of a uniform time axis from its ends.
+    """Compute the rate of a uniform time axis.
 
     An axis of one sample is an :class:`AnalysisError`.
     """

@@ -1,4 +1,4 @@
-"""Pulses of a baseband, or of a scatterer table, that are read or computed when they are asked for.
+"""Pulses and scatterer rows that are read or computed on demand.
 
 A recording of ten minutes has a gigabyte of samples. What looks at all of them goes from tile to tile.
 """
@@ -23,7 +23,7 @@ LONG_PULSES = 1 << 15
 
 
 class _Source(BackendArray):
-    """What xarray needs to index rows that do not exist yet."""
+    """Rows on demand, as xarray indexes them."""
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, rows: Callable[[int, int], npt.NDArray[Any]]) -> None:
         self.shape, self.dtype, self._rows = shape, np.dtype(dtype), rows
@@ -45,7 +45,7 @@ class _Source(BackendArray):
 def lazy_rows(
     shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
 ) -> LazilyIndexedArray:
-    """Make values for a labelled array from a function that gives some rows.
+    """Make values for a labelled array from a row function.
 
     Every access asks for the rows again: nothing is kept.
     """
@@ -58,7 +58,7 @@ def rows_of(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
 
 
 def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
-    """Yield a baseband tile by tile: the first pulse, and the values.
+    """Yield the first pulse and the values, tile by tile.
 
     Every tile but the last has a multiple of so many pulses. A short recording is one tile.
     """
@@ -74,12 +74,12 @@ def stays_lazy(baseband: xr.DataArray) -> bool:
 
 
 def every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
-    """Return every so many-th row of an array, from the first on."""
+    """Return every ``step``-th row of an array, from the first."""
     return np.concatenate([tile[-first % step :: step].copy() for first, tile in tiles_of(array)])
 
 
 def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:
-    """Change the pulses of a baseband, those of a long one when they are asked for.
+    """Change the pulses of a baseband, on demand if long.
 
     Parameters
     ----------

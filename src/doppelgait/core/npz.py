@@ -40,7 +40,10 @@ def is_npz(head: bytes) -> bool:
 
 
 def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
-    """Load the array of a ``.npy`` file; errors as of :func:`load_npz`."""
+    """Load the array of a ``.npy`` file.
+
+    The errors are those of :func:`load_npz`.
+    """
     try:
         with path.open("rb") as stream:
             shape, fortran_order, dtype = _read_header(path, "the array", stream, error)
@@ -108,7 +111,7 @@ def _read_header(
 def _read_values(
     name: str, stream: IO[bytes], size: int, shape: tuple[int, ...], fortran_order: bool, dtype: np.dtype[Any]
 ) -> Array:
-    """Read the values behind a header from a stream of ``size`` bytes."""
+    """Read ``size`` bytes of values from a stream."""
     n_bytes = math.prod(shape) * dtype.itemsize
     if n_bytes > size:
         raise ValueError(f"{name} should hold {n_bytes} bytes, the file has {size}")

@@ -1,4 +1,4 @@
-"""The one way to open HDF5 files; unsafe ones are refused.
+"""Safe opening of HDF5 files: unsafe ones are refused.
 
 HDF5 has three ways to make a file show what lies in another one: links, datasets with external storage (the bytes of
 any file become numbers) and virtual datasets. Neither our own files nor those of the vendors that are read have them.
@@ -103,7 +103,7 @@ def stated_format(path: str | Path) -> str | None:
 
 
 def own_member(group: Any, name: str) -> Any:
-    """Return a dataset or group that the HDF5 group itself holds.
+    """Return a dataset or group of an HDF5 group itself.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _check_limit(n_bytes: int, path: Path) -> None:
 
 
 def _check_members(file: Any, path: Path, soft_links: bool) -> None:
-    """Check where all members lie, and their size; read no values."""
+    """Check positions and sizes of all members, without reading."""
     import h5py
 
     found: list[tuple[str, int]] = []
@@ -168,7 +168,7 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
 
 
 def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
-    """Return the bytes of a dataset's values, 0 for a group.
+    """Return the size of a dataset's values, 0 for groups.
 
     ``text_bytes`` is what each text of variable length is taken to have.
 
@@ -226,7 +226,7 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
 
 @lru_cache(maxsize=64)
 def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
-    """Return why the HDF5 library must not get a file, or "".
+    """Return why HDF5 must not open a file, or "".
 
     Texts lie in global heaps, chains of objects that each hold their length; the library follows a length of 0 without
     end. Layout: "HDF5 File Format Specification", sections II.A and III.E. ``stamp`` makes the result valid for one
@@ -269,7 +269,7 @@ def _heap_starts(file: BinaryIO) -> Iterator[int]:
 
 
 def _endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
-    """Yield the start of every heap whose objects do not end.
+    """Yield the start of every heap with endless objects.
 
     Chains of a damaged file may run into each other; every object is looked at once.
     """

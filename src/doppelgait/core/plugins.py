@@ -1,4 +1,4 @@
-"""Plug-ins: a function or object, its frozen parameters and one decorator.
+"""Plug-ins: functions or objects with frozen parameters and a decorator.
 
 A package adds its own by importing this decorator in a module and naming that module as an entry point of the group
 ``doppelgait.plugins``. Every group of plug-ins is a :class:`Group` in the room that uses it.
@@ -139,7 +139,7 @@ def plugin(
 
 
 class Group(Generic[T]):
-    """Plug-ins of one kind by name, from doppelgait and installed packages.
+    """Plug-ins of one kind by name, built-in and installed.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class Group(Generic[T]):
         return found
 
     def parse(self, value: Any) -> FrozenModel:
-        """Parse parameters from a table with ``kind``, or check a model.
+        """Parse a table with ``kind``, or check a model.
 
         Raises
         ------
@@ -228,7 +228,7 @@ class Group(Generic[T]):
         return validate(model, table, where=f"{self.noun} kind {kind!r}")
 
     def field(self) -> Any:
-        """Build the field type that takes this group's tables or models."""
+        """Build the field type for this group's tables or models."""
 
         def parse(value: Any) -> Any:
             try:

@@ -20,7 +20,7 @@ PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split", 
 
 @dataclass(frozen=True)
 class Streams:
-    """Random streams of one example, independent of each other and of order.
+    """Random streams of one example, independent of each other.
 
     Parameters
     ----------

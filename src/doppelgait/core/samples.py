@@ -1,4 +1,4 @@
-"""Complex samples of a recording as float32 planes or a matrix.
+"""Complex samples as float32 planes or a matrix.
 
 Receiver noise is added where samples are read.
 """
@@ -62,7 +62,7 @@ WHITE: Factor = np.ones(1, dtype=np.float32)
 
 
 class Noise(NamedTuple):
-    """Pending receiver noise: key, root mean square in V, factor over range.
+    """Pending receiver noise: key, rms in V, factor over range.
 
     The noise is a function of (key, pulse, sample).
     """
@@ -129,7 +129,7 @@ class Samples:
 
     @classmethod
     def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
-        """Wrap samples of a file, or others that are made when they are asked for.
+        """Wrap samples of a file, or others made on demand.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class Samples:
 
     @property
     def in_memory(self) -> bool:
-        """False for samples that are read or made at every access."""
+        """False for samples that every access makes again."""
         return self._stored is None
 
     @classmethod
@@ -263,7 +263,10 @@ class Samples:
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
 
     def add_noise_from(self, first_pulse: int, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
-        """Add the noise that :meth:`with_noise` gives a longer recording, whose ``first_pulse`` is the first here."""
+        """Add the noise of a longer recording to a part of it.
+
+        It is the noise of :meth:`with_noise`; the longer recording's ``first_pulse`` is the first pulse here.
+        """
         from doppelgait.core.kernels.noise import add_noise_block
 
         planes, n_pulses = self.planes[:, :, : self.shape[0]].copy(), self.shape[0]
@@ -322,7 +325,7 @@ class Samples:
         return frozen
 
     def quantise(self, step: float, lowest: float, highest: float, limit: float = math.inf) -> tuple[Samples, int]:
-        """Round in-phase and quadrature values to whole steps between two codes.
+        """Round in-phase and quadrature values to converter steps.
 
         Returns
         -------
@@ -371,7 +374,7 @@ class Samples:
         return float(np.int32(largest_bits(values.view(np.int32), n)).view(np.float32))
 
     def _rows(self) -> tuple[Planes, int]:
-        """Return all values as float32 rows, and how many columns hold some."""
+        """Return all float32 rows, and the number of filled columns."""
         if self._planes is not None:
             return self._planes.reshape(-1, self._planes.shape[2]), self.shape[0]
         return self.matrix.view(np.float32), 2 * self.shape[1]

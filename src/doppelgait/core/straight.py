@@ -1,4 +1,4 @@
-"""Goodness of fit of a range history to straight, steady motion."""
+"""Goodness of fit of straight, steady motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PARABOLA, LINE = 3, 2
 def straight_probability(
     residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
-    r"""Compute the chance of larger residuals if motion is straight and steady.
+    r"""Compute the chance of larger residuals in straight, steady motion.
 
     With :math:`\nu = T / 0.5\,\mathrm{s}` independent errors, :math:`\nu \overline{r^2} / \sigma^2` is chi-squared with
     :math:`\nu` less the fitted parameters degrees of freedom (one half or more). The variance is that of a range and

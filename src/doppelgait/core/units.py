@@ -26,7 +26,7 @@ def db_to_power(level_db: npt.ArrayLike) -> Any:
 
 
 def power_to_db(power: npt.ArrayLike) -> Any:
-    """Convert a power ratio to dB; 0 gives -inf without warning."""
+    """Convert a power ratio to dB; 0 gives -inf."""
     with np.errstate(divide="ignore"):
         return 10.0 * np.log10(np.asarray(power, dtype=float))
 
@@ -52,7 +52,7 @@ def watt_to_volt(power_w: npt.ArrayLike) -> Any:
 
 
 def volt_to_watt(envelope_v: npt.ArrayLike) -> Any:
-    """Convert envelope amplitude to mean power, a^2 / (2 Z0) (E-14)."""
+    """Convert amplitude to mean power, a^2 / (2 Z0) (E-14)."""
     return np.abs(np.asarray(envelope_v)) ** 2 / (2.0 * REFERENCE_IMPEDANCE_OHM)
 
 
@@ -62,12 +62,12 @@ def carrier_to_wavelength_m(carrier_hz: float) -> float:
 
 
 def range_to_delay_s(range_m: npt.ArrayLike) -> Any:
-    """Convert a range to the two-way delay, 2 R / c (E-10)."""
+    """Convert range to two-way delay, 2 R / c (E-10)."""
     return 2.0 * np.asarray(range_m, dtype=float) / SPEED_OF_LIGHT_MPS
 
 
 def velocity_to_doppler_hz(velocity_mps: npt.ArrayLike, wavelength_m: float) -> Any:
-    """Convert radial velocity to Doppler shift, 2 v_r / lambda (E-05).
+    """Convert velocity to Doppler shift, 2 v_r / lambda (E-05).
 
     It is positive for an approaching target.
     """
@@ -75,7 +75,7 @@ def velocity_to_doppler_hz(velocity_mps: npt.ArrayLike, wavelength_m: float) -> 
 
 
 def doppler_to_velocity_mps(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Any:
-    """Convert Doppler shift to radial velocity, f_d lambda / 2 (E-05).
+    """Convert Doppler shift to velocity, f_d lambda / 2 (E-05).
 
     It is positive for an approaching target.
     """
@@ -83,12 +83,12 @@ def doppler_to_velocity_mps(doppler_hz: npt.ArrayLike, wavelength_m: float) -> A
 
 
 def unambiguous_velocity_mps(prf_hz: float, wavelength_m: float) -> float:
-    """Compute the largest unaliased radial speed, lambda f_p / 4 (E-06)."""
+    """Compute the largest unaliased speed, lambda f_p / 4 (E-06)."""
     return wavelength_m * prf_hz / 4.0
 
 
 def cpi_to_pulses(cpi_s: float, prf_hz: float) -> int:
-    """Compute the number of pulses in a coherent processing interval (E-21).
+    """Compute the pulses in a coherent processing interval (E-21).
 
     M = 2 floor(T_d f_p / 2) + 1 is always odd.
     """
@@ -112,7 +112,7 @@ def doppler_to_bin(doppler_hz: npt.ArrayLike, n_bins: int, prf_hz: float) -> Any
 
 
 def slow_time_axis_s(n_pulses: int, prf_hz: float) -> FloatArray:
-    """Compute the time of every pulse, t_i = i / f_p."""
+    """Compute the pulse times, t_i = i / f_p."""
     return np.arange(n_pulses) / prf_hz
 
 

@@ -1,4 +1,4 @@
-"""Small worker processes, and bytes independent of the number of threads."""
+"""Small worker processes, and bytes independent of thread counts."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def prepare_worker() -> None:
 
 
 def serve(pipes: Sequence[Connection], module: str) -> None:
-    """Load a module, then work on what comes through pipes, until they close.
+    """Load a module, then serve requests until the pipes close.
 
     With more than one pipe, this process makes a copy of itself for each, and waits for their ends: the module is
     loaded once. On Linux alone: elsewhere, libraries do not survive the copy.
