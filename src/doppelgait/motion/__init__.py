@@ -1,4 +1,4 @@
-"""Motion of people and animals: recordings, models, cleaning, segments, loops and paths."""
+"""Motions: recordings, models, cleaning, segments, loops and paths."""
 
 from doppelgait.motion.follow import follow
 from doppelgait.motion.hybrid import blend, retarget

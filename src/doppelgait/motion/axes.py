@@ -1,4 +1,4 @@
-"""Find the upward axis of a recording and rotate it to z."""
+"""Upward axis of a recording, and its rotation to z."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
-    """Find the upward axis of a standing, walking or running body.
+    """Find the upward axis of an upright body.
 
     Known feet, torso and head decide. Else it is the axis letter that the file declares, unless the body is more than
     twice as long along a steadier axis; else the longer of the two axes along which the body travels least. The sign
@@ -153,7 +153,7 @@ def body_extent(position: FloatArray) -> FloatArray:
 
 
 def _height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
-    """Return +1 for an upward axis, -1 for downward; +1 if unknown.
+    """Return +1 for an upward or unknown axis, else -1.
 
     The floor of nearly every laboratory is at 0. Where it is not, the points that come to rest at times are feet.
     """

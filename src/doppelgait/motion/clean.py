@@ -1,4 +1,4 @@
-"""Clean a recording: fill gaps, remove spikes, noise and foreign points."""
+"""Cleaning of recordings: gaps, spikes, noise and foreign points."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SPIKE_ACCELERATION_MPS2 = 400.0
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
-    """Replace short jumps away from a point's path by gaps, in place.
+    """Replace short jumps off a point's path by gaps.
 
     A jump is one frame or two.
 
@@ -113,7 +113,7 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
 
 
 def runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """Return start and stop index of every run of true values."""
+    """Return start and stop of every run of true values."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -209,7 +209,7 @@ def clean_motion(
     min_duration_s: float = MIN_DURATION_S,
     whole: Motion | None = None,
 ) -> Motion:
-    """Prepare a recording for the radar: smooth, complete, on the floor.
+    """Make a recording smooth, complete and on the floor.
 
     Only points of the body remain; the floor is at z = 0.
 
@@ -320,7 +320,7 @@ def clean_motion(
 
 
 def _height_of(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
-    """Measure the height in a whole recording once it is cleaned.
+    """Measure the height in a recording after cleaning.
 
     It is NaN where cleaning refuses the recording.
     """
@@ -358,7 +358,7 @@ WRONG_SIDE = 0.25
 def _side_notes(
     position: FloatArray, parts: Sequence[str], *, rate_hz: float, belt_mps: FloatArray | None = None
 ) -> list[str]:
-    """Return a note if left parts lie on the right side.
+    """Return a note if left parts are on the right.
 
     Sides are seen along the path, at every frame in which the body moves (on a treadmill, over the belt): a turn or a
     circle changes nothing.
@@ -393,7 +393,7 @@ def _side_notes(
 
 
 def _unmoved_points(position: FloatArray) -> dict[int, str]:
-    """Find points never seen, and points the body moves away from."""
+    """Find points never seen or left behind."""
     seen = np.isfinite(position).all(axis=2)
     reasons = {int(i): "never seen" for i in np.flatnonzero(~seen.any(axis=0))}
     still = stationary_points(position)

@@ -145,7 +145,7 @@ def _cost(seam: Seam, weight_s: float) -> float:
 
 
 def _apart(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rms mismatch of position and velocity per first frame.
+    """Return rms mismatches of position and velocity per first frame.
 
     It is taken over points and ``width`` frames, of displacements less their ground advance and of changes in velocity.
     """
@@ -162,7 +162,7 @@ def _running_mean(values: FloatArray, width: int) -> FloatArray:
 def _between_frames(
     curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
 ) -> Seam:
-    """Refine the length of a cut to a fraction of a frame."""
+    """Refine the length of a cut below one frame."""
     from scipy.optimize import minimize_scalar
 
     frames = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
@@ -207,7 +207,7 @@ class Cycle:
     travel: Spline
 
     def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
-        """Return positions of points at times in frames, shape (I, P, 3).
+        """Return positions at times in frames, shape (I, P, 3).
 
         All points by default.
         """
@@ -235,7 +235,7 @@ class Cycle:
         return np.asarray(position)
 
     def strides_gone(self, total: FloatArray, points: list[int]) -> FloatArray:
-        """Count strides since time 0 along each path, shape (I, P).
+        """Count strides since time 0, shape (I, P).
 
         They are about the same for all points.
         """

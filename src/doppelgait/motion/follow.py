@@ -1,4 +1,4 @@
-"""Place a straight, steady gait on a path over the ground.
+"""Straight, steady gaits on paths over the ground.
 
 The phase of the gait follows the distance travelled.
 """
@@ -68,7 +68,7 @@ class Gait:
     lasts_s: float
 
     def offsets_m(self, time_s: FloatArray) -> FloatArray:
-        """Return the points about the travelling origin, shape (I, P, 3)."""
+        """Return the points about the travelling origin."""
         position = self.spline.at(np.ascontiguousarray(time_s))[0].reshape(time_s.size, -1, 3)
         position[..., 0] -= self.speed_mps * time_s[:, None]
         return position
@@ -85,7 +85,7 @@ class Course:
     gait_speed_mps: float
 
     def phase_time_s(self, time_s: FloatArray) -> FloatArray:
-        """Return the time in the straight motion with the same distance (E-02b).
+        """Return the straight-motion time of equal distance (E-02b).
 
         The distance is that of the body on its own track.
         """
@@ -181,7 +181,10 @@ def follow(
 
 
 def _lay(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
-    """Put the motion's points at some times on the path (E-02b), into ``position``."""
+    """Put the motion's points at some times on the path (E-02b).
+
+    The result is written into ``position``.
+    """
     along_m = distance_m(course.pace, times_s) + course.ahead_m
     heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
     offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
@@ -214,7 +217,7 @@ def steady_speed_mps(motion: Motion) -> float:
 
 
 def _straight_gait(motion: Motion) -> Gait:
-    """Rotate a straight motion to +x, its mean line through the origin.
+    """Rotate a straight motion to +x through the origin.
 
     A :class:`MotionError` if it is not straight.
     """

@@ -1,4 +1,4 @@
-"""Measure travel, footfalls, stride frequency and gait of a body (E-07)."""
+"""Travel, footfalls, stride frequency and gait of a body (E-07)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STRIDE_BAND_HZ = (0.4, 6.0)
 
 
 def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SMOOTHING_S) -> FloatArray:
-    """Return the averaged horizontal path of the body centre, shape (T, 2).
+    """Return the smoothed ground path of the body centre.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _seen_path(position: FloatArray) -> FloatArray:
 
 
 def _seen_frames(position: FloatArray) -> FloatArray:
-    """Return the longest segment in which half of the points are seen."""
+    """Return the longest segment with half of the points seen."""
     seen = np.asarray(np.isfinite(position).all(axis=2))
     seen = seen[:, seen.any(axis=0)]
     if not seen.size:
@@ -115,7 +115,7 @@ def _seen_frames(position: FloatArray) -> FloatArray:
 
 
 def principal_direction(path: FloatArray) -> FloatArray:
-    """Return the unit vector of largest spread of a path (T, 2).
+    """Return the unit vector of a path's largest spread.
 
     It points in the direction of travel.
     """
@@ -393,7 +393,7 @@ def measure_gait(motion: Motion) -> GaitFacts:
 
 
 def _lands_low(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
-    """Return True if the paws are low where they touch down.
+    """Return True if the paws land low.
 
     In a leap they stop in the air.
     """
@@ -408,7 +408,7 @@ def _lands_low(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool
 
 
 def _limbs_hz(motion: Motion) -> float:
-    """Return the stride frequency at which the limbs' motion repeats, or NaN."""
+    """Return the stride frequency of the limbs, or NaN."""
     position, rate = motion.position_m, motion.rate_hz
     path = smooth_path(position, rate_hz=rate)
     if len(path) < 3 or not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
@@ -526,7 +526,7 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
 
 
 def _beat(landings: list[FloatArray]) -> float:
-    """Fit an even beat to the landings of all feet, Hz.
+    """Fit an even beat to all footfalls, Hz.
 
     NaN where there is none.
     """

@@ -41,7 +41,7 @@ GRAVITY_MPS2 = 9.81
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """State stride length over leg length as a power law of speed.
+    """Power law of relative stride length against speed.
 
     The speed is dimensionless, V / sqrt(g l).
 
@@ -139,7 +139,7 @@ def make_hybrid(motion: Motion, hybrid: Hybrid, read_other: Callable[[Mapping[st
 def retarget(
     motion: Motion, *, speed_factor: float = 1.0, size_factor: float = 1.0, stride_factor: float = 1.0
 ) -> Motion:
-    r"""Make a recorded gait faster, larger or longer in its stride.
+    r"""Change speed, size or stride of a recorded gait.
 
     Size scales all lengths, and times by its square root (dynamic similarity). Speed, relative to that, changes stride
     length and stride frequency as recorded people and animals do:
@@ -192,7 +192,7 @@ def retarget(
 def _retarget(
     known: Motion, sources: Sequence[Motion], speed_factor: float, size_factor: float, stride_factor: float
 ) -> Motion:
-    """Retarget a motion whose joints may bend as in its sources."""
+    """Retarget a motion whose joints bend as in its sources."""
     law = speed_law(known)
     _check_factor(known, "speed_factor", speed_factor, FACTOR)
     _check_factor(known, "size_factor", size_factor, FACTOR)
@@ -282,7 +282,7 @@ def blend(first: Motion, second: Motion, *, share: float) -> Motion:
 
 
 def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Motion]]:
-    """Blend two clips; also return both with the points that they share."""
+    """Blend two clips; also return them with shared points."""
     if not (_is_number(share) and 0.0 <= share <= 1.0):
         raise MotionError(f"share: {share!r} is not allowed: must be a number from 0 to 1")
     one, other = _require_gait(first), _require_gait(second)
@@ -339,20 +339,20 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
 
 
 def speed_law(motion: Motion) -> SpeedLaw:
-    """Return the law of speed and stride of a motion's gait."""
+    """Return the law of speed and stride of a gait."""
     if is_quadruped(motion):
         return QUADRUPED
     return RUN if motion.facts.gait == "run" else WALK
 
 
 def dimensionless_speed(motion: Motion) -> float:
-    """Return V / sqrt(g l); NaN where the height is unknown."""
+    """Return V / sqrt(g l), NaN for unknown height."""
     length_m = motion.facts.height_m * (1.0 if is_quadruped(motion) else LEG_SHARE)
     return travel_speed_mps(motion) / math.sqrt(GRAVITY_MPS2 * length_m) if length_m > 0 else math.nan
 
 
 def speed_limits(motion: Motion) -> tuple[float, float]:
-    """Return the allowed range of a motion's ``speed_factor``, which contains 1."""
+    """Return the allowed range of ``speed_factor``, which contains 1."""
     now, law = dimensionless_speed(motion), speed_law(motion)
     if not now > 0:
         return FACTOR

@@ -58,9 +58,9 @@ def check_hybrid(
     loose: FloatArray,
     entries: Mapping[str, Any],
 ) -> Motion:
-    """Check lengths, feet and joints of a hybrid; add its report.
+    """Check lengths, feet and joints of a hybrid.
 
-    ``loose`` has its positions before the lengths were restored.
+    The report is added to the motion. ``loose`` has its positions before the lengths were restored.
     """
     position = made.position_m
     error = np.abs(pair_lengths(position, pairs) - wanted)

@@ -1,4 +1,4 @@
-"""Make a short clip of a gait longer, without a seam.
+"""Longer motions from a short clip, without a seam.
 
 The clip is cut over whole strides; successive strides vary about the recorded ones.
 """
@@ -234,7 +234,7 @@ def _limb_of(part: str) -> str:
 
 
 def _speed_ratio(cycle: Cycle, motion: Motion) -> float:
-    """Return the speed of a clip over that of its cycle.
+    """Return the speed ratio of a clip to its cycle.
 
     Both are net travels of the body centre from the first to the last frame of the clip, that is between the same two
     phases of the gait: the swing of the body within a stride, which a clip of no whole number of strides contains,

@@ -45,7 +45,7 @@ class PathFacts:
 
 @dataclass(frozen=True)
 class MotionFacts:
-    """Facts about a motion and its body; empty or NaN where unknown.
+    """Facts about a motion and its body, some unknown.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class Motion:
         return replace(self, positions=self.positions.isel(time=slice(first, stop)))
 
     def cut(self, first: int, stop: int) -> Motion:
-        """Return frames ``first`` to ``stop`` - 1, starting at time 0.
+        """Return frames ``first`` to ``stop`` - 1 from time 0.
 
         Footfalls move along.
         """

@@ -1,4 +1,4 @@
-"""Paths over the ground: parameters, curves of lines and arcs, stops.
+"""Paths over the ground: lines, arcs and stops.
 
 Coordinates of a path are those of its target at the start: origin there, x in its heading, y to its left.
 """
@@ -73,7 +73,7 @@ class Curve:
     length_m: float
 
     def pieces_at(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Return the piece at each distance, and the distance in it.
+        """Return the piece at each distance, and the remainder.
 
         The first and the last piece continue without end.
         """
@@ -82,7 +82,7 @@ class Curve:
 
 
 def join(pieces: Sequence[Piece], *, start_m: tuple[float, float], heading_rad: float) -> Curve:
-    """Join pieces to a curve from a ground point and heading."""
+    """Join pieces to a curve from a start and heading."""
     lengths = np.array([piece.length_m for piece in pieces])
     bends = np.array([piece.curvature_per_m for piece in pieces])
     spots = np.cumsum([piece.turn_rad for piece in pieces])
@@ -101,7 +101,7 @@ def join(pieces: Sequence[Piece], *, start_m: tuple[float, float], heading_rad: 
 
 
 def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_m: npt.ArrayLike) -> FloatArray:
-    """Return the vector from the start of an arc to a point.
+    """Return the vector from an arc's start to a point.
 
     The point is at ``length_m`` on the arc, shape (..., 2); curvature 0 is a line.
     """
@@ -169,7 +169,7 @@ class Pace:
     stops: tuple[Stop, ...] = ()
 
     def rest_s(self, number: int) -> float:
-        """Return the time at which the body rests at a stop."""
+        """Return the time of rest at a stop."""
         lost_s = sum(self.ramp_s + stop.pause_s for stop in self.stops[:number])
         return self.stops[number].at_m / self.speed_mps + lost_s + self.ramp_s / 2
 
@@ -255,7 +255,7 @@ def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.Array
 
 
 def arc(radius_m: float, turn_rad: float) -> Piece:
-    """Return an arc of a radius, to the left for positive turns."""
+    """Return an arc; positive turns go left."""
     return Piece(radius_m * abs(turn_rad), math.copysign(1 / radius_m, turn_rad))
 
 
@@ -345,7 +345,7 @@ class PolylinePath(Path):
 
 
 class StopSpec(FrozenModel):
-    """A stop: distance from the start and pause, 0.1 to 120 s."""
+    """Stop on a path: distance from start and pause."""
 
     at_m: float = Field(gt=0, le=1e5)
     pause_s: float = Field(ge=0.1, le=120)

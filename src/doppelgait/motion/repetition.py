@@ -43,7 +43,7 @@ def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
 
 
 def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
-    """Measure the stride frequency from half strides that mirror each other, Hz.
+    """Measure the stride frequency from mirrored half strides, Hz.
 
     In a walk, run, pace or trot each left part repeats after half a stride what its right part did: little more than
     half a stride is enough.
@@ -76,7 +76,7 @@ def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: 
 
 
 def _first_peak_hz(here: FloatArray, there: FloatArray, rate_hz: float, period_s: tuple[float, float]) -> float:
-    """Return the frequency of the first high peak of the normalised correlation."""
+    """Return the frequency of the first high correlation peak."""
     n = len(here)
     first, stop = int(period_s[0] * rate_hz), min(n - int(OVERLAP_S * rate_hz), int(period_s[1] * rate_hz))
     if first < 1 or stop - first < 3:

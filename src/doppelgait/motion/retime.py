@@ -21,7 +21,7 @@ STILL_BELOW_M = 0.2
 
 
 def body_centre_m(motion: Motion) -> FloatArray:
-    """Return the mean position of the torso or trunk, shape (T, 3).
+    """Return the mean position of the torso or trunk.
 
     In m; of all points where no torso or trunk is known.
     """

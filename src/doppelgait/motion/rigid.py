@@ -123,7 +123,7 @@ def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict
 
 
 def distance_spread(position: FloatArray) -> FloatArray:
-    """Return the robust spread of all point distances, shape (P, P).
+    """Return the robust spread of all point distances.
 
     It is a robust standard deviation over time, in m.
 
@@ -221,7 +221,7 @@ def restore_lengths(
     ridge: float,
     steps: int,
 ) -> FloatArray:
-    """Move points as little as possible so that pairs have wanted distances.
+    """Move points least for the wanted pair distances.
 
     Newton's method in every frame, on the least weighted sum of squares of the moves.
 
@@ -257,5 +257,5 @@ def restore_lengths(
 
 
 def pair_lengths(position: FloatArray, pairs: npt.NDArray[np.int32]) -> FloatArray:
-    """Return the distances of pairs of points over time, shape (T, B)."""
+    """Return the distances of point pairs over time."""
     return np.asarray(np.linalg.norm(position[:, pairs[:, 0]] - position[:, pairs[:, 1]], axis=2))

@@ -116,7 +116,7 @@ def plain_word(name: str) -> str:
 
 
 def look_up(word: str, table: Mapping[str, str]) -> str:
-    """Return the part of a word, with or without its number.
+    """Return a word's body part, with or without number.
 
     For example ``"lknee2"``; ``""`` when neither is known.
     """

@@ -108,7 +108,7 @@ def leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float
 
 
 def _withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
-    """Return the height of the withers above the lower fore paw, m.
+    """Return the withers height above the lower fore paw.
 
     The median over the frames in which the animal stands. Without a point of that name the highest point of the trunk
     counts, which is near them; without fore paws, the floor at z = 0. A sofa or a table below the animal then adds

@@ -1,4 +1,4 @@
-"""Find points that jump, swap names, coincide or lie far away."""
+"""Points that jump, swap names, coincide or lie far away."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: fl
 
 
 def move_over_ground(motion: Motion) -> Motion:
-    """Return a treadmill motion as it would be over the ground.
+    """Return a treadmill motion as motion over the ground.
 
     The measured velocity of the belt is subtracted from all points.
 
@@ -104,7 +104,7 @@ def move_over_ground(motion: Motion) -> Motion:
 
 
 def belt_note(belt: FloatArray) -> str:
-    """Return the note that a recording was made on a treadmill."""
+    """Return the note that a motion is from a treadmill."""
     return (
         f"walks on a treadmill: the feet on the belt move back at {math.hypot(*belt):.2f} m/s while the body keeps its "
         "place; treadmill = true reads it as motion over the ground"

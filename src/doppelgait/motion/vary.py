@@ -1,4 +1,4 @@
-"""Motions unlike their model, by one law for people and animals.
+"""Variation of motions, by one law for all bodies.
 
 A model's bodies resemble each other more than recorded ones do. Here a motion is taken apart into its way, the ripple
 of its trunk and the swing of every point about the trunk. Each part is changed by some amount, and they are put
@@ -32,7 +32,7 @@ SLOWEST_STRIDE_S = 2.5
 
 
 class Variation(FrozenModel):
-    """How a body moves otherwise than its model or recording.
+    """Change of a body's motion from its model or recording.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Variation(FrozenModel):
     phase_noise: float = Field(default=0.0, ge=0.0, le=0.05)
 
     def needed_s(self, duration_s: float) -> float:
-        """Return how long a motion must be to make one of ``duration_s``."""
+        """Return the length a motion of ``duration_s`` is made from."""
         return duration_s * self.pace + 2.0 * TURN_MARGIN * SLOWEST_STRIDE_S
 
 
@@ -168,7 +168,10 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
 def _clock(
     times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return strides gone by: even, with the timing in a stride and the noise from stride to stride."""
+    """Return strides gone by, with timing and noise.
+
+    Timing acts in a stride, noise from stride to stride.
+    """
     strides = stride_hz * times_s
     deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)
     noise = np.interp(strides, np.arange(deviations.size), deviations)
@@ -176,7 +179,7 @@ def _clock(
 
 
 def _rotated(points_m: FloatArray, pivot: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    """Rotate points (T, P, 3) about an axis through the origin (Rodrigues)."""
+    """Rotate points about an axis through the origin (Rodrigues)."""
     across = np.cross(np.broadcast_to(pivot, points_m.shape), points_m)
     along = (points_m @ pivot)[..., None] * pivot
     return np.asarray(points_m * np.cos(angle_rad) + across * np.sin(angle_rad) + along * (1.0 - np.cos(angle_rad)))

@@ -1,4 +1,4 @@
-"""A walking person: the model of Boulic et al. 1990, 17 points.
+"""Walking person of Boulic et al. 1990, 17 points.
 
 The form is that of Chen 2011.
 
@@ -67,7 +67,7 @@ def cycle_duration_s(relative_speed: float) -> float:
 
 
 def support_fraction(relative_speed: float) -> float:
-    """Return the duty factor of a foot, 0.752 - 0.143 / T."""
+    """Return a foot's duty factor, 0.752 - 0.143 / T."""
     return 0.752 - 0.143 / cycle_duration_s(relative_speed)
 
 

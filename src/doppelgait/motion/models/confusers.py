@@ -1,4 +1,4 @@
-"""Confusers in a home: a robot vacuum cleaner, a curtain, a fan."""
+"""Confusers in a home: robot vacuum, curtain, fan."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
 
 
 def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Return advance and lift of a limb that stands and swings.
+    """Return advance and lift of a stepping limb.
 
     The advance is in strides, the lift 0 to 1; ``cycles`` count from touchdown.
 

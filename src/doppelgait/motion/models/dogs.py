@@ -145,7 +145,7 @@ def _possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitNam
 
 
 def _withers_m(build: Build, size: float) -> float:
-    """Return the height of a breed's dog from a standard normal number.
+    """Return a breed's withers height from a normal number.
 
     Its distribution is cut at the limits by rank, so that no height is more frequent than its neighbours.
     """

@@ -291,7 +291,7 @@ class HumanConfig(FrozenModel):
 
     @property
     def speed_range_mps(self) -> tuple[float, float]:
-        """Lowest and highest speed of the gait; 0 is not reached."""
+        """Lowest and highest speed; 0 is excluded."""
         if self.actual_gait == "run":
             scale = math.sqrt(self.height_m / ADULT_M)
             return SLOWEST_RUN_MPS * scale, FASTEST_RUN_MPS * scale
@@ -406,7 +406,10 @@ def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
 
 
 def _boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
-    """Make the walk of Boulic et al. 1990, whose feet slide."""
+    """Make the walk of Boulic et al. 1990.
+
+    Its feet slide.
+    """
     leg_m, stride_m, period_s, q = _walk_timing(config)
     limbs = _with_arms(config, lambda phase: limb_angles_deg(phase, q))
 
@@ -419,7 +422,7 @@ def _boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
 
 
 def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
-    """Return leg, stride, stride time and relative speed of a walk.
+    """Return leg, stride, stride time and relative speed.
 
     Lengths in m, the time in s; the speed is Boulic's q.
     """
@@ -462,7 +465,7 @@ def _measured_motion(
     pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
     thorax: Callable[[FloatArray], tuple[float, FloatArray]], arms: Curves,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:  # fmt: skip
-    """Make foot, pose and hips of a style from measured curves.
+    """Make foot, pose and hips from measured curves.
 
     The gait's own trunk and arms get the measured ripple and feet: ``pelvis`` gives its angles in degrees and the
     offset of the body, ``thorax`` mean pitch and torsion.

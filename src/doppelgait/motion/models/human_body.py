@@ -1,4 +1,4 @@
-"""The body of a person: 17 points, segment lengths, sampled persons.
+"""Body of a person: 17 points, lengths, sampled persons.
 
 Points follow from joint angles; persons are sampled from statistics.
 """
@@ -123,7 +123,7 @@ def figure_points(
 def _upper_body(
     trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
-    """Return neck, head, shoulders, elbows and hands, shape (3, 8, n)."""
+    """Return neck, head, shoulders, elbows and hands."""
     top = size_m["torso"]
     above: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size_m["head"])]
     forearm = arms_rad["shoulder"] + arms_rad["elbow"]
@@ -137,7 +137,7 @@ def _upper_body(
 
 
 def left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
-    """Return the left hip about the spine's base, shape (n, 3).
+    """Return the left hip relative to the spine's base.
 
     The right one is opposite; angles are those of :func:`figure_points`.
     """
@@ -150,7 +150,7 @@ def legless_points(
     base_m: FloatArray, left_m: FloatArray, trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray],
     size_m: Mapping[str, float],
 ) -> FloatArray:  # fmt: skip
-    """Return a figure whose knees, ankles and toes are still to place.
+    """Return a figure without knees, ankles and toes.
 
     Shape (n, 17, 3), each coordinate of a point contiguous in memory. ``base_m`` is the base of the spine, ``left_m``
     what :func:`left_hip` gives, both (n, 3); the angles are those of :func:`figure_points`.
@@ -191,7 +191,7 @@ def _hanging(
 
 
 def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
-    """Rotate points (3, k, n) about a coordinate axis, in place.
+    """Rotate points about a coordinate axis, in place.
 
     Right-handed, through the origin, by n angles.
     """
@@ -222,7 +222,7 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class _Manner:
-    """Manner of walking of a group of people, and its spreads.
+    """Walking manner of a group of people, with spreads.
 
     Logarithms have the spreads ``_spread``.
     """

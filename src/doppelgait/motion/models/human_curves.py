@@ -88,7 +88,7 @@ ankle to toe against standing, degrees, toe up positive.
 
 @dataclass(frozen=True)
 class CycleCurve:
-    """Periodic curves from the phase in cycles, as sums of harmonics.
+    """Periodic curves of phase, as sums of harmonics.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class CycleCurve:
     coefficients: npt.NDArray[np.complex128]
 
     def __call__(self, phase: FloatArray) -> FloatArray:
-        """Values at phases (n,): shaped like them, of several curves (curves, n)."""
+        """Values at phases (n,): shaped like them, or (curves, n)."""
         angle = 2.0 * np.pi * phase
         turn = np.empty(angle.shape, dtype=complex)
         np.cos(angle, out=turn.real)  # the exponential of an imaginary number takes three times as long
@@ -114,7 +114,7 @@ class CycleCurve:
 
 
 def together(*curves: CycleCurve) -> CycleCurve:
-    """Join curves of as many harmonics: one pass takes less time."""
+    """Join curves of equally many harmonics, to save time."""
     return CycleCurve(np.stack([curve.coefficients for curve in curves]))
 
 
@@ -148,12 +148,12 @@ def measured_curve(
 
 
 def walk_duty(dimensionless_speed: float) -> float:
-    """Return the share of a walker's cycle with a foot down."""
+    """Return the duty factor of a walker's foot."""
     return DUTY[0] + DUTY[1] * _slowness("walk", dimensionless_speed)
 
 
 def _slowness(gait: str, dimensionless_speed: float) -> float:
-    """Return the inverse of the speed against that of the mean."""
+    """Return the mean speed divided by this speed."""
     low, middle, high = MEASURED[gait]
     return 1 / min(max(dimensionless_speed, low), high) - 1 / middle
 

@@ -1,4 +1,4 @@
-"""Feet that stay where they land, and legs that reach them.
+"""Feet that stay where they land, and their legs.
 
 A gait's curves say where the ankle would go. In stance the foot stands on the floor instead and rolls from heel to toe
 by the gait's own pitch; in swing the difference fades from one stance to the next, so that the swing keeps the gait's
@@ -90,7 +90,7 @@ def place_feet(
     points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
 ) -> None:  # fmt: skip
-    """Put a figure on the floor on feet that stand still.
+    """Put a figure on feet that stand still.
 
     Segment lengths stay. The sole is on z = 0 while flat; the trunk is as high as the legs reach all the time.
 

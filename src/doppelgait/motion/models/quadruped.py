@@ -162,7 +162,7 @@ class QuadrupedConfig(FrozenModel):
 
     @property
     def actual_withers_m(self) -> float:
-        """The height of the withers, by default that of the build."""
+        """Withers height, by default that of the build."""
         return BUILDS[self.build].withers_m if self.withers_m is None else self.withers_m
 
     @property
@@ -301,7 +301,7 @@ def _course(
 
 
 def _footfalls_s(clock: Curve, course: Course, phase: FloatArray, end_s: float) -> dict[str, list[float]]:
-    """Return the times at which the feet land, 0 to ``end_s``."""
+    """Return the landing times of the feet to ``end_s``."""
     low, high = phase[0] - 1e-9, phase[-1] + 1e-9
     landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}
     found_s = np.clip(clock.where(np.concatenate([*landings.values()])), 0.0, end_s)

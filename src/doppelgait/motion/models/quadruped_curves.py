@@ -1,4 +1,4 @@
-"""Measured mean curves of a dog's trunk, neck, tail and limb segments.
+"""Measured mean curves of a dog's body and limbs.
 
 Means over the strides of one recorded dog (``studies/dog_curves.py`` makes the tables; a second dog tests them); of the
 trunk there are 45 strides in the pace, 5 in the walk, 4 in the trot and 6 in the gallop, of the limbs twice as many or
@@ -125,7 +125,7 @@ TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "ne
 
 
 def trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
-    """Join the curves of the trunk, each moved to its first phase.
+    """Join the trunk curves, each at its first phase.
 
     They are those of :func:`trunk_curve`, in the order of :data:`TRUNK_CURVES`.
     """

@@ -22,7 +22,7 @@ GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transv
 
 @dataclass(frozen=True)
 class Girdle:
-    """Motion of one pair of limbs, hind or fore, in a gait.
+    """Motion of the hind or fore limbs in a gait.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def hip_height_m(build: Build, withers_m: float) -> float:
 
 
 def froude_speed_mps(froude: float, hip_m: float) -> float:
-    """Return the speed V of a Froude number Fr = V^2/(g h)."""
+    """Return the speed of Froude number Fr = V^2/(g h)."""
     return math.sqrt(froude * GRAVITY_MPS2 * hip_m)
 
 
@@ -307,7 +307,7 @@ def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
 
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
-    """Return the duty factor of a paw, 1 - t_swing f.
+    """Return a paw's duty factor, 1 - t_swing f.
 
     The girdle adds an offset; the result stays within limits.
     """

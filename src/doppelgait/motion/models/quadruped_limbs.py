@@ -119,7 +119,7 @@ def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *,
 
 
 def hanging(angle_rad: FloatArray) -> FloatArray:
-    """Return unit vectors that point down at angle 0, (..., 3).
+    """Return unit vectors that point down at angle 0.
 
     They swing forward with the angle.
     """
@@ -190,7 +190,7 @@ def trunk_motion(
 def on_trunk(
     x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
 ) -> FloatArray:  # fmt: skip
-    """Return the path of a point fixed to the trunk, (n, 3).
+    """Return the path of a point on the trunk.
 
     The point is named by its position when the dog stands with the middle of its trunk at x = 0; of several, each
     coordinate (k, 1) or a number, the paths are (k, n, 3).
@@ -250,7 +250,7 @@ def paws(rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float)
 
 
 def limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
-    """Return paw, carpus or hock, and trunk joint of all limbs.
+    """Return paw, carpus or hock, and trunk joint.
 
     The trunk is at standing height; each is (2, n, 3), left and right.
     """
@@ -272,7 +272,7 @@ CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM
 
 
 def crouch(ends: Points, limbs: float) -> float:
-    """Return by how much the trunk is lowered for the limbs.
+    """Return how far the limbs lower the trunk.
 
     Every limb then reaches its paw at all places of ``ends``. It is no more than :data:`DEEPEST_CROUCH`; what is
     missing then, the joints at the trunk make up for.
@@ -286,7 +286,7 @@ def crouch(ends: Points, limbs: float) -> float:
 
 
 def glide(top: FloatArray, bottom: FloatArray, length: float) -> None:
-    """Move a joint at the trunk along the limb, in place.
+    """Move a trunk joint along its limb, in place.
 
     It moves where the limb is nearly straight or folded. A scapula glides over the ribs and a back bends.
     """
@@ -305,7 +305,7 @@ TAIL_YIELD_RAD = 0.25
 
 
 def above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
-    """Lift a rod that would touch the floor, without a jerk.
+    """Lift a rod smoothly off the floor.
 
     ``height`` is that of its upper end over its length. It hangs by less than ``height`` rad, whose sine is smaller
     still; the exact angle would jerk where the rod begins to reach the floor.

@@ -1,4 +1,4 @@
-"""Motion models: parameter models with a function, registered under a kind."""
+"""Motion models: parameters and functions, registered by kind."""
 
 from __future__ import annotations
 

@@ -149,9 +149,9 @@ def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 
 def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    """Return a shape-preserving cubic through periodic knots, 0 <= x <= 1.
+    """Return a shape-preserving cubic through periodic knots.
 
-    After Fritsch and Carlson 1980.
+    The phase runs from 0 to 1. After Fritsch and Carlson 1980.
 
     A slope is 0 where the chords on both sides differ in sign or one is level, else their weighted harmonic mean
     (Fritsch and Butland 1984).
@@ -187,7 +187,7 @@ _MARGIN = 2
 
 
 def sample_times_s(duration_s: float, rate_hz: float) -> FloatArray:
-    """Return the frame times from 0 to ``duration_s`` or just after.
+    """Return the frame times up to ``duration_s``.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def stride_clock(
     variation: float = 0.0,
     rng: RandomSource | None = None,
 ) -> Curve:
-    """Return the phase in cycles against time, the clock of strides.
+    """Return phase in cycles against time: the stride clock.
 
     It is a cubic spline, hence with continuous rate.
 

@@ -213,7 +213,7 @@ WORDS = ("units", "up_axis", "subject", "skeleton", "key")
 
 
 def check_types(path: Path, options: dict[str, Any]) -> None:
-    """Raise one clear error for an option of the wrong type.
+    """Raise one clear error for options of wrong type.
 
     Every reader checks the ranges of its own options.
     """

@@ -87,7 +87,7 @@ class Skeleton:
 
 
 def read_asf(path: Path) -> Skeleton:
-    """Parse an ASF file; limits, masses and skin are left out.
+    """Parse an ASF file without limits, masses and skin.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _check_order(path: Path, line: int, order: str) -> None:
 
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
-    """Return the rotation by x, y and z angles in that order.
+    """Return the rotation by x, then y, then z.
 
     The rotation of the first letter is applied first.
     """
@@ -230,7 +230,7 @@ def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> d
 
 
 def find_asf(path: Path, named: str) -> Path:
-    """Find the skeleton of a motion file in the same folder.
+    """Find a motion file's skeleton in its folder.
 
     It is the one whose name begins the motion's name (``07.asf`` for ``07_01.amc``), else the one that the motion's
     first line names, else the only one.
@@ -414,7 +414,7 @@ def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[s
 
 
 def _amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
-    """Compute the positions (T, J, 3) of root and bone ends.
+    """Compute the positions of root and bone ends.
 
     They are in the unit and the axes of the skeleton.
 

@@ -1,4 +1,4 @@
-"""Joint positions as arrays in npz files (AMASS) and JSON files."""
+"""Joint positions in npz (AMASS) and JSON files."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ SMPL_COUNTS = (22, 24)
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
-    """Return whether a file starts like npz or a JSON motion.
+    """Return whether a file looks like npz or motion JSON.
 
     An npz file is a zip archive that starts with a ``.npy``.
     """
@@ -69,7 +69,7 @@ def read_arrays(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read joint positions of an npz or JSON file, not cleaned.
+    """Read joint positions of npz or JSON files, uncleaned.
 
     The file holds an array (frames, points, 3) under ``positions``, ``joints`` or ``Jtr``, the frame rate under
     ``rate_hz``, ``mocap_framerate``, ``mocap_frame_rate`` or ``fps``, and, where known, one name per point under
@@ -137,7 +137,7 @@ def read_arrays(
 
 
 def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
-    """Load the arrays that are needed; the names of others get None."""
+    """Load the needed arrays; other names get None."""
     wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
     return dict(load_npz(path, wanted, MotionError, lone=False))
 
@@ -160,7 +160,7 @@ def _load_json(path: Path) -> dict[str, Any]:
 
 
 def _find_position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
-    """Return the key of the positions: the option, else the known one."""
+    """Return the key of the positions, chosen or known."""
     held = ", ".join(content) or "nothing"
     if key is not None:
         if key not in content:
@@ -236,7 +236,7 @@ def _scalar(value: Any) -> Any:
 
 
 def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
-    """Return one label per point, from the file or from SMPL."""
+    """Return one label per point, stated or of SMPL."""
     if skeleton not in (None, "smpl"):
         raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed is 'smpl'")
     key = next((name for name in NAME_KEYS if content.get(name) is not None), "")

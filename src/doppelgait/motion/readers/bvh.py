@@ -158,7 +158,7 @@ def _parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, flo
 
 
 def _parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
-    """Parse the names of CHANNELS: ``"px"`` for Xposition, ``"rx"`` for Xrotation."""
+    """Parse the channel names: ``"px"`` for Xposition, ``"rx"`` for Xrotation."""
     found = [_CHANNEL.match(word) for word in words[1:]]
     names = [match[2][0].lower() + match[1].lower() for match in found if match]
     places = [name for name in names if name[0] == "p"]  # only rotations may repeat an axis
@@ -171,7 +171,7 @@ def _parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
 
 
 def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
-    """Parse number of frames, frame time (s) and position of the values."""
+    """Parse frame count, frame time (s) and start of values."""
     found: list[str] = []
     for pattern, wanted in ((_FRAMES, "Frames: N"), (_FRAME_TIME, "Frame Time: SECONDS")):
         while at < len(text) and text[at].isspace():
@@ -199,7 +199,7 @@ def sniff_bvh(path: Path, head: bytes) -> bool:
 def read_bvh(
     path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
 ) -> Motion:
-    """Read the joints of the body in a BVH file, not cleaned.
+    """Read the body's joints of a BVH file, uncleaned.
 
     Rotations are applied in the order of their channels. A position channel of any joint replaces that coordinate of
     its OFFSET. Ends of chains are kept where they are away from their joint: they are finger tips, toes, paws, the

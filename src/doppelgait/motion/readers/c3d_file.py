@@ -40,7 +40,7 @@ NUMBERS = tuple(
 
 @dataclass(frozen=True)
 class Span:
-    """Byte positions of a record: start, pointer, end of values, next record."""
+    """Byte positions of a record: start, pointer, ends."""
 
     start: int
     step: int
@@ -62,7 +62,7 @@ class Record:
     span: Span
 
     def count(self) -> int:
-        """Return the number of values; texts of one length count as rows."""
+        """Return the number of values; equally long texts are rows."""
         return math.prod(self.shape[1:] if self.kind == -1 else self.shape)
 
     def number(self) -> float | None:
@@ -113,12 +113,12 @@ class Layout:
         return record.number() if record else None
 
     def count(self, group: str, name: str) -> int:
-        """Return the number of values of a parameter, 0 when absent."""
+        """Return a parameter's number of values, 0 when absent."""
         record = self.records.get((group, name))
         return record.count() if record else 0
 
     def _per_frame(self, group: str) -> float:
-        """Return the samples per point frame of a group by its rate."""
+        """Return a group's samples per point frame."""
         point_rate = self.number("POINT", "RATE") or self.header_rate_hz
         return round((self.number(group, "RATE") or 0.0) / point_rate) if point_rate > 1e-3 else 0.0
 
@@ -296,7 +296,7 @@ def _read_record(
 
 @dataclass(frozen=True)
 class C3dContent:
-    """Content of the 3D part of a C3D file, in its units.
+    """3D content of a C3D file, in its units.
 
     Parameters
     ----------

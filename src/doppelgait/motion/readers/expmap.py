@@ -60,7 +60,7 @@ class ExpmapSkeleton:
 
 
 def sniff_expmap(path: Path, head: bytes) -> bool:
-    """Return whether the first line has 99 or 117 comma-separated numbers."""
+    """Return whether the first line has 99 or 117 numbers."""
     words = head.removeprefix(b"\xef\xbb\xbf").lstrip().split(b"\n", 1)[0].rstrip(b"\r").split(b",")
     try:
         return len(words) in COLUMNS and all(np.isfinite(float(word)) for word in words)

@@ -77,7 +77,7 @@ def axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
 
 
 def euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
-    """Return the product of axis rotations, ``R_axes[0] @ R_axes[1] @ ...``.
+    """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``.
 
     The last axis rotates a vector first.
 
@@ -222,7 +222,7 @@ def joint_motion(
     report: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Motion:
-    """Make the motion of the joints of the body, not cleaned.
+    """Make the motion of the body's joints, uncleaned.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
 
 
 def _bone_lengths(joints: Joints) -> FloatArray:
-    """Return the median distance of each node from its parent, shape (J,).
+    """Return each node's median distance from its parent.
 
     It is in the unit of the file, 0 for the root.
     """
@@ -356,7 +356,7 @@ def skeleton_size(parents: Sequence[int], lengths: FloatArray) -> float:
 
 
 def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
-    """Return the stated length unit, else guess it from skeleton size.
+    """Return the stated length unit, else guess it.
 
     A warning is issued where that is not certain (other units fit too, none fits, or the names do not show what body it
     is), and where a stated unit gives an unusual size.

@@ -43,7 +43,7 @@ MIN_SUBJECT_POINTS = 8
 
 
 def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
-    """Return the reason of each point that is no physical marker.
+    """Return why points are no physical markers.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
 
 
 def _pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subject: str | None) -> tuple[str, list[int]]:
-    """Return the subject to read and the indices of its points.
+    """Return the subject to read and its points.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def unique_names(names: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """The points of one body among all points of a file.
+    """Points of one body among those of a file.
 
     Parameters
     ----------
@@ -316,7 +316,7 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
 
 
 def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
-    """Return the named unit, else mm or m by body size.
+    """Return the named unit, else guess mm or m.
 
     Parameters
     ----------
@@ -349,7 +349,7 @@ BODY_M = (0.05, 15.0)
 
 
 def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
-    """Make gaps of single absurd positions and check the body's size.
+    """Remove absurd positions and check the body's size.
 
     Parameters
     ----------

@@ -124,7 +124,10 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
 
 
 def _title(cell: str) -> str:
-    """Return a short name without repeated blanks, for which patterns are fast."""
+    """Return a short name with single blanks.
+
+    Patterns are fast on such names.
+    """
     return " ".join(cell[:MAX_TITLE].split())
 
 
@@ -225,12 +228,12 @@ def _split_triples(titles: Sequence[str]) -> list[str]:
 
 
 def _has_axis_row(rows: Sequence[Row]) -> bool:
-    """Return whether the second row is X, Y, Z, X, ..."""
+    """Return whether the second row is X, Y, Z, ..."""
     return len(rows) > 1 and sum(bool(_AXIS.fullmatch(cell)) for cell in rows[1][1]) >= 3
 
 
 def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
-    """Join a row of names and a row of axes into titles.
+    """Join rows of names and axes into titles.
 
     A name stands over its first coordinate or over all three.
     """
@@ -367,7 +370,7 @@ def read_table(
 
 
 def _table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
-    """Return the frame rate: the option, else from the time column."""
+    """Return the frame rate, from the option or times."""
     if rate_hz is not None:
         return check_rate(path, rate_hz, said="was given")
     column = header.time_column
@@ -383,7 +386,7 @@ def _table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: floa
 
 
 def _coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
-    """Return the unit of each coordinate: its name's, else the default."""
+    """Return each coordinate's unit, named or default."""
     stated = {name for point in header.units for name in point if name}
     default = units or (ACCAD_UNIT if header.is_accad else "")
     bare = [i for i, point in enumerate(header.units) if "" in point]

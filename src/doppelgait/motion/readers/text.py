@@ -1,4 +1,4 @@
-"""Text of motion files: lines, number tables, frame rate from times."""
+"""Text of motion files: lines, tables, frame rates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def read_text(path: Path) -> str:
-    """Read a text file of any line ending, UTF-8 or Latin-1.
+    """Read a UTF-8 or Latin-1 text file.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def read_text(path: Path) -> str:
 def parse_rows(
     path: Path, text: str, at: int, *, n_columns: int, n_rows: int | None = None, separator: str = " "
 ) -> FloatArray:
-    """Parse a table of numbers up to the end of a text.
+    """Parse a table of numbers up to the end.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def parse_rows(
 
 
 def _find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, separator: str) -> str:
-    """Describe the first row of a table that :func:`parse_rows` cannot read."""
+    """Describe the first unreadable row of a table."""
     first_line = text.count("\n", 0, at) + 1
     row = 0
     for number, line in enumerate(text[at:].split("\n"), start=first_line):
@@ -118,7 +118,7 @@ def decode(raw: bytes) -> str:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Read the lines of a text file of any line ending.
+    """Read the lines of a text file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""TRC files (Motion Analysis, OpenSim): marker positions in a text table.
+"""TRC files (Motion Analysis, OpenSim): marker positions as text.
 
 Five header lines come first.
 """
@@ -36,7 +36,7 @@ FIRST = 2
 
 @dataclass(frozen=True)
 class _Content:
-    """Header values by lower-case key, labels ("" without) and data rows."""
+    """Header values by lower-case key, labels and data rows."""
 
     header: dict[str, str]
     labels: list[str]
@@ -164,7 +164,7 @@ def _parse_trc(path: Path) -> _Content:
 
 
 def _parse_header(lines: list[list[str]]) -> dict[str, str]:
-    """Parse the values below the keys; empty where they do not match."""
+    """Parse the values below the keys, if they match."""
     at = next((i for i, cells in enumerate(lines) if cells and cells[0].lower() == "datarate"), -1)
     if at < 0 or at + 1 >= len(lines):
         return {}
@@ -196,5 +196,8 @@ def _rate(path: Path, content: _Content, notes: list[str]) -> float:
 
 
 def _is_other(declared: str, count: int) -> bool:
-    """Return whether a header states a number, and not this one; numbers may have thousands of digits."""
+    """Return whether a header states a number unlike this one.
+
+    Numbers may have thousands of digits.
+    """
     return declared.isdecimal() and (len(declared) > LONGEST_NUMBER or int(declared) != count)
