@@ -1,4 +1,4 @@
-"""Scenes: targets with motion, place and radar cross section, and one radar."""
+"""Scenes: targets with motion, place and RCS, one radar."""
 
 from doppelgait.scene.bodies import ellipsoid_rcs_m2
 from doppelgait.scene.companions import leashed_dog, side_by_side

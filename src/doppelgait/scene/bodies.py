@@ -1,4 +1,4 @@
-"""Bodies of ellipsoids: joints, radar cross sections, occlusion (E-08c, E-08e to E-08g).
+"""Ellipsoid bodies: joints, cross sections, occlusion (E-08c, E-08e to E-08g).
 
 Joints are means of points, so that the walking model, two usual marker sets and the quadruped model share one
 description each of a person and of a four-legged animal.
@@ -191,7 +191,7 @@ BODIES: Mapping[str, Body] = {
 
 
 def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
-    """Find the body of a motion and the points of every joint.
+    """Find a motion's body and every joint's points.
 
     A joint is the mean of its points.
 
@@ -345,7 +345,7 @@ def skeleton_of(motion: Motion) -> Skeleton:
 
 
 def nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
-    r"""Compute the motion of the points that reflect towards the radar.
+    r"""Compute the motion of the reflecting points.
 
     The echo of a smooth convex body comes from where its surface faces the radar (stationary phase), the point of the
     surface nearest to it. On an ellipsoid far away it is Q u / h before the centre, with
@@ -418,7 +418,7 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
 
 
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
-    """Compute the RCS of every ellipsoid at the radar's distance (E-08c, E-08g).
+    """Compute every ellipsoid's RCS at its distance (E-08c, E-08g).
 
     The result is not scaled to a total; shape (I, S), m^2.
     """

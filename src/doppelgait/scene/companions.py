@@ -1,4 +1,4 @@
-"""Targets that move together: two people, or person and leashed dog."""
+"""Targets that move together: two people, or dog walkers."""
 
 from __future__ import annotations
 

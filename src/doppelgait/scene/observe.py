@@ -1,4 +1,4 @@
-"""Scatterer table of a scene: ranges, velocities and aspects (E-03 to E-05)."""
+"""Scatterer table: ranges, velocities and aspects (E-03 to E-05)."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def bistatic_line_of_sight(
 
 
 def bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
-    r"""Compute the gain from the monostatic to the bistatic radar equation.
+    r"""Compute the gain from monostatic to bistatic radar.
 
     It is a two-way power gain.
 
@@ -176,16 +176,20 @@ def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Gener
 def tabulate(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:  # fmt: skip
-    """Observe scatterers at some times; the table of :func:`assemble` with the ``wanted`` angles."""
+    """Observe scatterers at some times as a table.
+
+    The table is that of :func:`assemble` with the ``wanted`` angles.
+    """
     return _label(placed, bodies, times, _look(placed.scene, bodies, _splines_of(bodies), times, wanted))
 
 
 def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:  # fmt: skip
-    """Observe scatterers as :func:`tabulate`, with ranges, velocities and angles made when they are asked for.
+    """Observe scatterers as :func:`tabulate`, in part on demand.
 
-    The receiver is where the transmitter is: gains do not follow from ranges then.
+    Ranges, velocities and angles are made when they are read. The receiver is where the transmitter is: gains do not
+    follow from ranges then.
     """
     splines, count = _splines_of(bodies), sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not asked for
@@ -217,7 +221,7 @@ def _splines_of(bodies: Sequence[Scatterers]) -> list[Spline]:
 def _look(
     scene: Scene, bodies: Sequence[Scatterers], splines: Sequence[Spline], times: FloatArray, wanted: Sequence[str]
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Observe all scatterers side by side, by variable of the table."""
+    """Observe all scatterers together, by variable of the table."""
     seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
     return seen[0] if len(seen) == 1 else {
         name: _side_by_side([np.empty((times.size, 0)), *(table[name] for table in seen)])
@@ -246,7 +250,7 @@ def _label(
 
 
 def _side_by_side(parts: list[FloatArray]) -> FloatArray:
-    """Join tables; those that repeat a row become one that does."""
+    """Join tables; repeated rows stay one row."""
     rows = [part[:1] for part in parts if part.shape[1]]
     if rows and all(row.strides[0] == 0 for row in rows):
         row = np.concatenate(rows, axis=1)

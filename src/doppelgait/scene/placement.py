@@ -1,4 +1,4 @@
-"""Motions of a scene: made or read, scaled and placed once."""
+"""Motions of a scene: made or read, scaled, placed."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def as_placed(scene: Scene | PlacedScene, streams: Streams | None = None) -> Pla
 
 
 def scaled_motion(target: Target) -> Motion:
-    """Make or read a single target's motion, scaled and on its path."""
+    """Make or read a target's motion, on its path."""
     motion = target.motion
     if not isinstance(motion, Motion):
         motion = build_motion(motion, duration_s=DEFAULT_DURATION_S)
@@ -241,7 +241,7 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
 def build_motion(
     table: Mapping[str, Any], *, duration_s: float, folder: Path | None = None, rng: np.random.Generator | None = None
 ) -> Motion:
-    """Make the motion of a ``{ kind = ... }`` table.
+    """Make a motion from a ``{ kind = ... }`` table.
 
     It is a model of ``duration_s``, or a file that is read, cleaned, made a hybrid and looped. The clip of a file is
     read once; hybrid and loop are made anew.
@@ -289,7 +289,7 @@ def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:
 
 
 def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
-    """Read the motion of a file, cached while the file is unchanged.
+    """Read a motion file, cached while it is unchanged.
 
     Examples of a dataset take the same segments of the same files in turn. Each gets the warnings of the reading, so
     that its row does not depend on what the same process read before.

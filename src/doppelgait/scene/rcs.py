@@ -1,4 +1,4 @@
-"""Radar cross section of a target: its total and point shares.
+"""Radar cross section: total and shares of points.
 
 Total: 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; measured 0.37 to 1.9 m^2 for a person of
 91 kg at 4.8 and 9.4 GHz), at every carrier: averages of people at 23-28 and 76-81 GHz are close to each other
@@ -129,7 +129,7 @@ class RcsSpec(FrozenModel):
 
 
 def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
-    """Compute weights by body part, shared equally by its points (E-08).
+    """Compute weights by body part, shared by points (E-08).
 
     The marker set then does not matter.
 

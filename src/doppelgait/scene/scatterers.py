@@ -98,7 +98,7 @@ class View:
         return ellipsoids_at(self.skeleton, self.time_s)
 
     def sight_gain(self, points: Motion) -> FloatArray:
-        """Compute the two-way gain past the body for its scatterers, (I, L)."""
+        """Compute the two-way gain past the body, (I, L)."""
         own = own_points(points.position_m, self.frames)
         return visible_power(resample(points, self.time_s)[0], self.body, own, self.radar_position_m)
 
@@ -178,7 +178,7 @@ def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Use points of ellipsoids that face the radar (E-08c, E-08f, E-08g).
+    """Use ellipsoid points that face the radar (E-08c, E-08f, E-08g).
 
     The mean sum of their cross sections (I, S) is the total far from the radar.
     """

@@ -1,4 +1,4 @@
-"""Targets and scenes, with the same models for TOML and Python."""
+"""Targets and scenes, as TOML and Python describe them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _parse_motion(value: Any) -> Any:
 
 
 def _parse_rcs(value: Any) -> Any:
-    """Parse the name or the table of a radar cross section."""
+    """Parse an RCS name or table."""
     table = {"kind": value} if isinstance(value, str) else value
     if not isinstance(table, Mapping) or (kind := table.get("kind")) is None or kind not in RCS:
         return table
@@ -59,7 +59,7 @@ def _parse_rcs(value: Any) -> Any:
 
 
 class Target(FrozenModel):
-    """Body of a scene: its motion, place and radar cross section.
+    """Body of a scene: motion, place, radar cross section.
 
     Parameters
     ----------

@@ -235,7 +235,7 @@ def slab_transmission(
 def insertion_coefficient(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the factor of a slab inserted into a plane wave.
+    """Compute the factor of a slab in a plane wave.
 
     The field behind it is multiplied by t exp(j 2 pi d cos / lambda).
 
@@ -263,10 +263,11 @@ def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickne
 def slab_spreading(
     cos_incidence: npt.ArrayLike, range_m: npt.ArrayLike, *, permittivity: complex, thickness_m: float
 ) -> FloatArray:
-    r"""Compute the two-way power gain by weaker spreading inside a slab.
+    r"""Compute the two-way power gain inside a slab.
 
-    Refraction makes the rays inside steeper, so that they diverge less than over the same distance in air. A narrow
-    bundle has the principal radii (geometrical optics, by the second derivatives of the phase)
+    The wave spreads less there. Refraction makes the rays inside steeper, so that they diverge less than over the same
+    distance in air. A narrow bundle has the principal radii (geometrical optics, by the second derivatives of the
+    phase)
 
     .. math:: \rho_s = R - d \left(\frac{1}{\cos} - \frac{1}{q}\right), \quad
               \rho_t = R - d \left(\frac{1}{\cos} - \frac{\epsilon' \cos^2}{q^3}\right), \quad q^2 = \epsilon' - \sin^2
@@ -335,7 +336,7 @@ def sampled(
 
 
 def te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
-    """Compute the te share of a wave at an upright wall.
+    """Compute the TE share at an upright wall.
 
     The wave is vertically polarised; the share is one of power.
 

@@ -1,4 +1,4 @@
-"""Echoes reflected by the floor and an upright wall (image method).
+"""Echoes reflected by floor and wall (image method).
 
 One reflection on the way there or back gives one added echo, one on both another.
 """
@@ -43,7 +43,7 @@ IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
 
 @dataclass(frozen=True)
 class Mirror:
-    """A reflecting plane, and the rows of a table that are images in it.
+    """Reflecting plane, and the table rows that are images.
 
     Parameters
     ----------

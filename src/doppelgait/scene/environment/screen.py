@@ -1,4 +1,4 @@
-"""Screen between the radar and the targets: a sofa, a table, a half-open door."""
+"""Screen before the targets: sofa, table, half-open door."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Visibility by range: sensitivity time control, blind zone, end of display."""
+"""Visibility by range: time control, blind zone, end of display."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Visibility(FrozenModel):
 
 @plugin("environment", parameters=Visibility)
 def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting) -> xr.Dataset:
-    """Apply the gain of every echo's range to its path gain.
+    """Apply the visibility gain at every echo's range.
 
     Parameters
     ----------

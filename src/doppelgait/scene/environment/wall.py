@@ -1,4 +1,4 @@
-"""Wall between the radar and the targets: loss, delay and phase."""
+"""Wall before the targets: loss, delay and phase."""
 
 from __future__ import annotations
 
