@@ -104,7 +104,7 @@ class Antenna(FrozenModel):
 
 
 def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
-    """Return the one-way power gain of a direction, relative to the peak.
+    """Return a direction's one-way power gain, relative to peak.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Noise, integration, folding and receiver errors of a radar, in words."""
+"""Noise, integration, folding and receiver errors in words."""
 
 from __future__ import annotations
 

@@ -73,15 +73,15 @@ class Header:
 
     @property
     def facts(self) -> dict[str, float]:
-        """Carrier, frame rate and range bins, by the keys of the format."""
+        """Carrier, frame rate and range bins, by format key."""
         spacing_m = self.range_m[1] - self.range_m[0] if self.range_m.size > 1 else self.radar.bin_spacing_m
         values = (self.radar.carrier_hz, self.radar.prf_hz, spacing_m, self.range_m[0], self.range_m.size)
         return {key: float(value) for key, value in zip(FACTS, values, strict=True)}
 
     def difference(self, other: Header, *, keys: Iterable[str] = FACTS, tolerance: float = SAME) -> str:
-        """Return the first fact in which another header differs, with both values.
+        """Return the first differing fact of two headers.
 
-        Empty where there is none.
+        Both values are named. Empty where there is none.
         """
         for key in keys:
             mine, theirs = self.facts[key], other.facts[key]
@@ -92,7 +92,7 @@ class Header:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame as received: counter, the sender's time, samples in V.
+    """Frame as received: counter, sender's time, samples in V.
 
     Without a counter, the time is taken as it is.
     """
@@ -179,7 +179,7 @@ def parse_header(payload: bytes, where: str) -> Header:
 
 
 class FrameParser:
-    """Cut bytes into headers and frames, whatever else is between them.
+    """Cut bytes into headers and frames, skipping the rest.
 
     Attributes
     ----------
@@ -253,7 +253,7 @@ class FrameParser:
             del self._buffer[:at]
 
     def finish(self) -> Iterator[Header | Frame]:
-        """Yield what is whole behind a record that was begun: no more bytes come."""
+        """Yield the complete frames left when the stream ends."""
         while self._buffer.startswith(MAGIC):
             self._count(f"a record that ends after {len(self._buffer)} bytes")
             del self._buffer[0]
@@ -277,7 +277,7 @@ class FrameParser:
         return "" if length <= most else f"a header or end of {length:,} bytes, at most {most:,} are allowed"
 
     def _count(self, fault: str) -> None:
-        """Count what is malformed; the rest of it is passed over uncounted."""
+        """Count a malformed record; its rest is skipped uncounted."""
         if not self._lost or not fault.endswith("no record"):
             self.malformed, self.fault = self.malformed + 1, fault
         self._lost = True
@@ -293,7 +293,7 @@ def sniff_frames(path: Path) -> bool:
 
 @plugin("radar_writer", "frames", suffix=".dgf")
 def write_frames(recording: Recording, path: str | Path) -> None:
-    """Write a recording as a stream of frames, without its truth.
+    """Write a recording as frames, without its truth.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def header_of(
 
 @plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
 def read_frames(path: Path) -> Recording:
-    """Read a stream of frames that was kept as a file.
+    """Read frames that were saved as a file.
 
     Raises
     ------

@@ -33,7 +33,7 @@ RANGE_M = 5.0
 
 
 def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike) -> Any:
-    """Return the peak power of an echo at the antenna (E-14).
+    """Return an echo's peak power at the antenna (E-14).
 
     By the radar equation.
 
@@ -75,7 +75,7 @@ def echo_amplitude_v(
 
 
 def comparator_noise_v(radar: Radar) -> float:
-    """Return the rms noise of one pulse at the comparator, V.
+    """Return one pulse's rms noise at the comparator, V.
 
     Real input noise up to half the sampling rate, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b).
     """
@@ -176,7 +176,7 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
 
 
 def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
-    """Place echoes of earlier pulses where the frame shows them (E-10b).
+    """Place earlier pulses' echoes where they appear (E-10b).
 
     An echo from R appears at R - k c / (2 pulse rate), with the amplitude and the phase that belong to R. One whose
     pulse reaches into both ends of the frame becomes two.

@@ -148,9 +148,9 @@ def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
 
 
 def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
-    """Refuse values that are not finite; give count and first place.
+    """Refuse values that are not finite.
 
-    NaN, infinity, and values beyond single precision.
+    The error has their count and the first place. NaN, infinity, and values beyond single precision.
     """
     faults, first = 0, (0, 0)
     for start in range(0, values.shape[0], CHECK_ROWS):

@@ -126,7 +126,7 @@ class Waveform(FrozenModel):
         raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")
 
     def reach_m(self, radar: Radar) -> float:
-        """Return the distance from its range at which an echo ends.
+        """Return how far an echo ends beyond its range.
 
         4 widths, where a Gaussian echo is at -190 dB.
         """
@@ -165,7 +165,7 @@ class Waveform(FrozenModel):
         return radar.sample_rate_hz
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power of a bin over that of a sample.
+        """Return the noise power ratio of bin to sample.
 
         For white noise in the receiver samples.
         """
@@ -203,7 +203,7 @@ class Waveform(FrozenModel):
         return type(self).compress is Waveform.compress
 
     def check_given(self, radar: Radar) -> None:
-        """Refuse parameters that the waveform lacks or does not use (``ValueError``)."""
+        """Refuse missing or unused parameters of the waveform (``ValueError``)."""
         missing = [name for name in self.needs if getattr(radar, name) == OPTIONAL[name]]
         if missing:
             raise ValueError(f"waveform {self.kind!r} needs {' and '.join(missing)}")
@@ -225,7 +225,7 @@ WAVEFORMS: Group[type[Waveform]] = Group(
 
 
 def _parse_waveform(value: Any) -> Any:
-    """Return the waveform of a name, a table or a waveform.
+    """Return the waveform of a name or a table.
 
     The table has a ``kind``.
     """
@@ -248,7 +248,7 @@ def _plain_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
 
 
 class Radar(FrozenModel):
-    """A coherent radar (the report's Table 5.1 and what it leaves out).
+    """Coherent radar (the report's Table 5.1, and more).
 
     Parameters
     ----------
@@ -465,7 +465,7 @@ class Radar(FrozenModel):
         return self.frame_time_s(np.arange(max(bursts, 0) * self.burst_pulses))
 
     def frame_time_s(self, number: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return the times of frames by their number, counted from 0.
+        """Return frame times by frame number from 0.
 
         t_i = i / f_p; in bursts of M every T_b, t_i = floor(i / M) T_b + (i mod M) / f_p.
         """
@@ -527,7 +527,7 @@ class Radar(FrozenModel):
 
     @property
     def folds_pulses(self) -> bool:
-        """True where echoes of earlier pulses appear in a frame (E-10b).
+        """True if earlier pulses' echoes appear (E-10b).
 
         False for sweeps, whose samples fold by themselves, and without range.
         """
@@ -575,7 +575,7 @@ def possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
 
 @lru_cache(maxsize=256)
 def _least_density(noise_correlation: tuple[float, ...]) -> float:
-    """Return the least value of 1 + 2 sum rho_l cos(l w)."""
+    """Return the minimum of 1 + 2 sum rho_l cos(l w)."""
     angle = np.linspace(0.0, np.pi, 64 * len(noise_correlation) + 1)
     lags = np.arange(1, len(noise_correlation) + 1)
     return 1.0 + 2.0 * float((np.cos(np.outer(angle, lags)) @ np.asarray(noise_correlation)).min())

@@ -1,4 +1,4 @@
-"""Point clouds with track numbers, as TI's people-tracking demos log them.
+"""Point clouds with track numbers from TI's tracking demos.
 
 Such a log holds no samples, so that nothing of the analysis runs on it; its tracks have places and speeds, to compare
 with those of a recording or a simulation. Read are CSV files with a line per point, and the JSON files that the
@@ -196,7 +196,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
 
 
 def tracks_of_points(points: pd.DataFrame) -> list[PointTrack]:
-    """Collect the tracks of a log, those with five frames or more.
+    """Collect a log's tracks with five frames or more.
 
     A number that returns after :data:`NEW_TRACK_S` is another body's: sensors use numbers again.
 

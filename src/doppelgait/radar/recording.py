@@ -71,7 +71,7 @@ class TargetTruth:
         return np.asarray(values, dtype=np.float64)
 
     def during(self, pulses: slice, start_s: float, stop_s: float) -> TargetTruth:
-        """Return the truth at some pulses; means stay as they are."""
+        """Return the truth at some pulses, with unchanged means."""
         arrays = {name: getattr(self, name)[pulses] for name in CENTRE_ARRAYS}
         body = self.body
         if body is not None:
@@ -279,7 +279,7 @@ FASTEST_MPS = 1e4
 
 
 def check_plausible(recording: Recording, where: str) -> None:
-    """Refuse a recording whose axes or facts no radar can have.
+    """Refuse axes or facts that no radar can have.
 
     Its samples are checked by the readers, which know their place in the file.
 

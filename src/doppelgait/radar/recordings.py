@@ -1,4 +1,4 @@
-"""Radar recordings on disk: our own HDF5 form, readable with plain h5py."""
+"""Radar recordings on disk, as plain HDF5."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
 @plugin("radar_writer", "doppelgait", suffix=".h5")
 def write_recording(recording: Recording, path: str | Path) -> None:
-    """Write a recording; the file appears complete or not at all.
+    """Write a recording to a file, atomically.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def _put(group: Any, name: str, values: Any, units: str) -> None:
 
 
 def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: str) -> None:
-    """Write values (slow_time, ...), those of a long recording tile by tile."""
+    """Write values (slow_time, ...), long ones tile by tile."""
     dataset = group.create_dataset(name, values.shape, dtype, track_times=False)
     for first, tile in tiles_of(values):
         dataset[first : first + tile.shape[0]] = tile
@@ -197,7 +197,7 @@ def read_hdf5(path: Path) -> Recording:
 
 
 def _own_radar(file: Any) -> Radar:
-    """Check that a file is our own, and return its radar."""
+    """Check that a file is doppelgait's; return its radar."""
     if file.attrs.get("format") != FORMAT:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
     if int(file.attrs["format_version"]) > FORMAT_VERSION:
@@ -206,7 +206,7 @@ def _own_radar(file: Any) -> Radar:
 
 
 def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
-    """Yield the frames of a recording, ``BLOCK`` of them in memory."""
+    """Yield a recording's frames, ``BLOCK`` at a time."""
     try:
         with open_hdf5(path) as file:
             radar, baseband, time_s = _own_radar(file), file["baseband"], file["slow_time_s"]
@@ -232,7 +232,7 @@ def _check_real(group: Any, name: str) -> None:
 
 @dataclass(frozen=True)
 class StoredRows:
-    """Reads some rows of a dataset in a file that must not change meanwhile."""
+    """Rows of a dataset in a file that must stay unchanged."""
 
     path: Path
     name: str
@@ -240,7 +240,7 @@ class StoredRows:
     stamp: tuple[int, int, int]
 
     def __call__(self, first: int, stop: int) -> Any:
-        """Return the rows from the first to before the second number."""
+        """Return rows from the first to before the second number."""
         try:
             if _stamp(self.path) != self.stamp:
                 raise ValueError("it was changed since it was opened")
@@ -256,7 +256,10 @@ def _stamp(path: Path) -> tuple[int, int, int]:
 
 
 def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
-    """Read the truth of one target; with a ``path`` leave what there is of every pulse and scatterer in this file."""
+    """Read the truth of one target.
+
+    With a ``path``, what there is of every pulse and scatterer stays in that file.
+    """
     parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
     shape = (len(slow_time_s), len(parts))
     dims = ("slow_time", "scatterer")

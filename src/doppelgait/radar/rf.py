@@ -1,4 +1,4 @@
-"""The literal path: full-rate RF samples and digital down-conversion (E-16, E-17).
+"""Full-rate RF samples and digital down-conversion (E-16, E-17).
 
 Slow, and only for checking: :func:`doppelgait.radar.simulate.synthesise` gives the same baseband in closed form.
 """

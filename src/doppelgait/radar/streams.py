@@ -1,4 +1,4 @@
-"""Live frames of a radar from files, standard input and sockets.
+"""Live frames from files, standard input and sockets.
 
 A thread receives; the consumer iterates. Between them is a queue of bounded length, so that memory and latency are
 bounded however slow the consumer is.
@@ -151,7 +151,7 @@ class Stream:
         return f"{self.source}: frames " + ", ".join(f"{name} {count:,}" for name, count in counts.items())
 
     def close(self) -> None:
-        """Stop receiving; what is in the queue can still be read."""
+        """Stop receiving; queued frames can still be read."""
         self.closing.set()
         with self._changed:
             self._changed.notify_all()
@@ -175,7 +175,7 @@ class Stream:
             self.say("killed", f"the sender stopped without an end record after {self.counts.received:,} frames")
 
     def difference(self, header: Header) -> str:
-        """Return how a header differs from the stream's or the expected one."""
+        """Return how a header differs from the expected one."""
         if self._header is not None:
             return self._header.difference(header)
         return self.expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE) if self.expected else ""
@@ -239,7 +239,7 @@ class Stream:
 
 
 class _Clock:
-    """Times of frames from their counter; the sender's clock is only checked."""
+    """Frame times from counters, checked by the sender's clock."""
 
     def __init__(self, radar: Radar) -> None:
         self._radar = radar
@@ -247,7 +247,7 @@ class _Clock:
         self._last: tuple[int, float] | None = None
 
     def begins_with(self, frame: Frame) -> bool:
-        """Return whether frames have begun, in bursts with a whole one."""
+        """Return whether frames, or whole bursts, have begun."""
         return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
@@ -377,7 +377,7 @@ def _is_xethru_data(path: Path) -> bool:
 
 
 def _xethru_options(path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the options of the XeThru reader that a stream takes."""
+    """Check the XeThru options that a stream takes."""
     allowed = set(inspect.signature(recording_from_xethru).parameters) - {"path", "data_type"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {', '.join(sorted(allowed))}")
@@ -521,7 +521,7 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
 
 
 def _xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Iterator[Header | Frame]:
-    """Yield the frames of a XeThru data file that may still grow."""
+    """Yield frames of a growing XeThru data file."""
     kind = data_type_of_file(path.name)
     assert kind is not None
     told = {key: options.get(key) for key in TYPICAL}

@@ -92,7 +92,7 @@ def with_fitted_gain(
 
 
 def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
-    """Return True where the noise is unlike the image of echoes.
+    """Return True if noise and echo images differ.
 
     In gain or phase of Q against I; it then arises behind the mixer.
     """

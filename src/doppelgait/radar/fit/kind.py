@@ -113,7 +113,7 @@ def kind_preset(kind: SensorKind) -> str:
 
 
 def _draw(pooled: Pooled, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
-    """Return a number, or a distribution where the spread is known.
+    """Return a number, or a distribution of known spread.
 
     Normal; uniform of the same spread where a value must not fall below ``lowest``.
     """
@@ -222,7 +222,7 @@ def _noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
 
 
 def _doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
-    """Return knots of the noise over the white floor, by Doppler.
+    """Return knots of noise over the floor, by Doppler.
 
     Where frequencies were refused it is that floor, 0 dB; an impairment holds its outer knots to either side.
     """
@@ -252,7 +252,7 @@ def _besides(knots: list[tuple[float, float]], reference_db: float, lowest_db: f
 
 
 def _constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | None:
-    """Return the constant of all bins, where it is told from 0."""
+    """Return the constant of all bins, if significant."""
     found = kind.pooled
     if "dc_level_db" in found and found["dc_level_db"].count > len(kind.recordings) / 2:
         level = found["dc_level_db"]

@@ -202,7 +202,7 @@ def clutter_profile(
 
 @dataclass(frozen=True)
 class Leakage:
-    """Strongest static echo near the radar, and a constant over all ranges.
+    """Strongest static echo nearby, and a constant over range.
 
     Parameters
     ----------

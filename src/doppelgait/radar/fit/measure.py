@@ -1,4 +1,4 @@
-"""Measure a sensor in one recording, empty or with people in it.
+"""Measurement of a sensor in one recording.
 
 Only what is certain to be the sensor's counts: the upper half of the Doppler band in windows where it is noise and
 nothing else, low quantiles elsewhere. What a recording cannot show is refused with the reason.
@@ -52,7 +52,7 @@ ONE_WAY = 0.5
 
 @dataclass(frozen=True)
 class Line:
-    """Line in Doppler shared by all ranges and nearly all windows.
+    """Doppler line shared by all ranges and most windows.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def measure_recording(recording: Recording) -> Measured:
 
 
 def windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
-    """Return Doppler axis, power and spectrum of windows without their means.
+    """Return Doppler axis, power and spectrum of centred windows.
 
     The window is Hann's; white noise has the power of one of its samples in every cell.
 
@@ -379,7 +379,10 @@ def _bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
 
 
 def _jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
-    """Return an estimate with the delete-a-group jackknife's uncertainty over windows in order."""
+    """Return an estimate with its jackknife uncertainty.
+
+    Groups of windows in order are left out.
+    """
     groups = np.array_split(np.arange(count), min(most, count))
     left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups])
     g = len(groups)
@@ -484,7 +487,7 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
 def _image(
     spectrum: ComplexArray, moving: FloatArray, f_hz: FloatArray, refused: dict[str, str]
 ) -> dict[str, Estimate]:  # fmt: skip
-    r"""Estimate gain and phase error of the quadrature channel from what moved.
+    r"""Estimate the quadrature channel's errors from moving echoes.
 
     An echo y of any Doppler is circular, E y^2 = 0; behind the channels E I^2, E Q^2 and E I Q are in the ratio
     1 : g^2 : g sin(phi). A mover that turns less than three times in a window is left out.
@@ -524,7 +527,7 @@ def _image(
 
 
 def channels_of(ratio: complex) -> tuple[float, float]:
-    r"""Return gain, dB, and phase error, deg, of Q against I.
+    r"""Return gain (dB) and phase error (deg) of Q.
 
     From E y^2 / E |y|^2 = (1 - g^2 + 2 j g sin phi) / (1 + g^2) behind the channels.
     """
@@ -535,7 +538,7 @@ def channels_of(ratio: complex) -> tuple[float, float]:
 
 
 def _noise_of_channels(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
-    """Estimate gain and phase of Q against I for the noise alone.
+    """Estimate gain and phase of Q for noise alone.
 
     Amplifiers behind the mixer have noise of their own, which knows nothing of the mixer's error.
     """

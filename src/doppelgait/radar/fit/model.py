@@ -1,4 +1,4 @@
-"""Fit a sensor model to a recording of an empty room.
+"""Sensor models fitted to recordings of an empty room.
 
 Every number has its uncertainty; warnings are flags.
 """
@@ -128,7 +128,7 @@ class SensorFit:
 
     @property
     def level_of_unit_db(self) -> float | None:
-        """Level of one unit of the sensor's files, dB re 1 V.
+        """Level of one file unit, dB re 1 V.
 
         None where the radar does not state it.
         """
@@ -137,7 +137,7 @@ class SensorFit:
 
 
 def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: float | None = None) -> SensorFit:
-    """Fit a sensor model to a recording of an empty room.
+    """Fit a sensor model to an empty-room recording.
 
     The model has noise, clutter, phase drift and faults.
 

@@ -31,7 +31,7 @@ SHAPE_DB = 1.0
 
 @dataclass(frozen=True)
 class PooledLine:
-    """A line in Doppler that at least half of the recordings share."""
+    """Doppler line that at least half of the recordings share."""
 
     frequency_hz: float
     level_db: Pooled
@@ -178,7 +178,7 @@ def fit_kind(
 
 
 def _with_axes(radar: Radar, recording: Recording) -> Radar:
-    """Return a radar with rate and range axis of a recording."""
+    """Return a radar with a recording's rate and range axis."""
     start_m = max(float(recording.range_m[0]), 0.0) if recording.n_range_bins > 1 else radar.range_start_m
     stop_m = radar.range_stop_m
     if recording.n_range_bins > 1:
@@ -196,7 +196,7 @@ def _by_name(measured: Sequence[Measured]) -> dict[str, list[Estimate]]:
 
 
 def _reasons(same: Sequence[Measured], pooled: Mapping[str, Pooled]) -> dict[str, str]:
-    """Return why a quantity is in no recording, or in how few."""
+    """Return why a quantity is in few or no recordings."""
     found: dict[str, list[str]] = {}
     for one in same:
         for name, reason in one.refused.items():
@@ -241,7 +241,7 @@ def _clutter(spaced: Sequence[Measured], range_m: FloatArray) -> tuple[tuple[flo
 
 
 def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[tuple[float, Estimate], ...], float]:
-    """Return noise over the white floor by Doppler, and cell width.
+    """Return noise over the floor by Doppler, and cell width.
 
     Recordings with other windows than the fastest are left out.
     """
@@ -348,7 +348,7 @@ MAINS_HZ = (50.0, 60.0)
 
 
 def mains_of(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
-    """Return the multiple of the mains that a line may be.
+    """Return the mains harmonic that a line may be.
 
     It is seen as sampled; empty for none.
     """

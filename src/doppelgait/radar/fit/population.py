@@ -48,7 +48,7 @@ class Pooled:
 
 
 def pool(estimates: Iterable[Estimate]) -> Pooled:
-    r"""Pool estimates of a quantity that differs from recording to recording.
+    r"""Pool estimates of a quantity that differs between recordings.
 
     Mean and spread :math:`\tau` of :math:`x_k = \mu + \tau u_k + s_k e_k` by Paule and Mandel (J. Res. NBS 87, 1982,
     377): :math:`Q(\tau^2) = \sum_k (x_k - \mu)^2 / (s_k^2 + \tau^2)` equals K - 1; the limits of :math:`\tau` are where

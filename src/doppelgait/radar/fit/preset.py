@@ -56,7 +56,7 @@ def _noise_correlation(fit: SensorFit) -> tuple[float, ...]:
 
 
 def _noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:
-    """Return the noise figure, or a scale where none is plausible."""
+    """Return a plausible noise figure, or a scale."""
     from doppelgait.radar.link import noise_power_v2, noise_slope
 
     excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))

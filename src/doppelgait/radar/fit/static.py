@@ -38,14 +38,14 @@ class Estimate:
 
 
 def level_db(power: Estimate) -> Estimate:
-    """Level 10 log10 of a power; its uncertainty to first order."""
+    """Level 10 log10 of a power, with uncertainty."""
     if not power.value > 0:
         return Estimate(-math.inf, math.inf)
     return Estimate(10.0 * math.log10(power.value), DB_PER_NEPER * power.sd / power.value)
 
 
 def root(power: float, sd: float) -> Estimate:
-    """Square root of a variance that may have come out negative.
+    """Square root of a variance that may be negative.
 
     The uncertainty is sqrt(r^2 + sd) - r with r the root: sd / (2 r) where the variance is well measured, sqrt(sd)
     where it is not distinguished from 0.
@@ -61,7 +61,7 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class StaticPart:
-    """Rank-one model y = z c + rest of an empty room.
+    """Rank-one model y = z c + rest of a room.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Faults of real receivers and rooms, applied to receiver samples in order."""
+"""Faults of real receivers and rooms, applied in order."""
 
 from doppelgait.core.samples import Samples
 from doppelgait.radar.impairments.apply import (

@@ -187,7 +187,7 @@ def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
 
 
 def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: Radar) -> npt.NDArray[np.float64]:
-    """Return the rms of the compressed clutter at each range, V."""
+    """Return the rms of compressed clutter per range, V."""
     if spec.levels is None:
         one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
         return np.asarray(one_m2_v * math.sqrt(float(spec.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar)))

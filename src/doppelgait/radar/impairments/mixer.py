@@ -91,7 +91,7 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
 def common_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
-    """Return the phase shared by all samples of a frame, rad.
+    """Return the phase shared by a frame's samples, rad.
 
     White part, jitter, linear drift from 0 and random walk from 0.
     """
@@ -217,7 +217,7 @@ def image_ratio_db(spec: IqImbalance) -> float:
 
 @plugin("impairment", parameters=IqImbalance)
 def unbalance(samples: Samples, parameters: IqImbalance, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Add the mirror image that unequal I and Q channels cause."""
+    """Add the mirror image of unequal I and Q."""
     return samples.unbalance(float(db_to_amplitude(parameters.gain_db)), math.radians(parameters.phase_deg))
 
 

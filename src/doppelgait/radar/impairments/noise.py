@@ -74,7 +74,7 @@ Pulses = npt.NDArray[np.int64]
 
 
 class Interference(FrozenModel):
-    """Bursts of another transmitter, which sweeps or pulses on its own clock.
+    """Bursts of another transmitter with its own clock.
 
     Bursts begin at random (Poisson). In every pulse that a burst overlaps it hits one run of neighbouring samples at a
     random place: range bins of a pulse radar, ADC samples of a sweep, where two chirps cross. The samples hit get

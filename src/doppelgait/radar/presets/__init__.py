@@ -1,4 +1,4 @@
-"""Radar presets: one TOML file each, with the source of every value."""
+"""Radar presets: TOML files with a source per value."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
 
 
 def formats_of(path: Path) -> list[str]:
-    """Return the names of the readers that recognise a file or folder."""
+    """Return the readers that recognise a file or folder."""
     names = []
     for reader in RADAR_READERS.values():
         with suppress(OSError):  # what cannot be opened does not look like a format

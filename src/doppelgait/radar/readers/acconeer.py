@@ -245,7 +245,7 @@ def sniff_acconeer(path: Path) -> bool:
 
 
 def subsweeps_of(path: Path) -> list[dict[str, Any]]:
-    """List the subsweeps of a file's first entry as reader options.
+    """List the first entry's subsweeps as reader options.
 
     Empty for a damaged file, of which the reader says more.
     """

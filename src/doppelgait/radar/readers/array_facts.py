@@ -28,7 +28,7 @@ CW_RANGE_STOP_M = 1.0
 
 
 class ArrayFacts(FrozenModel):
-    """Facts about an array from its TOML file or the options.
+    """Facts about an array, from TOML or options.
 
     Parameters
     ----------

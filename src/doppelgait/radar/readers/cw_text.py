@@ -55,7 +55,7 @@ def read_cw_text(
     conjugate: bool = True,
     full_scale_v: float = 1.0,
 ) -> Recording:
-    """Read a pair of text files of a continuous-wave Doppler module.
+    """Read two text files of a continuous-wave module.
 
     ``y = (RE - 2048 -+ j (IM - 2048)) full_scale_v / 4096``; the mean stays in, as recorded.
 

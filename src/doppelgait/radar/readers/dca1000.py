@@ -38,7 +38,7 @@ BLOCK = 1 << 24
 
 
 def sniff_dca1000(path: Path) -> bool:
-    """Return whether a .bin file has radar settings next to it."""
+    """Return whether radar settings lie next to a .bin file."""
     file = Path(path)
     if file.suffix.lower() != ".bin" or not file.is_file():
         return False
@@ -160,7 +160,7 @@ def read_dca1000(
 
 
 def _channels(chirps: ChirpConfig) -> int:
-    """Count the receivers in the file, with those that are off."""
+    """Count the receivers in the file, including disabled ones."""
     return 4 if chirps.device in FOUR_LANES else len(chirps.receivers)
 
 

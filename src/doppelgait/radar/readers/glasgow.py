@@ -1,9 +1,10 @@
-"""Recordings of Ancortek radars as text: "radar signatures of human activities".
+"""Glasgow recordings of Ancortek radars as text.
 
-Published by the University of Glasgow (F. Fioranelli et al., 2019, DOI 10.5525/gla.researchdata.848). Four lines with
-centre frequency (Hz), sweep time (ms), samples per sweep and bandwidth (Hz) come first, then one complex sample of the
-beat per line, such as ``2048+1998i``. The published MATLAB program (``DataProcessingExample.m``) takes the positive
-frequencies of the transform of a sweep for the ranges and mirrors the Doppler axis: the phase grows with range.
+The recordings "radar signatures of human activities", published by the University of Glasgow (F. Fioranelli et al., 2019,
+DOI 10.5525/gla.researchdata.848). Four lines with centre frequency (Hz), sweep time (ms), samples per sweep and
+bandwidth (Hz) come first, then one complex sample of the beat per line, such as ``2048+1998i``. The published MATLAB
+program (``DataProcessingExample.m``) takes the positive frequencies of the transform of a sweep for the ranges and
+mirrors the Doppler axis: the phase grows with range.
 """
 
 from __future__ import annotations
@@ -29,7 +30,10 @@ VOLTS_PER_CODE = 1.0 / 4096
 
 
 def sniff_glasgow(path: Path) -> bool:
-    """Return whether four numbers and a complex sample begin a file."""
+    """Return whether a file begins as a Glasgow recording.
+
+    Four numbers and a complex sample come first.
+    """
     if not Path(path).is_file():
         return False
     with Path(path).open("rb") as file:
@@ -44,7 +48,7 @@ def sniff_glasgow(path: Path) -> bool:
 
 @plugin("radar_reader", "glasgow", sniff=sniff_glasgow, suffixes=(".dat",))
 def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
-    """Read a text file of an Ancortek FMCW radar, such as ``1P36A01R01.dat``.
+    """Read an Ancortek text file, such as ``1P36A01R01.dat``.
 
     Every sweep becomes a row of range bins by a windowed (Hann) transform. Static echoes and the mean of the converter
     stay in, the latter in the bins nearest to the radar.

@@ -1,4 +1,4 @@
-"""XeThru X4 RF frames in a MATLAB file, down-converted on reading.
+"""XeThru X4 RF frames of MATLAB files, down-converted.
 
 SciPy's own reader ends the whole program (segmentation fault) at some damaged files of version 5 to 7, so their number
 matrices are read here, so that no damaged byte can do harm. Layout: "MAT-File Format", The MathWorks, level 5.
@@ -139,7 +139,7 @@ def _element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
 
 
 def load_variable(variable: Variable) -> npt.NDArray[Any]:
-    """Load a variable of numbers in the type of its class.
+    """Load a numeric variable in its class's type.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def sniff_matlab(path: Path) -> bool:
 
 
 def matrices_of(path: Path) -> list[dict[str, Any]]:
-    """List the matrices of frames in a file as reader options.
+    """List a file's frame matrices as reader options.
 
     Empty for a damaged file, of which the reader says more.
     """
@@ -237,7 +237,7 @@ def read_matlab(
     bin_spacing_m: float | None = None,
     filter: Literal["hamming", "chip"] = "hamming",
 ) -> Recording:
-    """Read X4 RF frames (frames, RF bins) of a MATLAB file.
+    """Read X4 RF frames of a MATLAB file.
 
     Versions 5, 7 and 7.3 are read.
 
@@ -359,7 +359,7 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
 
 
 def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Refuse facts that are no single number, and too long axes.
+    """Refuse facts that are no numbers, and long axes.
 
     This is before they are loaded.
     """

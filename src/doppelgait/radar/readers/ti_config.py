@@ -93,12 +93,12 @@ class ChirpConfig(FrozenModel):
 
     @property
     def loop_s(self) -> float:
-        """Time from a chirp to the same one of the next loop."""
+        """Time between equal chirps of successive loops."""
         return self.chirps_per_loop * (self.idle_s + self.ramp_s)
 
 
 def config_of(path: Path) -> Path | None:
-    """Return the settings next to a file of samples, or None.
+    """Return settings next to a sample file, or None.
 
     They have its stem and end in .toml, .json or .cfg; else they are the only .cfg in its folder.
     """
@@ -161,7 +161,10 @@ CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampli
 
 
 def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
-    """Tell whether Q comes before I by adcbufCfg: with a subframe in front, or as older kits have it, without."""
+    """Return whether Q comes before I by adcbufCfg.
+
+    Newer lines have a subframe in front, those of older kits have none.
+    """
     if not numbers:
         return False
     if len(numbers) not in (4, 5):

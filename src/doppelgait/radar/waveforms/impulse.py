@@ -72,7 +72,7 @@ class Impulse(Waveform):
         return Samples.from_planes(planes, n_pulses)
 
     def resolution_m(self, radar: Radar) -> float:
-        """Half-power width in range of one echo: c sqrt(ln 2) tau (E-11)."""
+        """Half-power width of one echo: c sqrt(ln 2) tau (E-11)."""
         return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:

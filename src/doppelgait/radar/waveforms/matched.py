@@ -74,11 +74,11 @@ class _MatchedPulse(Waveform):
         return out
 
     def reach_m(self, radar: Radar) -> float:
-        """Return the half length of a response, c T / 2."""
+        """Return a response's half length, c T / 2."""
         return SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the noise bandwidth of the matched filter, 1 / T.
+        """Return the matched filter's noise bandwidth, 1 / T.
 
         Its peak keeps the amplitude of the echo.
         """
@@ -114,7 +114,7 @@ class Rectangular(_MatchedPulse):
 
 @plugin("waveform")
 class Lfm(_MatchedPulse):
-    """A pulse with a linear frequency sweep behind its matched filter."""
+    """Pulse with a linear frequency sweep and matched filter."""
 
     needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
 

@@ -146,7 +146,7 @@ class _Sweep(Waveform):
         return out
 
     def _video_turns(self, radar: Radar) -> npt.NDArray[np.float64]:
-        """Return the turns of every bin that remove the residual video phase."""
+        """Return turns that remove the residual video phase."""
         bins = self._first_bin(radar) + np.arange(self.n_range_bins(radar))
         delay_s = bins / float(radar.bandwidth_hz or math.nan)
         return np.asarray(-0.5 * self.lag * _slope_hz_per_s(radar) * delay_s**2)
@@ -196,7 +196,7 @@ class _Sweep(Waveform):
         return math.ceil(radar.range_start_m / self.bin_spacing_m(radar) - 1e-9)
 
     def bin_spacing_m(self, radar: Radar) -> float:
-        """Return the spacing of the range bins, c / (2 B).
+        """Return the range bin spacing, c / (2 B).
 
         One per sample, without zero padding.
         """
@@ -295,7 +295,7 @@ def range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
 
 
 def _kaiser_bessel() -> float:
-    """Return the parameter beta of the window that scatterers are spread by."""
+    """Return beta of the window that spreads scatterers."""
     from doppelgait.core.kernels.responses import TAPS
 
     return 0.75 * math.pi * TAPS
@@ -303,10 +303,11 @@ def _kaiser_bessel() -> float:
 
 @lru_cache(maxsize=1)
 def taps() -> npt.NDArray[np.float32]:
-    r"""Tabulate derivatives of a Kaiser-Bessel window at the half bins around a scatterer.
+    r"""Tabulate window derivatives at half bins around a scatterer.
 
-    The window is :math:`I_0(\beta \sqrt s) / I_0(\beta)`, s = 1 - (2 y / TAPS)^2, a power series in s of positive
-    terms; that of a place beside y follows by putting in the polynomial of s there.
+    The window of Kaiser and Bessel is :math:`I_0(\beta \sqrt s) / I_0(\beta)`, s = 1 - (2 y /
+    TAPS)^2, a power series in s of positive terms; that of a place beside y follows by putting in the polynomial of s
+    there.
 
     Returns
     -------
@@ -338,7 +339,9 @@ def taps() -> npt.NDArray[np.float32]:
 
 @lru_cache(maxsize=8)
 def half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
-    r"""Tabulate what a half bin of spread scatterers gives to the range bins.
+    r"""Tabulate the response of range bins to half bins.
+
+    The scatterers are spread by :func:`taps`.
 
     .. math:: H(\nu) = \sum_n \frac{w_n}{\hat\varphi(t_n)} \cos(\pi \nu t_n) \Big/ \sum_n w_n
 

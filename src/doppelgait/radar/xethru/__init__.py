@@ -1,4 +1,4 @@
-"""XeThru recordings, byte for byte as the vendor's recorder writes them."""
+"""XeThru recordings, as the vendor's recorder writes them."""
 
 from doppelgait.radar.xethru.convert import recording_from_xethru
 from doppelgait.radar.xethru.downconvert import down_convert_frames, up_convert_frames

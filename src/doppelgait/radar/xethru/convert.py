@@ -122,7 +122,7 @@ HEADER_FIELDS = {
 
 @dataclass
 class Records:
-    """Records of the chosen type, and where each fact came from."""
+    """Records of one type, and each fact's source."""
 
     path: Path
     name: str

@@ -150,7 +150,7 @@ def chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> 
 def filter_noise(
     carrier_hz: float, sample_rate_hz: float, *, decimation: int = 8, filter: FrameFilter = "chip"
 ) -> tuple[float, tuple[float, ...]]:
-    """Return what a filter makes of white noise in RF samples (E-18c).
+    """Return a filter's response to white RF noise (E-18c).
 
     Returns
     -------
@@ -181,7 +181,7 @@ def with_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
 
 
 def _gain(cycles_per_sample: float, decimation: int, filter: FrameFilter) -> float:
-    """Return the baseband amplitude of a unit sinusoid at the carrier."""
+    """Return the baseband amplitude of a unit carrier."""
     taps, _ = _complex_taps(cycles_per_sample, decimation, filter)
     return float(abs((taps * np.exp(2j * np.pi * cycles_per_sample * np.arange(taps.size))).sum())) / 2.0
 

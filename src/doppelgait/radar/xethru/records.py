@@ -254,7 +254,7 @@ class DataType:
 
     @property
     def mask(self) -> int:
-        """Value of the bit in the meta file's mask of data types."""
+        """Bit of this type in the meta file's mask."""
         return 1 << self.bit
 
     @property
@@ -314,7 +314,7 @@ def data_type_of_mask(mask: int) -> DataType | None:
 
 
 def data_type_of_file(file_name: str) -> DataType | None:
-    """Return the data type of a data file's name, or None."""
+    """Return the data type by file name, or None."""
     for entry in sorted(_TYPES, key=lambda one: -len(one.name)):
         if file_name.startswith(entry.base_name + "_") and file_name.endswith(entry.suffix):
             return entry

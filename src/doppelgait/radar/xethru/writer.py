@@ -1,4 +1,4 @@
-"""Write XeThru recordings as the vendor's recorder does, byte for byte."""
+"""Writing of XeThru recordings, as the vendor's recorder does."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class _DataFile:
 
 @dataclass
 class _Part:
-    """A folder being written: its open data files and its table."""
+    """Folder being written: its open files and table."""
 
     folder: Path
     start: datetime
