@@ -96,7 +96,7 @@ def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) ->
 
 
 def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
-    """Compare the windows' mean power with the level around each frequency.
+    """Compare mean power with the level around each frequency.
 
     The level is the highest of three medians: over the wide band, and over the cells on either side of the line (a
     harmonic or a second line hardly moves them), brought to the mean of gamma-distributed values. Where the lower side
@@ -233,7 +233,7 @@ PASSES = 3
 
 
 def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
-    r"""Divide every bin's slow-time series by the other bins' common gain.
+    r"""Divide each bin's series by the other bins' gain.
 
     The gain of frame i for bin n is
 

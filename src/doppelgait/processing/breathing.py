@@ -209,7 +209,7 @@ def find_breathing(
 
 
 def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -> bool:
-    """Return True if breaths of two short windows are of one person.
+    """Return True if breaths of two windows match.
 
     They are at one place, or at one rate at one time: an echo by a second path.
     """

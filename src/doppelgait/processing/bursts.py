@@ -1,4 +1,4 @@
-"""Signature of data in bursts of pulses with pauses between them.
+"""Signature of pulse bursts with pauses.
 
 Frames of sensors that sleep in between and microcontrollers that sample and send in turn give such data. A processing
 interval must not cross a pause, so every burst becomes one column.
@@ -29,7 +29,7 @@ UNEVEN = 0.1
 
 
 def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
-    """Count the pulses in each burst from pauses in the times.
+    """Count the pulses per burst from pauses.
 
     The result is None where there is no pause.
 
@@ -76,7 +76,7 @@ def burst_pulses_of(baseband: xr.DataArray) -> int | None:
 
 
 def burst_means(baseband: xr.DataArray) -> xr.DataArray:
-    """Average the pulses of every burst: slow motion, such as breath.
+    """Average the pulses of every burst, for slow motion.
 
     Parameters
     ----------

@@ -112,7 +112,7 @@ def summed_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: in
 
 
 def _coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
-    """Find the largest step by which the column rate may fall.
+    """Find the largest allowed decimation of the column rate.
 
     It is whole and leaves 1.5 times the two-sided band.
     """
@@ -172,7 +172,7 @@ def _buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.
 
 @lru_cache(maxsize=16)
 def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
-    """Compute the kernel at the fine columns about a coarse one.
+    """Compute the kernel at fine columns about a coarse one.
 
     It has the shape (step WIDTH - 1,); its shape factor is returned, too.
     """
@@ -300,7 +300,7 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
 
 
 class CadenceParts:
-    """The spectrum S and single rows of the diagram D, without the rest.
+    """The spectrum S and single rows of the diagram D.
 
     Their rows are smeared onto a coarser time grid once (step (1) of :func:`magnitudes`).
 
@@ -339,7 +339,7 @@ class CadenceParts:
         return make_like(self._like, CADENCE_SPECTRUM, powers, {"cadence": self.cadence_hz})
 
     def rows(self, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Compute some Doppler rows of the diagram D up to a cadence.
+        """Compute some Doppler rows of D up to a cadence.
 
         Parameters
         ----------

@@ -133,7 +133,10 @@ def _block_pulses(n_pulses: int, prf_hz: float) -> int:
 
 
 def _static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
-    """Return mean or median of planes over their pulses, (2, bins, 1), float32."""
+    """Return the mean or median of planes over pulses.
+
+    The result is (2, bins, 1), float32.
+    """
     if kind == "mean":
         total = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles)
         return np.asarray(total / n_pulses, dtype=np.float32)
@@ -147,7 +150,10 @@ after them."""
 
 
 def _filter_of(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
-    """Return a filter along the pulses, and over how many pulses its first level is the mean."""
+    """Return a filter along the pulses, and its first averaging length.
+
+    Its first level is the mean of so many pulses.
+    """
     from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
     if kind == "exponential":
@@ -176,7 +182,10 @@ def _filter_of(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MT
 
 
 def _filtered(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
-    """Filter a baseband along its pulses, a long one tile by tile when they are asked for."""
+    """Filter a baseband along its pulses.
+
+    A long one is filtered tile by tile, on demand.
+    """
     count = baseband.sizes["slow_time"]
 
     def planes_of(first: int, stop: int) -> Planes:
@@ -269,7 +278,7 @@ def share_removed(
     before: xr.DataArray, after: xr.DataArray, gate: Gate, *, total: npt.NDArray[np.complex128] | None = None,
     piece_s: float = 0.1, reference_share: float = 0.2,
 ) -> xr.DataArray:  # fmt: skip
-    r"""Measure the power share that clutter removal took from a body.
+    r"""Measure the power share of a body lost to clutter removal.
 
     The share is that in the body's gate, over time.
 

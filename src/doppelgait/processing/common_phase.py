@@ -1,4 +1,4 @@
-"""Common phase of whole frames: the radar's clock, measured on static echoes."""
+"""Common phase of frames, measured on static echoes."""
 
 from __future__ import annotations
 
@@ -102,7 +102,10 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
 
 
 def _turn(pointer: Values, pulses: int) -> Values:
-    """Return what turns a zone back, from its reference summed over so many frames around each, fewer at both ends."""
+    """Return the rotation that corrects a zone.
+
+    The reference is summed over so many frames around each, fewer at both ends.
+    """
     if pulses > 1:
         place = np.arange(pointer.size)
         total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])

@@ -95,14 +95,14 @@ class Analysis(FrozenModel):
         return {name: value for name, value in plain(self).items() if name not in ignored}
 
     def resolved(self, gate: object) -> Analysis:
-        """Return the settings that an analysis in this gate uses, without ``"auto"``."""
+        """Return the settings for this gate, without ``"auto"``."""
         if self.clutter != "auto":
             return self
         return self.model_copy(update={"clutter": "median" if gate == "track" else "none"})
 
     @property
     def sharp_edges(self) -> bool:
-        """True if range bins are in the gate wholly or not."""
+        """True if the gate takes range bins whole."""
         return self.gate_edges == "sharp" or self.method == "liland2018"
 
     @property
@@ -139,7 +139,7 @@ class Transform:
 
     @property
     def half_window(self) -> int:
-        """Pulses h on either side of the centre, (M - 1)/2."""
+        """Pulses on either side of the centre, (M - 1)/2."""
         return (self.window.size - 1) // 2
 
     def centre_pulses(self) -> npt.NDArray[np.int64]:

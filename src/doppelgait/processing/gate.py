@@ -1,4 +1,4 @@
-"""Range-Doppler gate of a target: its ranges and Doppler frequencies over time."""
+"""Range-Doppler gate of a target over time."""
 
 from __future__ import annotations
 
@@ -291,7 +291,7 @@ class Gate:
         return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, middle))
 
     def shares(self, other: Gate) -> npt.NDArray[np.bool_]:
-        """Mark the times of the gate at which another one shares ranges."""
+        """Mark the times at which another gate shares ranges."""
         inside = (self.time_s >= other.start_s) & (self.time_s <= other.stop_s)
         other_low, other_high = (np.interp(self.time_s, other.time_s, limit) for limit in (other.low_m, other.high_m))
         return np.asarray(inside & (self.low_m < other_high) & (other_low < self.high_m))
@@ -315,7 +315,7 @@ class Gate:
         return baseband.isel(slow_time=slice(first, stop))
 
     def edges(self, range_m: FloatArray, time_s: npt.ArrayLike, *, sharp: bool) -> tuple[FloatArray, FloatArray]:
-        """Compute lower and upper edge in bins of a range axis.
+        """Compute lower and upper edges in range bins.
 
         A bin's cell extends half a bin to either side.
 

@@ -120,12 +120,12 @@ def line_order(observation_s: float) -> int:
 
 
 def needs_alignment(signature: xr.DataArray | Plain) -> bool:
-    """Return True if the straight main line drifts by over 10 Hz."""
+    """Return True if the main line drifts over 10 Hz."""
     return drifts(main_line_hz(signature, order=1))
 
 
 def drifts(straight_hz: FloatArray) -> bool:
-    """Return True if a straight line drifts by over 10 Hz.
+    """Return True if a straight line drifts over 10 Hz.
 
     The drift is over the observation; the line has order 1 and is not tapered.
     """

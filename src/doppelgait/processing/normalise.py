@@ -1,4 +1,4 @@
-"""Noise floor of a signature and normalisation of its columns (E-28)."""
+"""Noise floor of a signature, and its normalisation (E-28)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def taken(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[
 
 
 def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
-    """Count the independent range bins that a cell of noise sums (E-27).
+    """Count a noise cell's independent range bins (E-27).
 
     They are counted from the quiet Doppler rows: the squared mean of their cells over the variance, at least 1.
 

@@ -130,7 +130,7 @@ class PartMask:
 def locate_parts(
     baseband: xr.DataArray, signature: xr.DataArray, gate: Gate, analysis: Analysis
 ) -> tuple[PartMask | None, str]:
-    """Locate torso and limbs of a body in its range-Doppler maps (E-40).
+    """Locate torso and limbs in range-Doppler maps (E-40).
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _gated_maps(
 
 
 def measure_parts(power: xr.DataArray) -> xr.Dataset:
-    """Measure energy, Doppler and spread of every part over time (E-40).
+    """Measure energy, Doppler and spread per part (E-40).
 
     Parameters
     ----------

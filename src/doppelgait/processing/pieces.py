@@ -1,4 +1,4 @@
-"""Segments of steady motion of a track, from the least-cost partition."""
+"""Segments of steady motion, by the least-cost partition."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def best_knots(
 
 
 class _Histories:
-    """Parabolas a (x - b)^2 + c of a change point's value.
+    """Parabolas a (x - b)^2 + c per change point.
 
     x is the value at the change point ``at``; each parabola continues a history.
     """

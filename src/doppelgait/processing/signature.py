@@ -92,7 +92,10 @@ def range_doppler(
 
 
 def _frames_in(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
-    """Return what gives ``size`` pulses from each of some first ones, of a baseband padded by ``pad`` at both ends."""
+    """Return a function that gives ``size`` pulses from each first one.
+
+    The baseband is padded by ``pad`` at both ends.
+    """
     count = baseband.sizes["slow_time"]
     if count <= LONG_PULSES:
         padded = np.pad(baseband.values, ((pad, pad), (0, 0))) if pad else baseband.values
@@ -263,7 +266,7 @@ LANES = 16
 
 
 def signature_in_tiles(read_tile: ReadTile, cut: Cut, *, wavelength_m: float) -> xr.DataArray:
-    """Compute the signature of a long recording, tile by tile of time.
+    """Compute a long recording's signature tile by tile.
 
     The bytes are those of :func:`signature_of_planes`; the memory of pulses and noise does not grow with the recording.
 

@@ -212,7 +212,7 @@ def _moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArr
 
 
 def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_bins: float, n_doppler: int) -> IntArray:
-    """Assign every cluster to the body that it is part of.
+    """Assign every cluster to its body.
 
     It is the strongest of its scan that it belongs to, or itself.
 

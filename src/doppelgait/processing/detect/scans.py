@@ -1,4 +1,4 @@
-"""Scans of a recording: range-Doppler maps at about 10 Hz, with detections."""
+"""Range-Doppler maps at about 10 Hz, with detections."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def _apply_threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
 
 
 def _odd(size_bins: float) -> int:
-    """Round a size to an odd number of at least 3.
+    """Round to an odd number of at least 3.
 
     Touching cells are always joined.
     """

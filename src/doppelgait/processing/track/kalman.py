@@ -1,4 +1,4 @@
-"""Kalman filter of range and radial velocity, and its fixed-interval smoother.
+"""Kalman filter and smoother of range and radial velocity.
 
 It is written out for two states.
 

@@ -252,7 +252,10 @@ class Track:
         return self.detected_share / max(1.0, surprise)
 
     def followed_by(self, later: Track) -> Track:
-        """Join a later track of the same body, with the gap between."""
+        """Join a later track of the same body.
+
+        The gap between them is kept.
+        """
         arrays: dict[str, Any] = {
             one.name: np.concatenate([getattr(self, one.name), getattr(later, one.name)])
             for one in fields(self)

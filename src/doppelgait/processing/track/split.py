@@ -1,4 +1,4 @@
-"""Bodies that one track holds, by the range profile of what moves with it."""
+"""Bodies within one track, by the moving range profile."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cp
 
 
 def profile_offsets_m() -> FloatArray:
-    """Return the ranges of a profile less that of its track."""
+    """Return a profile's ranges relative to its track."""
     count = round(REACH_M / STEP_M)
     return np.asarray(STEP_M * np.arange(-count, count + 1), dtype=np.float64)
 
@@ -191,7 +191,7 @@ def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: 
 
 
 def _longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int] | None:
-    """Find the longest run of scans in windows that are nearly full."""
+    """Find the longest run of nearly full windows."""
     if seen.size < least:
         return None
     full = np.convolve(seen, np.ones(least), mode="valid") >= RUN_SHARE * least
@@ -222,9 +222,9 @@ def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int
 
 
 def _at_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
-    """Move a track to the nearer (0) or farther (1) of its two echoes.
+    """Move a track to its nearer or farther echo.
 
-    It is cut to the time of both unless ``whole``.
+    0 is the nearer echo, 1 the farther. It is cut to the time of both unless ``whole``.
     """
     inside = slice(*run)
     place_m = np.sort(np.stack([ridge.own_m, ridge.other_m]), axis=0)[number]
@@ -246,7 +246,7 @@ def _at_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, who
 
 
 def _join(before: Track, after: Track) -> Track | None:
-    """Join two tracks where one takes up what the other ends; else None."""
+    """Join two tracks that continue each other, else return None."""
     gap_s = after.first_s - before.last_s
     place_m = float(np.interp(after.first_s, before.times_s, before.range_m))
     place_m -= float(before.velocity_mps[-1]) * max(gap_s, 0.0)
