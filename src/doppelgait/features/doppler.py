@@ -1,4 +1,4 @@
-"""Micro-Doppler bandwidth B_mu (E-35), its threshold form and the power envelopes (E-35b)."""
+"""Micro-Doppler bandwidth B_mu (E-35) and power envelopes (E-35b)."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def strongest_cells_v2(signature: xr.DataArray | Plain) -> npt.NDArray[Any]:
 
 
 def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> FloatArray:
-    """Compute the level of B_mu in every column (E-35); shape (J,), V^2.
+    """Compute the level of B_mu per column (E-35), V^2.
 
     It is 3 % of the body's power, which is the median over time of the columns' strongest cells with range removed.
 
@@ -119,7 +119,7 @@ def width_of_bins(share: FloatArray) -> float | None:
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
-    """Measure the mean Doppler spectrum's width above a share of its peak.
+    """Measure the mean Doppler spectrum's width above a level.
 
     The width is contiguous from the peak, Hz.
 

@@ -1,4 +1,4 @@
-"""Features beyond the set F: envelopes, power shares, cadence, torso swing.
+"""Features beyond the set F: envelopes, shares, cadence, swing.
 
 Björklund, Petersson and Hendeby, "Features for micro-Doppler based activity classification", IET Radar, Sonar &
 Navigation 9(9), 2015, describe walkers by the main cycle time and properties of the envelope. Kim and Ling, "Human
@@ -105,7 +105,7 @@ def bandwidth_envelope_hz(observed: Observed) -> float | None:
 
 @plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_mean_mps(observed: Observed) -> float:
-    """Measure the leading envelope's mean reach ahead of the main line."""
+    """Measure the leading envelope's mean reach from the main line."""
     return observed.edges.lead_mean_mps
 
 
@@ -129,13 +129,13 @@ def backward_sd_mps(observed: Observed) -> float:
 
 @plugin("feature", "forward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_range_mps(observed: Observed) -> float:
-    """Measure the leading envelope's 5 to 95 % range over time."""
+    """Measure the leading envelope's 5 to 95 % range."""
     return observed.edges.lead_high_mps - observed.edges.lead_low_mps
 
 
 @plugin("feature", "backward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_range_mps(observed: Observed) -> float:
-    """Measure the trailing envelope's 5 to 95 % range over time."""
+    """Measure the trailing envelope's 5 to 95 % range."""
     return observed.edges.lag_high_mps - observed.edges.lag_low_mps
 
 
@@ -218,7 +218,7 @@ def _share(power_v2: float, observed: Observed) -> float | None:
 
 @plugin("feature", "torso_share", unit="1", source=BAND_SOURCE)
 def torso_share(observed: Observed) -> float | None:
-    """Measure the power share within 0.4 m/s of the main line."""
+    """Measure the power share within 0.4 m/s of the line."""
     return _share(observed.about_line[0].torso_v2, observed)
 
 
@@ -259,7 +259,7 @@ def stance_share(observed: Observed) -> float | None:
 
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
 def entropy_width_mps(observed: Observed) -> float | None:
-    """Measure the entropy of the mean Doppler spectrum as a width.
+    """Measure the mean Doppler spectrum's entropy as a width.
 
     An even spread of power of this width has the same entropy.
 
@@ -287,7 +287,7 @@ def cadence_centroid_hz(observed: Observed) -> float | None:
 
 @plugin("feature", "cadence_bandwidth_hz", unit="Hz", source=CADENCE_SOURCE)
 def cadence_bandwidth_hz(observed: Observed) -> float | None:
-    """Compute the standard deviation of the cadence, 0.5 to 20 Hz.
+    """Compute the cadence's standard deviation, 0.5 to 20 Hz.
 
     The cadence is weighted with S.
     """
@@ -340,7 +340,7 @@ def ripple_at_gait_mps(observed: Observed) -> float | None:
 
 @plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
 def ripple_at_half_mps(observed: Observed) -> float | None:
-    """Measure the RMS torso swing that repeats with f_mu / 2.
+    """Measure the rms torso swing at f_mu / 2.
 
     It shows sway and limp, which alternate from step to step.
     """
@@ -359,10 +359,11 @@ def _component_mps(observed: Observed, number: int) -> float:
 
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))
 def alternate_likeness(observed: Observed) -> float | None:
-    """Compare autocorrelations of neighbouring and alternate periods, at most about 1.
+    """Compare autocorrelations of neighbouring and alternate periods.
 
-    Near 1 where a period is a step whose mirror image looks the same to the radar; less where left and right, or the
-    two halves of a stride, differ. Noise lowers both alike; rows without signal are left out (K+ of E-38).
+    The value is at most about 1. Near 1 where a period is a step whose mirror image looks the same to the radar; less
+    where left and right, or the two halves of a stride, differ. Noise lowers both alike; rows without signal are left
+    out (K+ of E-38).
     """
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None

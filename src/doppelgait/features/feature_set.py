@@ -1,4 +1,4 @@
-"""Registry of all features, with the set F and the extraction."""
+"""Registry of features, the set F, and the extraction."""
 
 from __future__ import annotations
 

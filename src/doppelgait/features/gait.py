@@ -57,7 +57,7 @@ def _snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
 
 
 def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, window_steepness: float) -> Extraction:
-    """Extract the six features from one target's signature (E-34 to E-38).
+    """Extract six features from a target's signature (E-34 to E-38).
 
     Parameters
     ----------

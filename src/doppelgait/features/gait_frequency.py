@@ -1,4 +1,4 @@
-"""Gait frequency f_mu of a signature as a posterior over frequency (E-33).
+"""Posterior of the gait frequency f_mu of a signature (E-33).
 
 Four sets of rows speak: the whole signature and the limbs relative to the torso, each as it is and whitened over time
 with rows of equal weight (coloured noise). For each frequency of a grid they give nine terms each: how well the rows

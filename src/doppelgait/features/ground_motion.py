@@ -1,4 +1,4 @@
-"""Ground speed and aspect angle with uncertainties from the range history (E-34b)."""
+"""Ground speed and aspect angle from the range history (E-34b)."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class PieceMotion:
 
 
 def piece_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float) -> PieceMotion:
-    """Estimate motion over ground in a segment of a track (E-34b).
+    """Estimate ground motion in a track segment (E-34b).
 
     Parameters
     ----------

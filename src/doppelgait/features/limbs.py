@@ -1,4 +1,4 @@
-"""Doppler rows of the limbs relative to the torso (E-33 step 4).
+"""Limb rows of Doppler relative to the torso (E-33).
 
 Steps show in them, and the body's sway does not.
 """
@@ -150,7 +150,7 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
 def _limb_groups(
     n_rows: int, zero: int, zero_hz: float, bin_hz: float
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
-    """Return groups of about 16 Hz on either side of the torso.
+    """Return limb groups of 16 Hz around the torso.
 
     First row of every group, one past its last, and the Doppler of its middle; incomplete groups are dropped.
     """

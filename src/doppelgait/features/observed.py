@@ -70,7 +70,7 @@ class Edges(NamedTuple):
 
 
 class AboutLine(NamedTuple):
-    """Power above the noise about the main line, V^2, range removed (E-28).
+    """Power above noise about the main line, range removed (E-28).
 
     Sums over time within 0.4 and 1.6 m/s and of all rows, cells at the edge in part; mean and standard deviation over
     time within 1.6 m/s.
@@ -139,7 +139,7 @@ class Observed:
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
     def lacks(self, needs: tuple[str, ...]) -> str | None:
-        """Return the reason why one of these is missing, or None.
+        """Return why one of these is missing, or None.
 
         A signal is always needed.
         """
@@ -162,17 +162,17 @@ class Observed:
 
     @cached_property
     def has_direction(self) -> bool:
-        """True if the target moves towards or away from the radar."""
+        """True if the target approaches or recedes."""
         return self.direction != 0.0
 
     @cached_property
     def has_envelope(self) -> bool:
-        """True if at least half of the columns stand above noise."""
+        """True if half of the columns exceed the noise."""
         return self.edges.seen_share >= SEEN_SHARE
 
     @cached_property
     def has_line(self) -> bool:
-        """True if the torso can be followed along the main line."""
+        """True if the main line follows the torso."""
         return math.isfinite(self.torso_ripple_rms_mps)
 
     @cached_property
@@ -187,11 +187,11 @@ class Observed:
 
     @cached_property
     def width_level_v2(self) -> FloatArray:
-        """Power above the floor at which B_mu is measured (E-35); shape (J,)."""
+        """Power above the floor for B_mu (E-35), shape (J,)."""
         return width_level_v2(self.strongest_v2, self.floor_v2, self.range_weight)
 
     def counts_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
-        """Count cells of blocks above the raised level of B_mu (E-35).
+        """Count cells above the raised level of B_mu (E-35).
 
         Blocks lie between ``edges``, in columns; shape (blocks, K).
         """
@@ -212,11 +212,11 @@ class Observed:
 
     @cached_property
     def period_edges(self) -> npt.NDArray[np.int64]:
-        """Ends of whole gait periods in columns, centred in the record."""
+        """Ends of whole gait periods in columns, centred."""
         return self.block_edges(1.0 / self.frequency_hz)
 
     def block_edges(self, seconds: float) -> npt.NDArray[np.int64]:
-        """Compute ends of whole blocks, centred in the record; in columns."""
+        """Compute the ends of whole blocks in columns, centred."""
         n_columns = self.power_v2.shape[0]
         length = seconds * self.rate_hz
         count = int(n_columns / length + 1e-9)
@@ -264,7 +264,7 @@ class Observed:
 
     @cached_property
     def mps_per_hz(self) -> float:
-        """Half a wavelength: radial velocity of one hertz of Doppler (E-05)."""
+        """Half a wavelength: speed per hertz of Doppler (E-05)."""
         return float(self.signature.attrs["wavelength_m"]) / 2.0
 
     @cached_property
@@ -394,7 +394,7 @@ class Observed:
 
     @cached_property
     def ripple_parts(self) -> dict[int, float]:
-        """Amplitudes of the torso's swing by their order of f_mu / 2."""
+        """Torso swing amplitudes by order of f_mu / 2."""
         from doppelgait.core.kernels.robust import swing_parts
 
         halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
@@ -405,14 +405,14 @@ class Observed:
 
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
-        """Cadence axis and power spectrum S from 0.5 to 20 Hz (E-32)."""
+        """Cadence axis and power spectrum, 0.5 to 20 Hz (E-32)."""
         cadence_hz = axis(self.spectrum, "cadence")
         first, last = np.searchsorted(cadence_hz, CADENCE_HZ)
         return cadence_hz[first:last], self.spectrum.values[first:last]
 
     @cached_property
     def harmonic_powers(self) -> list[float]:
-        """Power of the first four harmonics of f_mu, less the noise.
+        """Power of four harmonics of f_mu above the noise.
 
         Each is the highest value of S within half a resolution cell; the noise is the median of S between the harmonics
         (E-38), 0 where there is nothing between them.
