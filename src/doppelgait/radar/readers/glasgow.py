@@ -1,7 +1,7 @@
 """Glasgow recordings of Ancortek radars as text.
 
-The recordings "radar signatures of human activities", published by the University of Glasgow (F. Fioranelli et al., 2019,
-DOI 10.5525/gla.researchdata.848). Four lines with centre frequency (Hz), sweep time (ms), samples per sweep and
+The recordings "radar signatures of human activities", published by the University of Glasgow (F. Fioranelli et al.,
+2019, DOI 10.5525/gla.researchdata.848). Four lines with centre frequency (Hz), sweep time (ms), samples per sweep and
 bandwidth (Hz) come first, then one complex sample of the beat per line, such as ``2048+1998i``. The published MATLAB
 program (``DataProcessingExample.m``) takes the positive frequencies of the transform of a sweep for the ranges and
 mirrors the Doppler axis: the phase grows with range.
