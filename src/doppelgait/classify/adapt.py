@@ -155,7 +155,7 @@ def _moved(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
 
 
 def recordings_of(rows: Rows) -> npt.NDArray[np.str_]:
-    """Return the recording of every row; its id where none is named."""
+    """Return every row's recording, its id where unnamed."""
     named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else None
     if named is not None and (named != "").all():
         return named.to_numpy(dtype=str)
@@ -238,9 +238,10 @@ def adaptation_curve(
 def adapt_to_rows(
     model: Model, rows: Rows, values: Inputs, rng: np.random.Generator
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
-    """Adapt a model to labelled rows, with its curve and remarks.
+    """Adapt a model to labelled rows.
 
-    Rows that the model gives no decision on move nothing and are not scored.
+    Its learning curve and remarks are returned, too. Rows that the model gives no decision on move nothing and are not
+    scored.
     """
     used, notes = _decidable(model, rows, values)
     part, inputs = take_rows(rows, used), values[used]
@@ -271,7 +272,10 @@ def adapt_to_nameless_rows(
 
 
 def _decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
-    """Return the rows that the model decides on, with a remark on the others."""
+    """Return the rows that the model decides on.
+
+    A remark describes the others.
+    """
     blocked = blocked_rows(rows, np.arange(len(rows)), values, model)
     if not blocked.any():
         return np.arange(len(rows)), []

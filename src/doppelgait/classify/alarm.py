@@ -1,9 +1,9 @@
-"""Metrics of an alarm over a day: false triggers, time to detect, missed entries.
+"""Metrics of an alarm over a day.
 
-A day (:class:`Day`) is a list of kinds of episodes, each a scene file with distributions and its hours a day. Every
-episode is simulated several times and classified in windows as a stream is (:mod:`doppelgait.classify.timeline`). The
-alarm's score at a time is the highest fused probability of its class over the tracks that had evidence; it triggers
-where the score rises to the threshold.
+These are false triggers, time to detect and missed entries. A day (:class:`Day`) is a list of kinds of episodes, each a
+scene file with distributions and its hours a day. Every episode is simulated several times and classified in windows as
+a stream is (:mod:`doppelgait.classify.timeline`). The alarm's score at a time is the highest fused probability of its
+class over the tracks that had evidence; it triggers where the score rises to the threshold.
 """
 
 from __future__ import annotations
@@ -104,13 +104,16 @@ class Episode:
     scores: FloatArray
 
     def triggers(self, threshold: float) -> FloatArray:
-        """Return the times at which the score rises to a threshold."""
+        """Return the times of crossing a threshold upwards."""
         over = self.scores >= threshold
         return np.asarray(self.times_s[over & ~np.concatenate([[False], over[:-1]])], dtype=np.float64)
 
 
 def read_day(path: str | Path | None = None) -> Day:
-    """Read a day from a TOML file; by default the built-in ``home-alarm-day``."""
+    """Read a day from a TOML file.
+
+    By default it is the built-in ``home-alarm-day``.
+    """
     file = BUILT_IN if path is None else Path(path)
     table, text = read_toml(file)
     return validate(Day, table, where=file.name, text=text)
@@ -178,10 +181,11 @@ def draw_scene(day: Day, section: EpisodeSection, example: int) -> Run:
 
 
 def alarm_scores(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
-    """Return ends of windows and the alarm's score there: the highest over the tracks, 0 without one.
+    """Return ends of windows and the alarm's scores.
 
-    The score of a track is what its ``alarm`` compares with the threshold: its fused probability in its last window
-    that was evidence; before the first one that of the window alone, unless the model has no alarm for such a radar.
+    A score is the highest over the tracks, 0 without one. The score of a track is what its ``alarm`` compares with the
+    threshold: its fused probability in its last window that was evidence; before the first one that of the window
+    alone, unless the model has no alarm for such a radar.
     """
     kept: dict[int, float] = {}
     times, scores = [], []
@@ -307,7 +311,10 @@ def day_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def episode_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Format recordings that triggered by kind of episode, a column per threshold."""
+    """Format recordings that triggered,, by kind.
+
+    There is a column per threshold.
+    """
     rows = []
     for number, kind in enumerate(found["thresholds"][0]["by_episode"]):
         row = {"episode": kind["label"], "should trigger": "yes" if kind["should_trigger"] else "no",

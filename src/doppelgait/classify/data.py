@@ -1,4 +1,4 @@
-"""Rows of one or two datasets as model inputs, labels and groups.
+"""Model inputs, labels and groups from dataset rows.
 
 They hold nothing that an analysis cannot know.
 """
@@ -93,7 +93,9 @@ class Table:
 
 
 def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
-    """Collect the rows of a dataset, and of another one for testing.
+    """Collect dataset rows for training and testing.
+
+    Another dataset may give the rows for testing.
 
     Raises
     ------
@@ -227,7 +229,7 @@ def wavelengths_m(rows: Rows) -> FloatArray:
 
 
 def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:
-    """Read only the signature of a row; None if it has none."""
+    """Read a row's signature alone, None if absent."""
     row = json_value(dataset.index.iloc[number].to_dict())
     facts = {"signature": dataset.description["fields"]["signature"]}
     carrier_hz = carrier_of(dataset.description, row)
@@ -240,7 +242,7 @@ def levels_of(signature: xr.DataArray | None, patch: Patch) -> Levels | None:
 
 
 def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
-    """Collect the nuisance parameters of all rows, as ``dataset verify`` does.
+    """Collect the nuisance parameters of all rows.
 
     They are those that the plan sampled and the index states.
 

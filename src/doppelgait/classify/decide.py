@@ -158,7 +158,9 @@ def classify(
 
 
 def model_for(source: Recording | Sequence[Result]) -> Model:
-    """Return the shipped model that fits the radar of a recording or of results.
+    """Return the shipped model for a recording's radar.
+
+    Results may stand for the recording.
 
     Raises
     ------
@@ -172,7 +174,7 @@ def model_for(source: Recording | Sequence[Result]) -> Model:
 
 
 def analysis_of(model: Model) -> Analysis:
-    """Return the analysis parameters of the training data of a model."""
+    """Return the analysis parameters of a model's training data."""
     return validate(Analysis, model.facts.analysis, where=f"model {model.facts.name}")
 
 
@@ -248,7 +250,7 @@ SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_
 
 
 def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
-    """Warn where the analysis differs from that of the training data.
+    """Warn where the analysis differs from the training data's.
 
     Clutter removal may differ: it depends on the room.
     """

@@ -46,7 +46,9 @@ def simulate_like(
     recordings: Sequence[Recording], preset: str | Path, *, plan: PlanConfig | None = None, folder: Path | None = None,
     seed: int = 0,
 ) -> list[Recording]:  # fmt: skip
-    """Simulate a recording for each real one: same pulses, same range bins.
+    """Simulate a recording like each real one.
+
+    It has the same pulses and range bins.
 
     Parameters
     ----------
@@ -259,7 +261,7 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
 def _held_out_scores(
     values: FloatArray, positive: npt.NDArray[np.bool_], groups: npt.NDArray[np.str_], *, kind: str, seed: int
 ) -> FloatArray:
-    """Return scores of windows, each by a classifier without their group."""
+    """Return window scores, each without its own group."""
     from sklearn.ensemble import HistGradientBoostingClassifier
     from sklearn.linear_model import LogisticRegression
     from sklearn.model_selection import StratifiedGroupKFold
@@ -311,7 +313,7 @@ def picture(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 
 
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
-    """Return a table of AUC, what was held out, and distances.
+    """Tabulate AUC, what was held out, and distances.
 
     The statistic that is furthest off in the last model comes first.
     """

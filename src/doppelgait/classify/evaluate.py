@@ -50,7 +50,7 @@ UNLABELLED = "unlabelled"
 def document_of(
     rows: Rows, folds: Sequence[Fold], answers: Mapping[str, Answers], notes: Sequence[str], *, seed: int
 ) -> dict[str, Any]:
-    """Collect the scores of all models for JSON; None for unknown.
+    """Collect all models' scores for JSON, None for unknown.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _accuracy_by_condition(answers: Mapping[str, Answers], notes: list[str], see
 
 
 def answers_table(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
-    """Tabulate probabilities, class and decision of every model per tested row."""
+    """Tabulate probabilities, class and decision per tested row."""
     tested = next(iter(answers.values()))
     columns: dict[str, Any] = {"id": tested.index["id"], "label": tested.index["label"], "mover": tested.groups}
     for name, found in answers.items():
@@ -321,7 +321,10 @@ def _rows_to_test(
 
 
 def _alarm_of(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
-    """Return the class of the alarm, which must be there if it is named or needed."""
+    """Return the class of the alarm, if named or needed.
+
+    A class that is named or needed must exist.
+    """
     if alarm_class is not None and alarm_class not in rows.classes:
         raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {', '.join(rows.classes)}")
     alarm = alarm_class or rows.alarm
@@ -331,7 +334,10 @@ def _alarm_of(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
 
 
 def _missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
-    """Say what the models cannot do for lack of a class or of held rows."""
+    """Describe what the models lack a class or rows for.
+
+    The rows are held-out ones.
+    """
     said, fewest = [], min(fold.held.size for fold in folds)
     if rows.alarm not in rows.classes:
         said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
@@ -344,7 +350,7 @@ def _missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
 
 
 def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
-    """Choose the model to keep; None where no held rows tell."""
+    """Choose the model to keep, None without held-out rows."""
     if "ensemble" in trained:
         return "ensemble"
     losses = {name: float(np.mean([run.held_loss for run in runs])) for name, runs in trained.items()}
@@ -356,7 +362,7 @@ def _score_further(
     model: Model, tested: Rows, values: Any, strangers: Rows | None, nameless: Rows | None, *, seed: int, adapted: bool,
     shares: Mapping[str, float] | None,
 ) -> tuple[dict[str, Any], Model, list[str]]:  # fmt: skip
-    """Score adaptation to own rows, then abstention from strangers, with remarks.
+    """Score adaptation, then abstention from strangers, with remarks.
 
     The model is returned as adapted to all tested rows, or to those without labels.
     """
@@ -379,7 +385,7 @@ def _score_of_seed(answers: Answers) -> float | None:
 
 
 def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
-    """Find conditions of tested rows outside the training range, over all folds."""
+    """Find conditions of tested rows outside the training range."""
     found = conditions_of_rows(rows)
     all_of_them: dict[str, dict[str, Any]] = {}
     for fold in folds:

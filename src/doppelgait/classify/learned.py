@@ -39,7 +39,7 @@ def log_softmax(scores: FloatArray) -> FloatArray:
 
 
 def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
-    """Take the logarithm of features with a floor above 0, (n, d)."""
+    """Take the logarithm of features above a positive floor."""
     if not floor.size:
         return np.asarray(values, dtype=np.float64)
     raised = np.maximum(values, np.where(floor > 0, floor, -np.inf))  # NaN stays
@@ -71,7 +71,7 @@ class Columns(Protocol):
 
 
 def standardise(values: Inputs, learned: Columns) -> FloatArray:
-    """Convert features (n, d) to a model's columns (n, d + m)."""
+    """Standardise features (n, d) to a model's columns (n, d + m)."""
     unknown = np.isnan(values)
     filled = np.where(unknown, learned.median, log_from(values, learned.floor))
     columns = np.hstack([filled, unknown[:, learned.told].astype(np.float64)])
@@ -275,7 +275,7 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Weighted mean of the calibrated log-odds of models that see different things.
+    """Weighted mean of models' calibrated log-odds.
 
     Models that err for different reasons outvote each other's errors.
 
@@ -307,7 +307,7 @@ class Ensemble:
 
 
 def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
-    """Join features (n, d) and levels (n,) to (n, d + 1)."""
+    """Join features (n, d) and levels (n,)."""
     values = np.empty((len(features), features.shape[1] + 1), dtype=object)
     values[:, :-1], values[:, -1] = features, pictures
     return values

@@ -1,4 +1,4 @@
-"""Live decisions: frames of a radar as they arrive, in fixed memory.
+"""Live decisions on arriving frames, in fixed memory.
 
 A thread takes frames from their source into a ring of one window. Every hop it copies the ring into a slot that holds
 one window; the caller takes it from there, analyses it and decides (:mod:`doppelgait.classify.timeline`). Where the
@@ -47,7 +47,7 @@ MANY = 0.2
 
 @dataclass
 class LiveCounts:
-    """Frames and windows of a stream by what became of them.
+    """Frames and windows of a stream, by outcome.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class LiveCounts:
 
 
 class _Ring:
-    """The last window of a stream, on an even grid of times."""
+    """Last window of a stream on even times."""
 
     def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
         self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s
@@ -138,7 +138,7 @@ class _Ring:
             yield from self._push(row)
 
     def _missing(self, time_s: float) -> int:
-        """Count frames missing before a time; negative for a late one."""
+        """Count frames missing before a time, negative if late."""
         prf_hz, period_s = self.radar.prf_hz, self.radar.burst_period_s
         if period_s is None:
             return round((time_s - self._due_s) * prf_hz)
@@ -148,7 +148,7 @@ class _Ring:
         return burst * self._block_rows + place - self._n_rows
 
     def _push(self, row: npt.NDArray[np.complex64]) -> Iterator[Window]:
-        """Add a row; cut windows at the pulses where files are cut."""
+        """Add a row and cut windows where files are cut."""
         self._rows[self._n_rows % self._rows.shape[0]] = row
         self._n_rows += 1
         begin_s = self._n_windows * self.hop_s
@@ -211,7 +211,10 @@ class Live:
             yield from decisions
 
     def windows(self) -> Iterator[tuple[Window, list[TrackDecision], list[Result]]]:
-        """Yield every window with its decisions and results, one of each per target, also where there is none."""
+        """Yield every window with decisions and results.
+
+        There is one of each per target, and windows without targets are included.
+        """
         try:
             while not self._closed.is_set():
                 raise_if_stopped()

@@ -94,7 +94,7 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
 
 
 def detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
-    """Return the highest threshold that a share of positive rows reaches.
+    """Return the highest threshold for a share of positive rows.
 
     NaN without positive rows.
     """
@@ -126,7 +126,7 @@ def wavelength_of(signature: xr.DataArray) -> float:
 
 
 def prf_of(signature: xr.DataArray) -> float:
-    """Return the pulse rate, the span of the Doppler axis, or NaN."""
+    """Return the pulse rate, the Doppler axis' span, or NaN."""
     if "doppler" not in signature.coords or signature.sizes["doppler"] < 2:
         return math.nan
     doppler_hz = np.asarray(signature.coords["doppler"].values, dtype=np.float64)
@@ -144,7 +144,7 @@ def conditions_of_target(columns: Mapping[str, Any], signature: xr.DataArray) ->
 
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
-    """Return the conditions of every row, shape (n,); NaN for unknown.
+    """Return every row's conditions, NaN for unknown.
 
     The observation time is that used by the analysis.
     """
@@ -163,7 +163,7 @@ def _read_column(index: pd.DataFrame, column: str) -> FloatArray:
 
 
 def learnt_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
-    """Return the span of every known condition of the training rows."""
+    """Return the training span of every known condition."""
     known = {name: values[train][np.isfinite(values[train])] for name, values in found.items()}
     return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
 
@@ -180,7 +180,7 @@ def beyond(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.
 
 
 def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
-    """Describe conditions of a target outside the training range, or unknown."""
+    """Describe conditions outside the training range, or unknown."""
     said = []
     for name in TOLERANCE:
         if name not in learnt:

@@ -1,4 +1,4 @@
-"""Model files: plain NumPy arrays and one JSON text, no code."""
+"""Model files: plain arrays and JSON, no code."""
 
 from __future__ import annotations
 

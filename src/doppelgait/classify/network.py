@@ -213,7 +213,7 @@ def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Trai
 
 
 def stretched(pictures: Levels, factors: FloatArray) -> Levels:
-    """Stretch images (n, n_velocity, n_time) in velocity about zero, one factor each.
+    """Stretch images in velocity about zero, one factor each.
 
     Between rows it is interpolated linearly; beyond the first and last one there is 0, the noise floor.
     """

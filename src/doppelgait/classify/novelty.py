@@ -1,4 +1,4 @@
-"""Distance of a target from everything that a model was trained on.
+"""Distance of a target from all training data.
 
 A classifier must answer with one of its classes. Something else - a waving person, a vacuum cleaner - is told by its
 distance from the training rows, not by the probabilities.
@@ -55,13 +55,13 @@ class Novelty:
     held: FloatArray
 
     def distance(self, values: Inputs) -> FloatArray:
-        """Return the distance of every row from the nearest class, shape (n,)."""
+        """Return every row's distance from the nearest class."""
         columns = standardise(features_in(values), self) @ self.whitening
         apart = columns[:, None, :] - self.centre @ self.whitening
         return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
 
     def rank(self, values: Inputs) -> FloatArray:
-        """Return the share of held-out rows at least as far, (n,).
+        """Return the share of held-out rows at least as far.
 
         (k + 1) / (n + 1) with k of n rows as far, a conformal p-value: uniform between 0 and 1 for rows like those, and
         1 where none were held out.

@@ -93,6 +93,6 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
 
 
 def _scores(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
-    """Return distance from what was learnt, if measured, and highest probability."""
+    """Return distance if measured, and highest probability."""
     far = None if model.novelty is None else model.novelty.distance(values)
     return far, np.asarray(model.probability(values).max(axis=1))

@@ -77,7 +77,7 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
 
 
 def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
-    """Convert a whole signature to levels on the grid of an image.
+    """Convert a whole signature to levels on an image grid.
 
     The power is averaged over cells of velocity and time (finer or coarser axes, other pulse rates and carriers give
     the same picture), then taken in dB over the noise floor or over ``range_db`` below the peak, whichever is higher,
@@ -151,7 +151,7 @@ def covering(whole: Levels, spec: Patch) -> Levels:
 
 
 def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Check a signature and return power (J, K) and its axes.
+    """Check a signature; return power (J, K) and axes.
 
     The axes are even and rising.
     """

@@ -1,4 +1,4 @@
-"""Report of an evaluation: figures, tables and page, from its document."""
+"""Report of an evaluation: figures, tables and page."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def adaptation_curves(document: Document) -> Figure:
 
 
 def condition_curves(document: Document, condition: str) -> Figure:
-    """Plot the balanced accuracy in bins of a condition, with intervals."""
+    """Plot balanced accuracy in bins of a condition."""
     looks, facts = _line_styles(document), document["conditions"][condition]
     figure, axes = new_axes(width_in=9.0, height_in=5.0)
     count = len(facts["models"])
@@ -411,7 +411,7 @@ def _format_table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = 
 
 
 def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Format one row of scores per model, for page and command line."""
+    """Format a row of scores per model."""
     rows = []
     for name, model in document["models"].items():
         found, decided = model["balanced_accuracy"], model["decided"]
@@ -483,7 +483,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def with_interval(found: Mapping[str, Any]) -> str:
-    """Format a share with its interval, or why there is none."""
+    """Format a share with its interval."""
     if found["value"] is None and "interval" in found:
         return str(found["interval"])
     return f"{number(found['value'])} ({number(found['low'])} to {number(found['high'])})"

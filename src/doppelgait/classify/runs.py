@@ -188,7 +188,7 @@ def learn(
 
 
 def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
-    """Compute the rise of the log loss when a feature is shuffled.
+    """Compute the log-loss rise when features are shuffled.
 
     Mean of 5 shuffles among the test rows; largest first.
     """

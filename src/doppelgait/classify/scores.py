@@ -42,7 +42,7 @@ def confusion(labels: IntArray, guesses: IntArray, n_classes: int) -> IntArray:
 
 
 def recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
-    """Return the recall of every class; NaN for an absent class."""
+    """Return every class's recall, NaN where absent."""
     counts = np.bincount(labels, minlength=n_classes)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.bincount(labels, weights=right, minlength=n_classes) / counts)
@@ -57,7 +57,7 @@ def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
 
 
 def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
-    """Return the exact interval of a share (Clopper and Pearson 1934).
+    """Return a share's exact interval (Clopper and Pearson 1934).
 
     ``hits`` among n trials; (0, 1) without trials.
     """
@@ -70,7 +70,7 @@ def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float,
 
 
 def share_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
-    """Return the exact interval of a share, one trial per target.
+    """Return a share's exact interval, a trial per target.
 
     It is wide enough where all rows of a target are alike.
     """
@@ -146,7 +146,7 @@ def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) 
 def auc_interval(
     scores: FloatArray, positive: Bools, groups: Groups, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """Return the bootstrap interval of the AUC over targets, or None.
+    """Return the AUC's bootstrap interval over targets, or None.
 
     None where a kind has fewer than 20 targets or nothing overlaps.
     """
@@ -159,9 +159,9 @@ def auc_interval(
 
 
 def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
-    """Return false and true positive rates from (0, 0) to (1, 1).
+    """Return false and true positive rates.
 
-    At every threshold.
+    They run from (0, 0) to (1, 1), one per threshold.
     """
     order = np.argsort(-scores, kind="stable")
     last = np.append(np.flatnonzero(np.diff(scores[order])), scores.size - 1)
@@ -329,7 +329,7 @@ def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
 
 
 def alarm_point(answers: Answers) -> dict[str, Any] | None:
-    """Compute alarm rates at 95 % detection of its class, or None.
+    """Compute alarm rates at 95 % detection, or None.
 
     None where there is no such class or no threshold.
 
@@ -392,7 +392,7 @@ CONDITIONS = (
 
 
 def condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
-    """Return the best known column of a condition and its values.
+    """Return a condition's best known column and values.
 
     It is known of half of the rows or more; angles are from 0 to 90 degrees.
     """
@@ -450,7 +450,7 @@ MOST_VALUES = 40
 
 
 def breakdown(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
-    """Return the accuracy of every class at every value of a column."""
+    """Return every class's accuracy per value of a column."""
     return [
         {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in shares.items()}}
         for value in np.unique(texts).tolist()

@@ -1,4 +1,4 @@
-"""Models that come with the package, trained on synthetic recordings alone.
+"""Shipped models, trained on synthetic recordings alone.
 
 ``tools/train_models.py`` makes them; each has its card next to it.
 """
@@ -70,7 +70,7 @@ def model_of_radar(radar: Radar) -> Model:
 
 
 def open_model(name: str | Path) -> Model:
-    """Load a model by the name of one that comes with the package, or from a file.
+    """Load a model by shipped name or from a file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Decisions over time: windows, linked targets, and evidence fused per track.
+"""Decisions over time: windows, linked targets, fused evidence.
 
 A window is cut from the recording (:func:`windows_of`), or from a stream (:mod:`doppelgait.classify.live`), and is
 analysed and classified like a recording of its own: nothing outside it is looked at, so that a stream gives what its
@@ -111,7 +111,7 @@ class TrackDecision:
 
 
 class Span(NamedTuple):
-    """Time in which the decision about a track does not change.
+    """Time with an unchanged decision about a track.
 
     ``probability`` is the last one; ``reason`` the commonest of its windows.
     """
@@ -168,7 +168,7 @@ def windows_of(recording: Recording, window_s: float, hop_s: float) -> Iterator[
 def analyze_window(
     window: Window, analysis: Analysis, tracking: Tracking | None = None, gate: Any = "track"
 ) -> list[Result]:
-    """Analyse a window; times among the diagnostics are those of the recording."""
+    """Analyse a window; times refer to the recording."""
     return [_later(one, window.start_s) for one in analyze(window.recording, gate=gate, analysis=analysis,
                                                            tracking=tracking)]  # fmt: skip
 
@@ -189,20 +189,26 @@ class Path(NamedTuple):
 
     @classmethod
     def of(cls, result: Result, window: Window) -> Path:
-        """Return the path of a target, as its gate has it."""
+        """Return a target's path from its gate."""
         gate = result.gate
         n_steps = max(math.ceil((gate.stop_s - gate.start_s) / STEP_S), 1)
         own_s = np.linspace(gate.start_s, gate.stop_s, n_steps + 1)
         return cls(own_s + window.start_s, gate.centre_at(own_s))
 
     def approach_mps(self, *, at_end: bool) -> float:
-        """Return the radial speed over the half second at one end."""
+        """Return the radial speed at one end.
+
+        It is taken over half a second.
+        """
         part = slice(-6, None) if at_end else slice(None, 6)
         times_s, range_m = self.time_s[part], self.range_m[part]
         return -float((range_m[-1] - range_m[0]) / max(times_s[-1] - times_s[0], STEP_S))
 
     def distance_to(self, later: Path) -> float:
-        """Return the distance to a later path, m; inf beyond its limit."""
+        """Return the distance to a later path, m.
+
+        It is inf beyond the limit.
+        """
         common = later.time_s[(later.time_s >= self.time_s[0]) & (later.time_s <= self.time_s[-1])]
         if common.size * STEP_S >= LEAST_COMMON_S:
             apart = np.interp(common, self.time_s, self.range_m) - np.interp(common, later.time_s, later.range_m)
@@ -260,13 +266,16 @@ class _Belief:
     alarm: bool | None = None
 
     def pass_to(self, time_s: float) -> None:
-        """Predict the belief: p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt)."""
+        """Predict the belief after a time.
+
+        This is p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt).
+        """
         n = self.probability.size
         kept = math.exp(-CHANGE_PER_S * n / (n - 1) * max(time_s - self.at_s, 0.0))
         self.probability, self.at_s = 1.0 / n + (self.probability - 1.0 / n) * kept, time_s
 
     def see(self, probability: FloatArray, start_s: float, stop_s: float) -> None:
-        """Add evidence, weighted by the share of its time that is new."""
+        """Add evidence, weighted by its share of new time."""
         new_s = stop_s - max(start_s, self.covered_s)
         weight = min(max(new_s / max(stop_s - start_s, 1e-9), 0.0), 1.0)
         self.covered_s = max(self.covered_s, stop_s)
@@ -275,7 +284,7 @@ class _Belief:
 
 
 class Tracks:
-    """Decisions about the tracks of a recording or stream, window by window.
+    """Decisions on the tracks of a recording or stream.
 
     Memory does not grow: lost tracks are forgotten.
 
@@ -340,7 +349,7 @@ def classify_over_time(
     recording: Recording, model: Model | None = None, *, window_s: float | None = None, hop_s: float | None = None,
     gate: Any = "track", analysis: Analysis | None = None, tracking: Tracking | None = None,
 ) -> list[TrackDecision]:  # fmt: skip
-    """Classify the targets of a recording in windows, fused per track.
+    """Classify a recording's targets in windows, fused per track.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ _OTHER_TREES = (
 
 
 def kind_of(name: str) -> Kind:
-    """Return inputs and method of a model; unknown names are refused."""
+    """Return inputs and method of a known model."""
     if name not in CLASSIFIERS:
         raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(model_names())}")
     facts = CLASSIFIERS[name].facts
@@ -143,7 +143,7 @@ def train_ensemble(train: Part, held: Part, *, n_classes: int, seed: int) -> Ens
 
 
 def join(members: Sequence[Sequence[Learned]], held: Part, *, n_classes: int) -> Ensemble:
-    """Join trained models to an ensemble, each calibrated on the held rows.
+    """Join models to an ensemble, calibrated on held-out rows.
 
     Parameters
     ----------
@@ -198,9 +198,10 @@ def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Lin
 @plugin("classifier", "six-svm", features="six", learner="svm")
 @plugin("classifier", "extended-svm", features="extended", learner="svm")
 def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
-    """Fit support vector machines with a Gaussian kernel on standardised features.
+    """Fit support vector machines on standardised features.
 
-    The features are those of the logistic regression. Of several classes, each has a machine against all others.
+    The kernel is Gaussian. The features are those of the logistic regression. Of several classes, each has a machine
+    against all others.
     """
     from sklearn.svm import SVC
 

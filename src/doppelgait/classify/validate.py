@@ -38,10 +38,11 @@ class Fold:
 
 
 def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
-    """Return the dataset's own splits, tested on the other dataset if any.
+    """Return the dataset's own splits.
 
-    Rows of the other dataset are left out if their target, a subject, a recording or the motion is in the training
-    data, and so are all rows of their scenes. Of a blended motion both subjects and both recordings count.
+    They are tested on the other dataset, if there is one. Rows of the other dataset are left out if their target, a
+    subject, a recording or the motion is in the training data, and so are all rows of their scenes. Of a blended motion
+    both subjects and both recordings count.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def cross_validation(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
 
 
 def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[str]]:
-    """Make folds that each leave out one value of a column.
+    """Make folds that each leave out a column's value.
 
     For example a source, an animal or a kind of motion.
 

@@ -54,7 +54,7 @@ class Sources:
         return _read("engine.c").replace("/* @TABLES@ */", self.tables)
 
     def facts(self) -> dict[str, Any]:
-        """Return flash of the tables and RAM in bytes, and the work."""
+        """Return table flash and RAM in bytes, and work."""
         found: dict[str, Any] = {"flash_table_bytes": self.flash_bytes, "ram_bytes": 0}
         if self.device is not None:
             found["window_bytes"] = self._window_bytes(self.device)

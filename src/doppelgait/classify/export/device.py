@@ -77,7 +77,7 @@ class Device:
 
     @property
     def picture_starts(self) -> list[int]:
-        """First columns of the pictures that cover a window, as of :func:`doppelgait.classify.patches.covering`."""
+        """First columns of the pictures that cover a window."""
         spare = self.n_columns - self.patch.n_time
         count = 1 + -(-2 * spare // self.patch.n_time)
         return [int(start) for start in np.linspace(0, spare, count).round()]

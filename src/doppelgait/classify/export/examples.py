@@ -47,7 +47,7 @@ def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
 
 
 def levels_of_samples(samples: Complex, device: Device) -> Levels:
-    """Convert the samples of a window to levels, shape (n_velocity, n_columns)."""
+    """Convert a window's samples to levels, (n_velocity, n_columns)."""
     moving = samples.astype(np.complex128)
     if device.still_time_s is not None:
         moving = without_still(moving, device)
@@ -60,7 +60,7 @@ def levels_of_samples(samples: Complex, device: Device) -> Levels:
 
 
 def still_share(device: Device) -> float:
-    """Return the share of a new pulse in the running mean."""
+    """Return a new pulse's share in the running mean."""
     return 0.0 if device.still_time_s is None else -math.expm1(-1.0 / (device.still_time_s * device.prf_hz))
 
 

@@ -1,4 +1,4 @@
-"""Networks in 8-bit integers: weights and activations, with sums in 32 bits."""
+"""Networks with 8-bit weights and activations, 32-bit sums."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models as ONNX graphs, from features and pictures to calibrated probabilities."""
+"""ONNX graphs of models, from features to calibrated probabilities."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class _Graph:
         return self.log_softmax(scores, len(bias))
 
     def log_softmax(self, scores: str, n_scores: int) -> str:
-        """Normalise scores; one score stands for the second of two classes."""
+        """Normalise scores; one score means two classes."""
         if n_scores == 1:
             zero = self.add("Mul", [scores, self.constant(0.0, "zero")])
             scores = self.add("Concat", [zero, scores], axis=1)
@@ -160,7 +160,7 @@ class _Graph:
         return self.scored(near, learned.weight, learned.bias, name)
 
     def trees(self, learned: Trees, name: str) -> str:
-        """Add boosted trees: the nodes that a root reaches are its tree."""
+        """Add boosted trees, each reached from its root."""
         modes, rows, thresholds = [], [], []
         leaves: dict[str, list[Any]] = {"treeids": [], "nodeids": [], "ids": [], "weights": []}
         for tree, root in enumerate(learned.root.ravel().tolist()):
@@ -189,7 +189,7 @@ class _Graph:
         return self.log_softmax(scores, learned.root.shape[1])
 
     def network(self, learned: Network, name: str) -> str:
-        """Add a network, its mean over pictures and their mirror images.
+        """Add a network, averaged over pictures and mirror images.
 
         Classes are equal where a picture is unknown.
         """
@@ -240,7 +240,7 @@ class _Graph:
 
 
 def reached(learned: Trees, root: int) -> list[int]:
-    """Return the nodes of one tree, parents before children, left before right."""
+    """Return a tree's nodes, parents first, left before right."""
     stack, order = [root], []
     while stack:
         node = stack.pop()

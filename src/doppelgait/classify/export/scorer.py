@@ -81,7 +81,7 @@ class Scorer:
         return np.asarray(np.exp(log_softmax(slope * found + shift)))
 
     def decide(self, probability: Array) -> list[str | None]:
-        """Return a class per row, None where no probability is high enough.
+        """Return a class per row, None below the threshold.
 
         doppelgait abstains for more reasons: flags of the analysis, another radar, features unlike the training data.
         """
@@ -113,7 +113,7 @@ def log_softmax(scores: Array) -> Array:
 
 
 def standardise(own: Arrays, values: Array) -> Array:
-    """Convert features (n, d) to columns of mean 0 and deviation 1.
+    """Standardise features (n, d) to columns.
 
     Some are logarithms; unknown ones are medians, and further columns mark them.
     """
@@ -191,7 +191,7 @@ def signature(
     samples: Array, *, prf_hz: float, cpi_s: float = 0.1, window_steepness: float = 0.4, taper: Array | None = None,
     hop: int | None = None, n_doppler: int | None = None,
 ) -> tuple[Array, float, Array]:  # fmt: skip
-    """Compute the power of the short-time transform of one gate (E-24, E-27).
+    """Compute the short-time power of one gate (E-24, E-27).
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def signature(
 
 
 def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
-    """Convert the power of a signature to levels, 0 to 1.
+    """Convert signature power to levels, 0 to 1.
 
     Parameters
     ----------
