@@ -1,4 +1,4 @@
-"""The ``doppelgait`` command. Each command parses, calls one library function and prints."""
+"""The ``doppelgait`` command: each subcommand calls one library function."""
 
 from __future__ import annotations
 

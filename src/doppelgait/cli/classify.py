@@ -121,7 +121,10 @@ def classify(
 
 
 def about_model(model: Model, file: str | None) -> dict[str, Any]:
-    """Describe a model for JSON; its file is None where it comes with the package and was chosen."""
+    """Describe a model for JSON.
+
+    Its file is None for a chosen shipped model.
+    """
     facts = model.facts
     return {"file": file, "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
             "calibrated": model.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
@@ -263,7 +266,7 @@ def evaluate(
     ] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Train classifiers on a dataset's own splits and write a report.
+    """Train classifiers on a dataset and write a report.
 
     The report has scores, figures and the plan of the data.
 
@@ -354,7 +357,10 @@ def _shares_of(given: list[str] | None) -> dict[str, float] | None:
 def _import_test(
     dataset: Path, folder: Path | None, names: str | None, classes: list[str], options: list[str], output: Path
 ) -> Path:
-    """Make a dataset of a folder of recordings, next to the report, with the analysis of the training data."""
+    """Make a dataset from a folder of recordings.
+
+    It lies next to the report and uses the analysis of the training data.
+    """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError, DatasetError
     from doppelgait.dataset import open_dataset

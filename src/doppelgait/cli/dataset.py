@@ -52,7 +52,7 @@ def plan_command(
     pilot: Annotated[int, typer.Option("--pilot", min=0, help="Examples made to estimate time and size.")] = 8,
     as_json: AsJson = False,
 ) -> None:
-    """Check a plan and estimate its size and duration, building nothing.
+    """Check a plan and estimate its size and duration.
 
     The numbers of examples, subjects and files are printed.
 
@@ -180,7 +180,7 @@ def status(
     quick: Annotated[bool, typer.Option("--quick", help="Compare sizes only, hash nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Report how complete a dataset is, and which shards are damaged.
+    """Report a dataset's progress and damaged shards.
 
     Leftovers of builds that were killed are removed.
 

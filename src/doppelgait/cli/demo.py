@@ -1,4 +1,4 @@
-"""``doppelgait demo``: a walking person and a trotting dog in one scene."""
+"""``doppelgait demo``: a person and a dog in one scene."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def demo(
         "demo"
     ),
 ) -> None:
-    """Simulate a walking person and a trotting dog, analyse both, plot figures.
+    """Simulate a person and a dog, analyse and plot both.
 
     Example: doppelgait demo -o demo
     """

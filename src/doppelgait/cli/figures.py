@@ -1,4 +1,4 @@
-"""Figures of a recording and its results, for ``analyze --figures`` and ``demo``."""
+"""Figures of a recording and its results for commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``doppelgait live``: decisions while the frames of a radar arrive, as lines of JSON."""
+"""``doppelgait live``: decisions on arriving frames, as lines of JSON."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SENSORS = ("tcp://", "udp://")
 
 
 class DecisionLog:
-    """Append lines to a file, each on the disk before the next one begins.
+    """Append lines to a file, each synced at once.
 
     A power cut loses at most the line that is being written; where the file ends in half a line, the next one begins on
     a line of its own. Where a line cannot be written, for example because the disk is full, what was written before is
@@ -61,7 +61,7 @@ class DecisionLog:
             raise OutputError(f"--log {path}: cannot be written: {error.strerror}; give another file") from None
 
     def write(self, line: str) -> None:
-        """Write a line, or say once that it cannot be written."""
+        """Write a line, or report failure once."""
         try:
             self._append(line.encode() + b"\n")
         except OSError as error:
@@ -77,7 +77,7 @@ class DecisionLog:
             self.lost = 0
 
     def _append(self, content: bytes) -> None:
-        """Append and sync; take back what was written where it fails."""
+        """Append and sync, undoing a failed write."""
         size = os.fstat(self._file).st_size  # another program may have cut the file, or written to it
         done = 0
         try:
@@ -93,7 +93,7 @@ class DecisionLog:
 
 @contextmanager
 def _page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
-    """Serve the page of a stream and say where it is."""
+    """Serve the page of a stream and print its address."""
     from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.server import page_in_browser, serving_live
 

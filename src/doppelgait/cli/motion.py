@@ -32,7 +32,7 @@ def info(
     options: Options = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Print the facts of a motion recording, as stored and as cleaned.
+    """Print a motion recording's facts, stored and cleaned.
 
     These are rate, units, axes, points, gaps, height, speed, stride, and the straight segments at constant speed.
 

@@ -153,7 +153,7 @@ def duration_text(seconds: float) -> str:
 
 
 def check_output(path: Path, suffix: str) -> Path:
-    """Return the path of a file, if it can be written.
+    """Return the path of a writable file.
 
     A wrong ending or a missing folder is an error before any work is done.
     """

@@ -15,7 +15,7 @@ def plugins(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the plug-ins of doppelgait and installed packages, with their parameters.
+    """List all plug-ins with their parameters.
 
     Examples: doppelgait plugins; doppelgait plugins impairment waveform --json
     """

@@ -1,4 +1,4 @@
-"""``doppelgait radar``: presets, derived quantities, and sensor models fitted to recordings."""
+"""``doppelgait radar``: presets, derived quantities, fitted sensor models."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def fit(
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw a figure into.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Fit a sensor's noise, clutter, phase drift and faults to recordings.
+    """Fit a sensor's noise and faults to recordings.
 
     One recording of an empty room gives a sensor. Several recordings, empty or with people in them, give a kind of
     sensors: a preset with distributions, of which a plan draws one sensor for every example.
@@ -342,7 +342,7 @@ def show(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show parameters, derived quantities and effects of a preset or file.
+    """Show a preset's parameters, derived quantities and effects.
 
     Examples: doppelgait radar show x4 --set prf_hz=600; doppelgait radar show my-radar.toml
     """

@@ -1,4 +1,4 @@
-"""``doppelgait reproduce``: figures and tables of Liland (2018), reproduced and judged."""
+"""``doppelgait reproduce``: Liland's (2018) figures and tables, judged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def reproduce(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Root of what is random in the scenarios.")] = 2018,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
-    """Reproduce the figures and tables of Liland (2018) on one page.
+    """Reproduce the figures and tables of Liland (2018).
 
     Every value stands next to that of the report.
 

@@ -1,4 +1,4 @@
-"""``doppelgait simulate``: scene file, motion file or motion model -> recording.
+"""``doppelgait simulate``: scene, motion or model to recording.
 
 Command-line options are put into the table of the scene, which is then read like any scene file. The ending of ``-o``
 sets the format of the recording: our HDF5 file, NumPy arrays, SigMF, or a folder for a XeThru recording.
@@ -39,7 +39,7 @@ class XethruNames:
 
 
 def check_destination(path: Path, names: XethruNames) -> None:
-    """Refuse a destination that cannot be written, before any work is done.
+    """Refuse a destination that cannot be written, in advance.
 
     The ending must be that of a format, the folder must exist, and the options must belong to that format.
     """
@@ -171,7 +171,7 @@ def simulate(
 
 
 def motion_table(motion: str) -> dict[str, Any]:
-    """Return the scene table of a target from a file or model."""
+    """Return a target's scene table from file or model."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.motion.models import MOTION_MODELS
 
@@ -205,7 +205,7 @@ def put_target_options(
     table: dict[str, Any], *, label: str | None, speed: float | None, height: float | None, aspect: float | None,
     range_m: float | None,
 ) -> None:  # fmt: skip
-    """Put command-line options into the first target of a scene table.
+    """Put options into the first target of a scene.
 
     Raises
     ------

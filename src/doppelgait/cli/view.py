@@ -1,4 +1,4 @@
-"""``doppelgait view``: local page that shows a recording, result or dataset."""
+"""``doppelgait view``: local page of a recording, result or dataset."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def view(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0 for any free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
 ) -> None:
-    """View a recording, a result or a dataset in the browser.
+    """View a recording, result or dataset in the browser.
 
     Ctrl-C ends it. Only this computer can reach the page, and only with the address that is printed.
 
