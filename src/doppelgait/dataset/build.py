@@ -104,7 +104,7 @@ class _Job:
 
 @dataclass
 class _Tally:
-    """Examples of own shards, and own shards that need no other look."""
+    """Examples of own shards, and shards done with."""
 
     built: int = 0
     reused: int = 0
@@ -296,13 +296,16 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
 
 
 def finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
-    """Return the record of a complete shard of a dataset without failures, else None."""
+    """Return a complete dataset shard's record, else None.
+
+    Shards with failures count as incomplete.
+    """
     record = _whole_record(target, shard, identity)
     return None if record is None or record["failures"] else record
 
 
 def _whole_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
-    """Return the record of a complete shard of a dataset, else None."""
+    """Return a complete dataset shard's record, else None."""
     raise_if_stopped()
     path = target / "shards" / f"{shard.name}.h5"
     try:

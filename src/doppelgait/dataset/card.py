@@ -21,7 +21,7 @@ other text blocks a release: the texts that forbid it cannot be listed."""
 
 
 def blocks_release(licence: str) -> bool:
-    """Return True if a licence blocks the release of derived data.
+    """Return True if a licence blocks release of derived data.
 
     All licences block it that are not known to allow it; of several, joined by AND, each must allow it.
     """
@@ -48,7 +48,7 @@ def licences_of(index: pd.DataFrame) -> pd.DataFrame:
 
 
 def blocked_recordings(index: pd.DataFrame) -> list[str]:
-    """List the recordings whose licence blocks a release, with the licence."""
+    """List the recordings that block a release, with licence."""
     table = licences_of(index)
     blocked = table[table["blocked"]].to_dict("records")
     return [f"{row['recording']} ({row['licence'] or 'licence unknown'})" for row in blocked]
@@ -218,7 +218,7 @@ def _leaks(leaks: Sequence[str]) -> str:
 
 
 def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
-    """Describe the source of the motion, with recordings and their licences."""
+    """Describe the source of the motion, with licences."""
     if recorded.empty:
         return f"Everything is simulated: {RADAR_SENTENCE} No recording of a person or animal is in it."
     others = "" if len(recorded) == len(index) else " The motion of the others comes from models."
@@ -335,7 +335,7 @@ def counts_table(index: pd.DataFrame) -> pd.DataFrame:
 
 
 def feature_table(index: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate median and range (5 to 95 %) per feature and class.
+    """Tabulate median and 5 to 95 % range per feature and class.
 
     The cells are texts and include the number of missing values.
     """

@@ -1,4 +1,4 @@
-"""Configuration of a dataset: a plan to simulate, or recordings to import."""
+"""Configuration of a dataset: plan or imported recordings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def shorten(value: Any) -> str:
 
 
 def differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
-    """Yield the dotted keys whose values differ, as ``key: old -> new``.
+    """Yield dotted keys with differing values, ``key: old -> new``.
 
     A key that is missing on one side has the value ``absent``.
     """
@@ -76,7 +76,7 @@ ORACLE_REFUSED = (
 
 
 class FieldSpec(FrozenModel):
-    """Array to store in addition to the features of every row.
+    """Array to store in addition to a row's features.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class FieldSpec(FrozenModel):
 
     @property
     def is_half(self) -> bool:
-        """Whether powers are stored in dB and half precision."""
+        """True if powers are stored in half precision, dB."""
         return self.name == "signature" if self.dtype is None else self.dtype == "half"
 
     @model_validator(mode="after")
@@ -110,7 +110,10 @@ class FieldSpec(FrozenModel):
 
 
 def _field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
-    """Return the tables of fields and the names that they have; what is neither is left to their check."""
+    """Return the tables of fields and their names.
+
+    Anything else is left to their check.
+    """
     specs = [{"name": one} if isinstance(one, str) else one for one in fields]
     names = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]
     return specs, [name for name in names if isinstance(name, str)]
@@ -361,7 +364,7 @@ def plan_names() -> list[str]:
 
 
 def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanConfig, Path]:
-    """Load the plan of a TOML file or of a built-in name.
+    """Load a plan by TOML file or built-in name.
 
     The folder that relative motion paths start from is returned, too.
 

@@ -1,4 +1,4 @@
-"""Examples of a dataset, as labelled arrays and as a feature matrix."""
+"""Examples of a dataset, as arrays and features."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str
 
 
 def unit_of(column: str) -> str:
-    """Return the unit of a column, from the end of its name."""
+    """Return a column's unit, from its name's end."""
     return UNIT_OF_SUFFIX.get(column.rpartition("_")[2], "1")
 
 
@@ -140,7 +140,9 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 
 
 def analysis_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
-    """Return the analysis settings of a row, from the dataset's configuration.
+    """Return a row's analysis settings.
+
+    They are those of the dataset's configuration.
 
     Parameters
     ----------
@@ -308,7 +310,7 @@ def label_arrays(
 
 
 def carrier_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:
-    """Return the carrier frequency of a row, Hz; NaN where unknown."""
+    """Return a row's carrier frequency, Hz, NaN if unknown."""
     if "carrier_hz" in row:
         return _number(row["carrier_hz"])
     try:
@@ -383,9 +385,9 @@ def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple
 
 
 def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
-    """Return the number of an example in its plan, from its id.
+    """Return an example's number in its plan.
 
-    The classes follow each other.
+    The number is part of the id. The classes follow each other.
     """
     label, _, within = scene_id.rpartition("-")
     first = 0

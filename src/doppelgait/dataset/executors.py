@@ -1,4 +1,4 @@
-"""Executors of a build: this process, several processes, or a Dask cluster.
+"""Executors of a build: this process, processes, or Dask.
 
 The bytes of the result are the same.
 """
@@ -41,7 +41,7 @@ class WorkersLostError(Exception):
 
 
 def with_new_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
-    """Yield the results of ``run``, restarting it when its workers are lost.
+    """Yield results of ``run``, restarted when workers are lost.
 
     It is called again for the shards that are missing.
 
@@ -81,7 +81,7 @@ END_SECONDS = 10
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
-    """Run the shards in processes and yield results as they finish.
+    """Run shards in processes, yielding results as they finish.
 
     Raises
     ------
@@ -123,10 +123,10 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
 
 @contextmanager
 def _started(work: Work, workers: int) -> Iterator[list[Connection]]:
-    """Start worker processes that end with the block, and give the pipe to each.
+    """Start worker processes that end with the block.
 
-    Every worker has a pipe of its own and shares no lock: whichever is killed, at whatever moment, its pipe closes and
-    nobody waits for it.
+    The pipe to each is returned. Every worker has a pipe of its own and shares no lock: whichever is killed, at
+    whatever moment, its pipe closes and nobody waits for it.
     """
     spawn = multiprocessing.get_context("spawn")
     ends = [spawn.Pipe() for _ in range(workers)]
@@ -169,7 +169,7 @@ PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 
 def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) -> Results:
-    """Run the shards on Dask and yield results as they finish.
+    """Run shards on Dask, yielding results as they finish.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_lo
 
 @contextmanager
 def _client(address: str, workers: int) -> Iterator[Client]:
-    """Connect to the scheduler at an address, or to a local cluster.
+    """Connect to a scheduler's address or a local cluster.
 
     A local cluster ends with the block.
     """
@@ -275,7 +275,7 @@ def run_shards(
     work: Work, shards: Sequence[Shard], *, executor: str = "processes",
     workers: int | None = None,
 ) -> Results:  # fmt: skip
-    """Call ``work`` for every shard and yield results as they finish.
+    """Call ``work`` per shard, yielding results as they finish.
 
     The order is arbitrary.
 

@@ -63,7 +63,7 @@ def export_dataset(
     dataset: Dataset, destination: str | Path, *, form: str | Mapping[str, Any] | FrozenModel,
     fields: Sequence[str] | None = None, release: bool = False, on_progress: Progress | None = None,
 ) -> ExportReport:  # fmt: skip
-    """Write a dataset, or a part of it, in another form.
+    """Write a dataset, or part of it, in another form.
 
     The folder appears complete or not at all.
 
@@ -191,7 +191,7 @@ def flat_index(dataset: Dataset) -> pd.DataFrame:
 
 
 def arrays_of(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a row in linear units, with their axes.
+    """Return a row's arrays in linear units, with axes.
 
     A field without axes in its shard comes alone.
     """

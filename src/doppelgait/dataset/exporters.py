@@ -53,7 +53,7 @@ class Parquet(FrozenModel):
 
 
 class WebDataset(FrozenModel):
-    """Tar files with consecutive files per example that share a name.
+    """Tar files with consecutive, equally named files per example.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: tuple[
 
 
 def _with_units(table: pa.Table, dataset: Dataset) -> pa.Table:
-    """Put the unit of every column of numbers into its metadata."""
+    """Put every number column's unit into its metadata."""
     import pyarrow as pa
 
     fields = dataset.description["fields"]

@@ -115,7 +115,7 @@ def _preset_files(value: Any) -> Iterator[str]:
 
 
 def _name_by_content(value: Any, contents: Mapping[str, bytes]) -> Any:
-    """Replace the preset files that a radar table names by their hashes."""
+    """Replace a radar table's preset files by their hashes."""
     if isinstance(value, Mapping):
         return {k: inner if k == "name" else _name_by_content(inner, contents) for k, inner in value.items()}
     if isinstance(value, list):
@@ -243,7 +243,7 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
 
 
 def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_failed_share: float = 0.0) -> Totals:
-    """Write index, split lists, card, description and hashes of a folder.
+    """Write a folder's index, splits, card, description and hashes.
 
     All shards must exist.
 
@@ -377,7 +377,7 @@ def count_shards(names: Iterable[str]) -> dict[str, int]:
 
 
 def shard_names(counts: Mapping[str, int]) -> list[str]:
-    """List the names of all shards, from the number of every split.
+    """List all shards by the number of every split.
 
     Raises
     ------
@@ -394,7 +394,7 @@ def shard_names(counts: Mapping[str, int]) -> list[str]:
 
 
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
-    """Yield the records of shards, one in memory at a time."""
+    """Yield shard records, one in memory at a time."""
     for name in names:
         raise_if_stopped()
         place = target / "shards" / f"{name}.json"
@@ -418,7 +418,7 @@ RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failur
 
 
 def tally(records: Iterable[Record]) -> Totals:
-    """Count the rows and failures of records, and find the columns."""
+    """Count rows and failures of records, and find columns."""
     totals, labels, contents = Totals(), set(), hashlib.sha256()
     for record in records:
         totals.hashes[record["shard"]] = record["sha256"]
@@ -441,7 +441,7 @@ def tally(records: Iterable[Record]) -> Totals:
 
 
 def make_index(records: Iterable[Record]) -> pd.DataFrame:
-    """Make the index table of all shards, one row per target.
+    """Make the index table, one row per target.
 
     Numbers are float64 with NaN for unknown.
     """

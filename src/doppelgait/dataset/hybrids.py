@@ -128,7 +128,7 @@ def _families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int
 
 
 def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
-    """Return the range of the speed factor of a blended clip.
+    """Return the speed factor range of a blended clip.
 
     Empty where it cannot be blended half and half with the other, or either end of the ranges then cannot be made.
     """

@@ -1,4 +1,4 @@
-"""Datasets from the user's own recordings: a build from recorded examples."""
+"""Datasets from the user's recordings."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def import_dataset(
     folder: str | Path, labels: str | Path | Sequence[LabelEntry], directory: str | Path, *,
     config: ImportConfig | None = None, name: str | None = None, on_progress: Progress | None = None,
 ) -> ImportReport:  # fmt: skip
-    """Make a dataset from radar recordings and a file of labels.
+    """Make a dataset from recordings and a label file.
 
     Each recording, part of one or window is a row: the target that is found in it gets the label. Where several are
     found it is the track with the most seconds and confidence; ``n_tracks`` and a flag show it. Where none is found

@@ -31,7 +31,7 @@ WITH_SIDECAR = (".npy", ".npz", ".bin", *SUFFIXES)
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
-    """Find the recordings of a folder that a name or pattern means.
+    """Find recordings in a folder by name or pattern.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
 
 
 def recording_sha256(folder: Path, recording: str) -> str:
-    """Hash names and bytes of all files of a recording (SHA-256, hex).
+    """Hash names and bytes of a recording's files (SHA-256, hex).
 
     A file that cannot be read counts as such.
     """
@@ -246,7 +246,7 @@ NEAR_COLUMN, NEAR_LABEL = 0.75, 0.8
 
 @dataclass(frozen=True)
 class LabelEntry:
-    """Recording, or a part of it, as its line labels it.
+    """Recording, or part of it, with its label.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def _end(entry: LabelEntry) -> float:
 
 
 def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "track") -> list[LabelEntry]:
-    """Read a file of labels: entries in the order of its lines.
+    """Read a label file, entries in line order.
 
     Parameters
     ----------
@@ -406,7 +406,7 @@ def _number(name: str, cell: str) -> float | None:
 
 
 def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
-    """Yield the contradictions of two lines about one part of a recording."""
+    """Yield contradictions of two lines about one recording part."""
     by_recording: dict[str, list[LabelEntry]] = {}
     for entry in entries:
         by_recording.setdefault(entry.recording, []).append(entry)

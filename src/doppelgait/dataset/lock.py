@@ -29,7 +29,7 @@ _held: set[Path] = set()
 
 
 class Part(NamedTuple):
-    """The ``number``-th of ``among`` parts of a dataset's shards, from 1."""
+    """The ``number``-th of ``among`` parts of shards, from 1."""
 
     number: int
     among: int
@@ -91,7 +91,7 @@ class Holder:
 
 @contextmanager
 def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
-    """Lock the folder, or a part of it, for the block.
+    """Lock the folder, or part of it, for the block.
 
     A lock of a dead process is taken over.
 
@@ -136,7 +136,7 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
 
 
 def running_builds(directory: Path) -> list[Holder]:
-    """List the builds at work in a folder, from their locks."""
+    """List active builds in a folder, from their locks."""
     found = (read_lock(path) for path in sorted(directory.glob(PATTERN)))
     return [holder for holder in found if holder is not None and holder.alive]
 
@@ -165,7 +165,7 @@ _numbers = count()
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """Write a folder that takes its name when it is complete.
+    """Write a folder that is named when complete.
 
     The block writes to a folder next to it that no other process or thread writes to; it is removed if the block fails,
     and so are those of dead processes of this host.
@@ -218,7 +218,7 @@ def _is_running(pid: int) -> bool:
 
 
 def _begun(pid: int) -> str:
-    """Return the start of a process in ticks of the system's clock.
+    """Return the start of a process in clock ticks.
 
     It is empty where the system does not know it.
     """

@@ -34,7 +34,7 @@ def recording_of(motion: Mapping[str, Any]) -> str:
 
 
 def recordings_of(motion: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the paths of all recordings of a resolved motion, as written.
+    """Return the paths of a resolved motion's recordings, as written.
 
     They are two for a blended one, none for a model.
     """
@@ -143,7 +143,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
 
 
 def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
-    """List the paths of all motion files that motion tables name.
+    """List the paths of motion files in tables.
 
     They are as written and sorted; all choices of a distribution count.
     """
@@ -165,7 +165,7 @@ def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def _strings(value: Any) -> list[str]:
-    """Return a text, or all texts of a ``choice`` or ``cycle``."""
+    """Return the texts of a value, ``choice`` or ``cycle``."""
     if isinstance(value, str):
         return [value]
     if isinstance(value, Mapping):
@@ -216,7 +216,7 @@ HybridMode = Literal["none", "retarget", "blend"]
 
 
 class FolderMotion(FrozenModel):
-    """A folder of motion files as the motion of a class.
+    """Folder of motion files as a class's motion.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ class FolderMotion(FrozenModel):
 
 
 def has_folders(plan: PlanConfig) -> bool:
-    """Return True if a class takes its motion from a folder."""
+    """Return True if a class's motion is a folder."""
     return any(_folders_in(section.motion) for section in plan.classes)
 
 
@@ -256,7 +256,7 @@ def _folders_in(value: Any) -> bool:
 
 
 def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | None = None) -> PlanConfig:
-    """Replace every folder of a plan by the list of its segments.
+    """Replace a plan's folders by lists of their segments.
 
     This is the only step of planning that reads files.
 
@@ -311,7 +311,7 @@ def _list_segments(
     sources: Sequence[SourceSection],
     on_progress: Progress | None,
 ) -> list[dict[str, Any]]:
-    """Return the motion tables of all usable segments of a folder.
+    """Return motion tables of a folder's usable segments.
 
     The first segment of every file comes first, then the second, and so on.
     """

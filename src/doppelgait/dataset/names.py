@@ -50,7 +50,7 @@ NAME_FORMS = {
 
 
 def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") -> list[LabelEntry]:
-    """Read labels and subjects from the names of a folder's files.
+    """Read labels and subjects from file names.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def label_entries(
     folder: Path, labels: Path | None, names: str | None, classes: Sequence[str], *, gate: GateChoice,
     options: Mapping[str, Any] | None = None,
 ) -> Path | list[LabelEntry]:  # fmt: skip
-    """Choose labels of a file or of names, with their classes.
+    """Choose labels of files or names, with classes.
 
     The file itself is returned where nothing changes its lines; ``options`` are of the reader, for entries without
     their own.

@@ -92,7 +92,7 @@ def _check_plan(config: Any) -> None:
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
-    """Check the columns of an index that identify and locate examples.
+    """Check index columns that identify and locate examples.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ POOL_SHARDS = MAX_OPEN // 2
 
 
 def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """Shuffle the rows so that every shard file is opened once.
+    """Shuffle rows so that shard files open once.
 
     The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together. A
     dataset of that many shards or fewer is shuffled as a whole. Shards hold all classes in turn, so a pool is mixed.
@@ -175,7 +175,7 @@ def _read(
 
 
 def stack(dataset: Dataset, field: str, rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-    """Stack the arrays of some rows as one array (row, ...).
+    """Stack the arrays of rows as one, (row, ...).
 
     Different shapes are a :class:`DatasetError`.
     """
@@ -226,7 +226,7 @@ class Dataset:
     @overload
     def __getitem__(self, key: str) -> Any: ...
     def __getitem__(self, key: str) -> Dataset | Example:
-        """Return the examples of a split, or the example of an id.
+        """Return a split's examples, or an id's example.
 
         Raises
         ------
@@ -343,7 +343,7 @@ class Dataset:
         return example.result(analysis_of(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
-        """Return an array or axis of the ``number``-th example, as stored.
+        """Return a stored array or axis of an example.
 
         The name is that in the shard; None where there is none.
         """

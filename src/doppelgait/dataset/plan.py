@@ -54,7 +54,7 @@ class Shard:
 
 
 def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
-    """Yield shards of up to ``size`` examples of one split each.
+    """Yield shards of up to ``size`` examples per split.
 
     The order is that of the entries.
     """
@@ -154,7 +154,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
 
 
 def check_examples(plan: Plan, *, most: int | None = None) -> int:
-    """Resolve examples spread over the plan, to find values not allowed.
+    """Resolve examples over the plan to find forbidden values.
 
     So they show before anything is built.
 
@@ -178,7 +178,7 @@ def check_examples(plan: Plan, *, most: int | None = None) -> int:
 
 
 def spread(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
-    """Yield up to ``most`` resolved examples, evenly spread over a plan."""
+    """Yield up to ``most`` evenly spread resolved examples."""
     total = len(plan.examples)
     count = total if most is None else min(most, total)
     for place in range(count):

@@ -1,4 +1,4 @@
-"""Queries of the index: comparisons of columns, and nothing that runs code."""
+"""Queries of the index that run no code."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ ALLOWED = (
 
 
 def rows_where(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
-    """Mark the rows that fulfil a query; unknown values fulfil none.
+    """Mark the rows that fulfil a query.
+
+    Unknown values fulfil none.
 
     Parameters
     ----------
@@ -64,7 +66,10 @@ def _is_condition(value: Any) -> bool:
 
 
 def _value(node: ast.expr, index: pd.DataFrame) -> Any:
-    """Return the value of a part of a query: a column, a number, a text or a list."""
+    """Return the value of a part of a query.
+
+    It is a column, a number, a text or a list.
+    """
     match node:
         case ast.Name(id=name):
             if name not in index.columns:

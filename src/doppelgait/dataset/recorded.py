@@ -76,7 +76,7 @@ class _Blocks:
         return self.starts_s.size * self.period_s
 
     def between(self, start_s: float, stop_s: float) -> slice:
-        """Return the pulses of the blocks that begin in [start_s, stop_s)."""
+        """Return pulses of blocks that begin in [start_s, stop_s)."""
         margin_s = TOLERANCE * self.period_s
         first, last = np.searchsorted(self.starts_s, [start_s - margin_s, stop_s - margin_s])
         return slice(int(first) * self.pulses, int(last) * self.pulses)
@@ -277,7 +277,7 @@ def _read(
 
 
 def labelled_result(results: Sequence[Result]) -> Result | None:
-    """Return the result that the one label of a recording belongs to.
+    """Return the result for a recording's only label.
 
     It is the track with the most seconds, weighted by its confidence.
 

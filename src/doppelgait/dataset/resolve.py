@@ -88,7 +88,7 @@ class ExampleSpec(FrozenModel):
 
 
 def class_of(plan: PlanConfig, number: int) -> tuple[int, int]:
-    """Return class number and number within the class of an example.
+    """Return an example's class number and number within the class.
 
     Beyond the plan the classes take turns.
     """

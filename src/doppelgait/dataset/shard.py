@@ -69,7 +69,7 @@ def match_tracks(
 
 
 def strongest_track(results: Sequence[Result]) -> list[Result | None]:
-    """Return the most confident track of an empty scene, or None."""
+    """Return an empty scene's most confident track, or None."""
     tracked = [result for result in results if "track_confidence" in result.quality]
     return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
 
@@ -143,7 +143,7 @@ def _format_specs(specs: Sequence[FrozenModel]) -> str:
 
 
 def truth_columns(truth: TargetTruth) -> dict[str, Any]:
-    """Return the columns of the index that only a simulation knows.
+    """Return the index columns of simulations only.
 
     Their names begin with ``truth_``.
     """
@@ -181,7 +181,7 @@ class Made:
 
 
 class Maker(Protocol):
-    """Maker of the examples of a dataset, from a plan or recordings."""
+    """Maker of examples, from a plan or recordings."""
 
     @property
     def directory(self) -> str:
@@ -281,7 +281,7 @@ def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None]
 
 
 def failure_reason(error: Exception) -> str:
-    """Return the text of an error for the record of a shard."""
+    """Return an error's text for a shard's record."""
     if isinstance(error, DoppelgaitError):
         return str(error)
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()

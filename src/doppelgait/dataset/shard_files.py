@@ -54,7 +54,7 @@ def facts_of(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
 
 
 def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
-    """Encode an array for storage in the precision of its field.
+    """Encode an array in its field's precision.
 
     Every ``hop``-th row is kept.
 
@@ -109,7 +109,7 @@ def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArra
 
 
 def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays], *, identity: str = "") -> None:
-    """Write one dataset per field, (row, ...), with one chunk per row.
+    """Write one dataset per field, one chunk per row.
 
     Where shapes differ every row has a dataset of its own. ``identity`` is the id of the whole dataset.
     """
@@ -157,10 +157,10 @@ LEVEL = 1
 
 
 def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
-    """Write arrays of one shape as the chunks of one dataset, one after the other along its first axis.
+    """Write equally shaped arrays as chunks of one dataset.
 
-    They are compressed here, and not by HDF5: the same format, which every HDF5 reads, in an eighth of the time. The
-    bytes do not depend on the processor.
+    They follow each other along its first axis. They are compressed here, and not by HDF5: the same format, which every
+    HDF5 reads, in an eighth of the time. The bytes do not depend on the processor.
     """
     first = chunks[0]
     shape = (len(chunks) * first.shape[0], *first.shape[1:])
@@ -202,7 +202,7 @@ class ShardFiles:
         return ShardFiles, (self.folder, self.identity)
 
     def read(self, shard: str, name: str, row: int) -> npt.NDArray[Any] | None:
-        """Read array ``name`` of one row of a shard, as stored.
+        """Read array ``name`` of a shard's row, as stored.
 
         Returns
         -------
@@ -241,7 +241,7 @@ class ShardFiles:
             ) from None
 
     def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:
-        """Find the HDF5 dataset of an array, None where there is none.
+        """Find an array's HDF5 dataset, None where absent.
 
         The second item is True if the array is one row of it.
         """

@@ -1,4 +1,4 @@
-"""Streams of examples that are simulated on use: no disk, no end."""
+"""Streams of examples simulated on use, without disk."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_FAILURES = 10
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Endless examples of a plan, in the order of their numbers.
+    """Endless examples of a plan, in number order.
 
     Every iteration starts anew.
 
@@ -88,7 +88,7 @@ class ExampleStream:
             number += self.step
 
     def class_number(self, label: str) -> int:
-        """Return the number of a class, in the order of the plan."""
+        """Return a class's number in the plan's order."""
         labels = [section.label for section in self.config.classes]
         if label not in labels:
             raise DatasetError(
@@ -144,7 +144,7 @@ def stream_examples(
     plan: PlanConfig | Plan | str | Path, *, folder: Path | None = None, seed: int | None = None,
     worker: tuple[int, int] = (0, 1), start: int | None = None,
 ) -> ExampleStream:  # fmt: skip
-    """Simulate the examples of a plan on use, without end or disk.
+    """Simulate a plan's examples on use, without end.
 
     The example of a number is the same as in the built dataset. By default the stream starts behind those, so that
     training on it never sees what a built test split holds; there the classes take turns. People and animals of

@@ -1,4 +1,4 @@
-"""Summary of a plan before a build: counts, subjects, size, time."""
+"""Summary of a plan: counts, subjects, size, time."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
 
 
 def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
-    """Estimate time and size of a plan from a few examples."""
+    """Estimate a plan's time and size from few examples."""
     total = len(plan.examples)
     count = min(pilot, total)
     entries = tuple(plan.examples[place * total // count] for place in range(count))

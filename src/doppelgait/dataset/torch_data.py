@@ -73,7 +73,10 @@ def check_request(fields: Sequence[str], target: str) -> None:
 
 
 class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Map-style dataset; every worker opens files of its own. See :meth:`doppelgait.dataset.Dataset.torch`."""
+    """Map-style dataset; every worker opens its own files.
+
+    See :meth:`doppelgait.dataset.Dataset.torch`.
+    """
 
     def __init__(
         self,
@@ -97,7 +100,10 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
 
 
 class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Endless dataset; the workers of a loader share its numbers. See :meth:`ExampleStream.torch`."""
+    """Endless dataset whose numbers a loader's workers share.
+
+    See :meth:`ExampleStream.torch`.
+    """
 
     def __init__(
         self, stream: NumberedExamples, fields: tuple[str, ...], transform: Transform | None,

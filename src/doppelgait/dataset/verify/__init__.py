@@ -1,4 +1,4 @@
-"""Verification that a dataset follows its plan and has no leaks."""
+"""Verification of a dataset: follows its plan, no leaks."""
 
 from doppelgait.dataset.verify.contents import Check, Verification
 from doppelgait.dataset.verify.run import verify_dataset

@@ -73,12 +73,12 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """True if no check failed and none had to be skipped."""
+        """True if no check failed or was skipped."""
         return not any(check.status in ("failed", "skipped") for check in self.checks)
 
     @property
     def verdict(self) -> Literal["passed", "failed", "not proven"]:
-        """``not proven``: no check failed, but some could not be made."""
+        """``not proven`` if no check failed but some were skipped."""
         if any(check.status == "failed" for check in self.checks):
             return "failed"
         return "passed" if self.passed else "not proven"
@@ -159,7 +159,7 @@ class Contents:
         return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
 
     def drawn(self, rng: np.random.Generator, *, most: int = MOST_DRAWN) -> list[ExampleSpec]:
-        """Resolve examples of the index again, all or up to ``most``.
+        """Resolve index examples again, up to ``most``.
 
         They are chosen at random, as many of every class.
         """
@@ -198,12 +198,12 @@ def known_description(directory: Path) -> dict[str, Any]:
 
 
 def planned_shards(description: Mapping[str, Any]) -> list[str]:
-    """List the names of all shards that the dataset should have."""
+    """List the shards that the dataset should have."""
     return shard_names(description["shards"])
 
 
 def plan_of(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:
-    """Return the plan of a dataset, or why there is none."""
+    """Return a dataset's plan, or why it has none."""
     if description.get("origin") == "imported":
         return None, "imported recordings have no plan"
     try:

@@ -105,7 +105,7 @@ def _check(contents: Contents, same: Sequence[tuple[int, int]], near: Sequence[P
 def _read(
     contents: Contents, chosen: set[int], tick: Callable[[], None]
 ) -> tuple[dict[int, bytes], dict[int, Float32Array]]:
-    """Hash every row's signature, and make pictures of the chosen rows."""
+    """Hash every row's signature, and picture the chosen rows."""
     files, facts = contents.dataset.files, contents.description["fields"]["signature"]
     shards, rows = contents.index["shard"].tolist(), contents.index["row"].tolist()
     digests: dict[int, bytes] = {}
@@ -155,7 +155,7 @@ def _unit(values: npt.NDArray[Any]) -> Float32Array:
 
 
 def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
-    """Return the first pair of rows in different splits per digest.
+    """Return the first pair across splits per digest.
 
     Only digests that occur in more than one split have a pair.
     """

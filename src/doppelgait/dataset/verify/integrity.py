@@ -1,4 +1,4 @@
-"""Files of a dataset compared with their records, index and plan."""
+"""Dataset files compared with records, index and plan."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ShardFindings:
 def look_at_shards(
     directory: Path, identity: str, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
 ) -> ShardFindings:
-    """Compare every shard with its record, and this with the index.
+    """Compare shards with their records, and these with the index.
 
     Shards are hashed; one is in memory at a time.
     """
@@ -88,7 +88,7 @@ def look_at_shards(
 
 
 def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
-    """Return the record of an intact shard, or why it is damaged.
+    """Return an intact shard's record, or its fault.
 
     The hashes are kept in the findings.
     """

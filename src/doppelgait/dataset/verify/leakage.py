@@ -1,4 +1,4 @@
-"""Leakage tests: subjects in two splits, and classes that nuisance parameters predict.
+"""Leakage tests: shared subjects, and classes predicted from nuisance parameters.
 
 The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of every pair, their
 log-likelihood ratios added up. Each parameter and pair counts by how much of its G statistic exceeds twice its degrees
@@ -149,7 +149,7 @@ def cells_of(columns: Sequence[pd.Series]) -> Cells:
 
 
 def bins_of(column: pd.Series, count: int) -> IntArray:
-    """Return the quantile bin of every value, from 1; missing is 0.
+    """Return every value's quantile bin from 1, missing 0.
 
     Few different values have a bin each.
     """
@@ -166,7 +166,7 @@ def bins_of(column: pd.Series, count: int) -> IntArray:
 
 
 def scores(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
-    """Return the mean balanced accuracy of the folds per label column.
+    """Return the folds' mean balanced accuracy per label column.
 
     Each fold is guessed from the others; labels have the shape (n, n_columns).
     """
@@ -201,7 +201,7 @@ def _levels(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_class
 
 
 def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> npt.NDArray[np.float64]:
-    """Return the mean accuracy over the classes that occur, per column."""
+    """Return the mean accuracy over occurring classes, per column."""
     hits, present = np.zeros(labels.shape[1]), np.zeros(labels.shape[1])
     for number in range(n_classes):
         member = labels == number
@@ -234,7 +234,7 @@ KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "s
 
 
 def check_groups(contents: Contents) -> Check:
-    """Check that no group, subject, recording or scene is in two splits.
+    """Check that no subject or other group crosses splits.
 
     All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
 
@@ -277,7 +277,7 @@ SHOWN_PARAMETERS = 3
 
 
 def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
-    """Leakage test: check that nuisance parameters do not predict the class.
+    """Check that nuisance parameters do not predict the class.
 
     Parameters are PRF, range, bearing, aspect, level, noise, gate error and the like.
 

@@ -39,7 +39,7 @@ FACTS = ("truth_", "prf_hz", "observation_s", "radar_height_m", "rcs_total_m2", 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a stored row and the same row made again.
+    """Difference between a stored row and its repetition.
 
     Parameters
     ----------

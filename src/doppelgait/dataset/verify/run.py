@@ -1,4 +1,4 @@
-"""All checks of a dataset in order, and pages of figures."""
+"""All checks of a dataset in order, with figures."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ MOST_TIMES = 400
 
 
 def draw_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> list[Path]:
-    """Plot a page of signatures per class, and one of the features.
+    """Plot signatures per class on pages, and features.
 
     A page has up to 24 signatures, where they are kept.
 
@@ -204,7 +204,7 @@ def verify_dataset(
 def _open(
     target: Path, description: dict[str, Any], folder: Path, tick: Callable[[], None]
 ) -> tuple[Contents, list[Check], int]:
-    """Return the contents of the intact shards and the file checks.
+    """Return the intact shards' contents and the file checks.
 
     The last item is the number of shards that are missing or damaged.
     """

@@ -49,7 +49,7 @@ def off_as_a_whole(hits: int, rows: int, least: float = LEAST_SHARE) -> bool:
 
 
 def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Check:
-    """Check rows with ``label``, ``inside`` (bool) and ``error``, class by class."""
+    """Check rows with ``label``, ``inside`` and ``error`` per class."""
     if table.empty:
         return Check(name, "not applicable", f"no row to compare: {what}")
     numbers: dict[str, Any] = {}
@@ -68,7 +68,7 @@ def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Chec
 
 
 def column(index: pd.DataFrame, name: str) -> FloatArray:
-    """Return a column of numbers, NaN where it does not exist."""
+    """Return a column of numbers, NaN where absent."""
     values = index[name] if name in index else pd.Series(np.nan, index=index.index)
     return np.asarray(pd.to_numeric(values).to_numpy(dtype=np.float64, na_value=np.nan))
 
@@ -138,7 +138,7 @@ def check_aspect(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
 
 
 def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
-    """Return the mean aspect of a point on the planned path.
+    """Return a planned path's mean aspect at a point.
 
     It passes the planned place at mid-time, half the body's height up.
 
