@@ -1,4 +1,4 @@
-"""Analysis of a recording: signature, cadence map and features of every target."""
+"""Analysis of a recording: signature, cadence map and features."""
 
 from __future__ import annotations
 

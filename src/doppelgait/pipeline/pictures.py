@@ -99,7 +99,7 @@ def is_picture(path: str | Path) -> bool:
 
 
 def settings_of(path: Path) -> Path | None:
-    """Return the file of settings of a picture, if it is there.
+    """Return a picture's settings file, if it exists.
 
     It has the stem of the picture, or is ``picture.toml`` in its folder or one of the three above.
     """
@@ -224,7 +224,7 @@ def _colours(file: Path, name: str) -> npt.NDArray[np.float64]:
 
 
 def _read_pixels(file: Path, crop: tuple[int, int, int, int] | None) -> npt.NDArray[np.float64]:
-    """Read the colours of the pixels, 0 to 1, (rows, columns, 3)."""
+    """Read pixel colours, 0 to 1, (rows, columns, 3)."""
     from PIL import Image  # comes with Matplotlib
 
     try:

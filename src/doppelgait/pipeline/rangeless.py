@@ -1,4 +1,4 @@
-"""Targets of a radar without range: motion in Doppler, and breath."""
+"""Targets of radars without range: motion and breath."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Motion:
     floor_v2: float
 
     def moves(self, detector: Detector) -> npt.NDArray[np.bool_]:
-        """Return True for scans with a cell that noise hardly reaches."""
+        """Return True for scans above the noise."""
         fast = np.abs(self.velocity_mps) >= detector.slow_mps
         return np.asarray(self.power_v2[:, fast].max(axis=1) > noise_factor(detector.peak_pfa) * self.floor_v2)
 
@@ -62,7 +62,7 @@ class Motion:
 
 
 def motion_of(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
-    """Transform a recording of one range bin, in bursts or not.
+    """Transform a one-bin recording, in bursts or not.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def analyze_motion(
 
 
 def _whole_gate(clean: xr.DataArray, start_s: float, stop_s: float) -> Gate:
-    """Make a gate over the one range bin; bursts stay whole."""
+    """Make a gate over one bin, keeping bursts whole."""
     times_s, range_m = axis(clean, "slow_time"), float(axis(clean, "range")[0])
     pulses = burst_pulses_of(clean) or 1
     edges = np.arange(0, times_s.size + 1, pulses)

@@ -1,4 +1,4 @@
-"""Result of one target, in memory, as JSON, HDF5 and table row.
+"""Result of a target: memory, JSON, HDF5, table row.
 
 A result is one value that carries its analysis settings.
 """
@@ -190,7 +190,7 @@ class Result:
 
     @property
     def signature(self) -> xr.DataArray:
-        """Micro-Doppler signature (time, doppler), V^2, with the hop of the analysis."""
+        """Signature (time, doppler), V^2, with the analysis hop."""
         return self._array("signature")  # type: ignore[no-any-return]
 
     @property
@@ -229,12 +229,12 @@ class Result:
 
     @property
     def main_line_hz(self) -> npt.NDArray[np.float64]:
-        """Straight main Doppler line at the columns of the signature, shape (J,)."""
+        """Straight main line at the signature's columns, (J,)."""
         return self._array("main_line_hz")  # type: ignore[no-any-return]
 
     @property
     def parts(self) -> xr.Dataset | None:
-        """Torso, legs and other limbs over time (E-40), None where undetermined.
+        """Torso, legs and limbs over time (E-40), or None.
 
         With ``Analysis(parts=True)``; a flag ``parts:...`` says why there are none. Power (part, time, doppler), label
         (time, doppler), energy share, and centroid and spread of the radial velocity (part, time).
@@ -244,7 +244,7 @@ class Result:
 
     @property
     def torso_velocity_mps(self) -> npt.NDArray[np.float64]:
-        """Radial velocity of the torso at the columns of the signature, shape (J,).
+        """Torso radial velocity at the signature's columns, (J,).
 
         Only of an analysis with ``extended``.
         """
@@ -427,7 +427,7 @@ def _values_from_json(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
 
 
 class TargetList(list[Result]):
-    """List of results, one per target, with the reason if empty.
+    """List of results per target, with a reason if empty.
 
     Parameters
     ----------
@@ -482,7 +482,7 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 
 
 def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
-    """Write results to one HDF5 file, completely or not at all.
+    """Write results to an HDF5 file, atomically.
 
     Each target is a group ``targets/<number>``: label, gate source, features and numbers as attributes (empty where
     undetermined), further mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of
@@ -546,7 +546,7 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
 def _write_values(
     group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
 ) -> None:
-    """Write a dataset with its facts, or link to an equal one.
+    """Write a dataset, or a link to an equal one.
 
     Arrays share axes, and a target shares them with its segment.
     """
@@ -562,7 +562,7 @@ def _write_values(
 
 
 def is_result_file(path: str | Path) -> bool:
-    """Return True for an HDF5 file that states that it holds results."""
+    """Return True for an HDF5 file of results."""
     return stated_format(path) == FORMAT
 
 

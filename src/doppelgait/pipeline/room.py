@@ -1,9 +1,10 @@
-"""Scatterers through a room and the antenna, with gains from fewer times than pulses.
+"""Scatterers through a room and the antenna.
 
-Ranges are exact at every pulse, directly and by every mirror. Gains, phases and delays of walls follow the directions
-of the scatterers, which change little in a hundredth of a second: effects and antenna see the scene 80 times a second,
-and cubic splines through what they give (amplitude, phase, delay) lead to the pulses. The error is below 1e-4 of the
-strongest echo for a sprinter and a galloping dog half a metre from a wall, and 2e-5 for walkers.
+Gains come from fewer times than pulses. Ranges are exact at every pulse, directly and by every mirror. Gains, phases
+and delays of walls follow the directions of the scatterers, which change little in a hundredth of a second: effects and
+antenna see the scene 80 times a second, and cubic splines through what they give (amplitude, phase, delay) lead to the
+pulses. The error is below 1e-4 of the strongest echo for a sprinter and a galloping dog half a metre from a wall, and
+2e-5 for walkers.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ def through_room(
 def _look(
     placed: PlacedScene, bodies: Sequence[Scatterers], times_s: FloatArray
 ) -> tuple[FloatArray, xr.Dataset] | None:  # fmt: skip
-    """Choose times close enough, and observe scatterers of unit cross section at them."""
+    """Observe scatterers of unit cross section densely enough."""
     alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
     n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
     while 2 * n_looks <= times_s.size:
@@ -131,7 +132,7 @@ def _with_images(
     table: xr.Dataset, splines: Sequence[Spline], placed: PlacedScene, times_s: FloatArray,
     mirrors: Sequence[Mirror], n_rows: int,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Compute ranges and radial velocities of scatterers and their images in mirrors."""
+    """Compute ranges and velocities of scatterers and images."""
     from doppelgait.core.kernels.images import image_ranges
 
     direct_m, direct_mps = (np.ascontiguousarray(table[name].values) for name in ("range", "radial_velocity"))
@@ -173,7 +174,7 @@ def _between(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> Fl
 
 
 def _of_sources(values: FloatArray, sources: npt.NDArray[np.intp]) -> FloatArray:
-    """Take columns of a table; one that repeats a row stays such a table."""
+    """Take columns of a table; a repeated row stays one."""
     if values.strides[0] == 0:
         return np.broadcast_to(values[:1, sources], (values.shape[0], sources.size))
     return values[:, sources]

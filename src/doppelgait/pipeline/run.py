@@ -1,4 +1,4 @@
-"""Configuration of a run: read a scene file and simulate it."""
+"""Configuration of a run: scene file and simulation."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def parse_radar(
 
 
 def _check_preset(table: Mapping[str, Any]) -> None:
-    """Refuse unknown keys of a preset, and tables instead of numbers."""
+    """Refuse a preset's unknown keys and misplaced tables."""
     known = {*Radar.model_fields, *FITTED_KEYS}
     for key, value in table.items():
         if key not in known:
@@ -194,7 +194,7 @@ def _check_preset(table: Mapping[str, Any]) -> None:
 def run_simulation(
     run: Run, *, folder: Path | None = None, angles: bool = True, in_tiles: bool = False
 ) -> Recording:  # fmt: skip
-    """Simulate the recording of a run; equal runs give equal bytes.
+    """Simulate a run; equal runs give equal bytes.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def simulate(
     angles: bool = True,
     in_tiles: bool = False,
 ) -> Recording:
-    """Simulate what a radar records of a scene, with the truth.
+    """Simulate what a radar records of a scene.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
 
 
 def _pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
-    """Return what echoes need of some pulses of a table, in memory."""
+    """Return the echo inputs of some pulses, in memory."""
     names = [name for name in ECHO_VARIABLES if name in scatterers]
     values = {name: scatterers[name].variable[first:stop].values for name in names}
     coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}
@@ -193,7 +193,7 @@ def _bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
 
 
 def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first: int, stop: int) -> Matrix:
-    """Make some pulses of a long recording, (stop - first, range bins)."""
+    """Make some pulses of a recording, (stop - first, bins)."""
     targets, others = split_targets(_pulses(scatterers, first, stop))
     samples = _bins(targets, radar)
     if others is not None:
@@ -302,7 +302,7 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
-    """Compute pulse times of a scene, within the limits of its size.
+    """Compute a scene's pulse times within the limits.
 
     Raises a :class:`ConfigError` where the scene is too short or too large.
     """
@@ -322,7 +322,7 @@ def target_truth(
     placed: PlacedTarget, observation_s: float, scatterers: xr.Dataset, centre: LineOfSight,
     *, shown_s: FloatArray | None = None,
 ) -> TargetTruth:  # fmt: skip
-    """Build the truth of one target, from the geometry of the simulation.
+    """Build a target's truth from the simulation's geometry.
 
     Stride, step and gait frequency are those of the observation, from the touchdowns; NaN where nothing is known. The
     body is included at the times ``shown_s``, if there are any.
@@ -360,7 +360,7 @@ def target_truth(
 
 
 def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
-    """Return the radar at the lowest frame rate without aliasing (E-06).
+    """Return the radar at the lowest unaliased frame rate (E-06).
 
     Only for reproducing the report: chosen per recording, the frame rate reveals the speed.
     """

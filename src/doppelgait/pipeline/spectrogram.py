@@ -147,7 +147,7 @@ def gate_of_levels(signature: xr.DataArray) -> Gate:
 
 
 def _check_uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
-    """Check that an axis rises in even steps and return it."""
+    """Check that an axis rises evenly; return it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size < least:
         raise AnalysisError(f"{name} has shape {array.shape}; a spectrogram needs one axis of {least} values or more")
@@ -161,7 +161,7 @@ def _unclip(
     level: FloatArray, floor_db: float | None, ceiling_db: float | None, highest_db: float | None, *,
     rows_per_cell: float,
 ) -> tuple[FloatArray, dict[str, Any]]:  # fmt: skip
-    """Clip levels and rebuild the peaks above the ceiling as domes.
+    """Clip levels and rebuild clipped peaks as domes.
 
     Also returns the facts to store about it.
     """

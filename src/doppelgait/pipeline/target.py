@@ -194,7 +194,7 @@ def _measure_ground_motion(
 
 
 def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observed, Plain]:
-    """Observe everything in a signature that features need (E-28 to E-38).
+    """Observe what features need in a signature (E-28 to E-38).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Target detection without truth: tracks of moving bodies and breathing persons."""
+"""Detection without truth: moving bodies and breathing persons."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _with_verdict_of(judged: Result, before: Result, alone: Result) -> Result:
 
 
 def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
-    """Flag the bandwidth where frames of a target were filled in.
+    """Flag the bandwidth where lost frames were filled.
 
     A recorder that loses frames repeats the last one or stores zeros; the jumps that follow are wide in Doppler.
     """
@@ -175,7 +175,7 @@ def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
 def _targets_without_range(
     baseband: xr.DataArray, wavelength_m: float, analysis: Analysis, tracking: Tracking
 ) -> TargetList:
-    """Analyse what moves in the one range bin, or breathes in it."""
+    """Analyse motion or breath in the only range bin."""
     in_bursts = processing.burst_pulses_of(baseband) is not None
     clean = baseband if in_bursts else processing.remove_clutter(baseband, analysis)
     motion = rangeless.motion_of(clean, tracking.detector, wavelength_m=wavelength_m)
@@ -199,7 +199,7 @@ def _targets_without_range(
 
 
 def _breath_needs(raw: xr.DataArray) -> str:
-    """Return what a recording lacks for a breath; empty if nothing."""
+    """Return what a breath analysis lacks, if anything."""
     times_s = axis(raw, "slow_time")
     if times_s[-1] - times_s[0] < MIN_BREATHING_S:
         return f"{times_s[-1] - times_s[0]:.1f} s are too short for a breath, which needs {MIN_BREATHING_S:g} s"
@@ -250,7 +250,7 @@ def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m:
 
 
 def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: FloatArray) -> list[Track]:
-    """Join tracks of a body that came to rest and went on.
+    """Join a body's tracks across its rest.
 
     The first ends at rest, the second begins at its place, and no third one could be either.
     """
@@ -281,7 +281,7 @@ def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: Floa
 
 
 def _breath_facts(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
-    """Describe when a body kept still between its motion, and its breath."""
+    """Describe a body's rest between motions, and breath."""
     moves = np.flatnonzero(found.measured & (np.abs(found.velocity_mps) > STILL_SPEED_MPS))
     if moves.size < 2:
         return {}
@@ -311,7 +311,7 @@ def _analyze_track(
     persons: Sequence[BreathingTarget], analysis: Analysis, tracking: Tracking, found: Track, *,
     taken: npt.NDArray[np.bool_] | None = None,
 ) -> Result:  # fmt: skip
-    """Analyse every segment of a track; return the longest with all.
+    """Analyse a track's segments; return the longest.
 
     Segments are cut where the gate is ``taken`` by another target too, if anything long enough is left of them.
     """

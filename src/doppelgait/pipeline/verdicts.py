@@ -102,7 +102,7 @@ class Verdict:
 
 
 def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, radar: Radar) -> list[Result]:
-    """Add the verdict, its evidence and its flag to every tracked target.
+    """Add verdict, evidence and flag to tracked targets.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float
 
 
 def _significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
-    """Average the power above the noise over so many columns each."""
+    """Average power above the noise over sets of columns."""
     excess_v2 = np.where(mu_v2 > SIGNIFICANT * floor_v2, mu_v2 - floor_v2, 0.0)
     return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
 
@@ -188,9 +188,10 @@ def _significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) ->
 
 
 def judge_thing(one: Seen, others: Sequence[Seen]) -> Verdict | None:
-    """Recognise a slow thing with turning parts, as a robot vacuum cleaner.
+    """Recognise slow things with turning parts.
 
-    It travels no faster than a crawler, and has Doppler to both sides alike: what is on legs moves them forward.
+    An example is a robot vacuum. It travels no faster than a crawler, and has Doppler to both sides alike: what is on
+    legs moves them forward.
     """
     clear = np.ones(one.time_s.size, dtype=bool)
     for other in others:
@@ -306,7 +307,7 @@ def judge_reflection(ghost: Seen, body: Seen, number: int, rhythms: tuple[float,
 
 
 def rhythm_correlation(one: Seen, other: Seen) -> float:
-    """Correlate how the Doppler of two targets moves and widens with time.
+    """Correlate the Doppler rhythms of two targets.
 
     Returns the lesser of both correlations.
     """
