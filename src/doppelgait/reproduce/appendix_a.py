@@ -56,7 +56,7 @@ def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
 
 
 def prominences_db(material: Material, cpi_s: float) -> list[float]:
-    """Return the prominence of f_m, f_2 and f_3 at an interval T_d."""
+    """Return prominences of f_m, f_2, f_3 at interval T_d."""
     result, true_hz = _analyze_walk(material, cpi_s)
     return [prominence_db(result.cadence_spectrum, true_hz, harmonic) for harmonic in HARMONICS]
 

@@ -1,4 +1,4 @@
-"""Chapter 2 of the report: Doppler shift, walkers and a dog.
+"""Chapter 2: Doppler shift, walkers and a dog.
 
 Figs. 2.6 to 2.20.
 """
@@ -76,7 +76,7 @@ def _measure_doppler_hz(radar: Radar, velocity_mps: float) -> float:
 
 
 def make_2_15(material: Material) -> Made:
-    """Make Fig. 2.15: the points of the walker with their names."""
+    """Make Fig. 2.15: walker points and names."""
     motion = material.walker().motion
     frame = int(0.55 * np.ptp(motion.time_s) / 5 * motion.rate_hz)
     side_m = side_view_m(motion.position_m)[frame]
@@ -115,7 +115,7 @@ def make_2_15(material: Material) -> Made:
 
 
 def make_2_16(material: Material) -> Made:
-    """Make Fig. 2.16: Doppler shift of the walker in one gait cycle."""
+    """Make Fig. 2.16: walker's Doppler shift per gait cycle."""
     walker = material.walker()
     recording = material.recording(walker)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -235,7 +235,7 @@ def make_2_13(material: Material) -> Made:
 
 
 def make_2_14(material: Material) -> Made:
-    """Make Fig. 2.14: doppler shift of every point during one gait cycle."""
+    """Make Fig. 2.14: Doppler shift per point and cycle."""
     person = material.person()
     recording = material.recording(person)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m

@@ -1,4 +1,4 @@
-"""Chapter 3 of the report, slow time: Doppler, resolution, data matrix.
+"""Chapter 3, slow time: Doppler, resolution, data matrix.
 
 Figs. 3.11 to 3.15, Tables 3.2 and 3.3.
 """
@@ -79,7 +79,7 @@ def make_3_11(material: Material) -> Made:
 
 
 def make_3_12(material: Material) -> Made:
-    """Make Fig. 3.12: Doppler spectrum with noise, a wall and three targets."""
+    """Make Fig. 3.12: Doppler spectrum with noise and targets."""
     radar, frames = _radar(material), 300
     shifts_hz = np.array([0.0, *MOVERS_3_12])
     table = point_table(
@@ -143,7 +143,7 @@ def _power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
 
 
 def make_3_13(material: Material) -> Made:
-    """Make Fig. 3.13: spectra of two equal points at four spacings."""
+    """Make Fig. 3.13: spectra of two points, four spacings."""
     radar = _radar(material)
     figure = new_figure(width_in=11.0, height_in=7.0)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -195,7 +195,7 @@ def count_and_dip(power: FloatArray) -> tuple[int, float]:
 
 
 def smallest_spacing_hz(radar: Radar) -> float:
-    """Return the smallest spacing with two peaks, in steps of 0.1 Hz.
+    """Return the smallest spacing with two peaks, 0.1 Hz steps.
 
     Of two equal points in phase.
     """
@@ -239,7 +239,7 @@ ENDS_S = 0.2
 
 
 def _two_panels(recording: Recording, title: str) -> Figure:
-    """Plot the ranges of all points next to the data matrix."""
+    """Plot all points' ranges next to the data matrix."""
     figure = new_figure(width_in=13.0, height_in=5.0)
     left, right = figure.subplots(1, 2)
     for truth in recording.truth:
@@ -253,7 +253,7 @@ def _two_panels(recording: Recording, title: str) -> Figure:
 
 
 def _gain_db(power: FloatArray, rate_hz: float) -> float:
-    """Return the power of the last 0.2 s over the first, dB."""
+    """Return the last 0.2 s power over the first, dB."""
     ends = round(ENDS_S * rate_hz)
     return float(power_to_db(power[-ends:].mean() / power[:ends].mean()))
 

@@ -1,4 +1,4 @@
-"""Chapter 3 of the report, fast time: pulse, range bins, down-conversion.
+"""Chapter 3, fast time: pulse, range bins, down-conversion.
 
 Figs. 3.4 to 3.10.
 """
@@ -46,7 +46,7 @@ def half_power_width(axis: FloatArray, power: FloatArray) -> float:
 
 
 def first_null(axis: FloatArray, power: FloatArray) -> float:
-    """Return the distance from the peak to the first minimum above."""
+    """Return the distance from peak to next minimum."""
     peak = int(power.argmax())
     rising = np.flatnonzero(np.diff(power[peak:]) > 0)
     return float(axis[peak + rising[0]] - axis[peak])
@@ -82,7 +82,7 @@ def make_3_4(material: Material) -> Made:
 
 
 def make_3_5(material: Material) -> Made:
-    """Make Fig. 3.5: a pulse train and the scales of its spectrum."""
+    """Make Fig. 3.5: pulse train and spectrum scales."""
     count, pulse_s, interval_s = int(TRAIN["pulses"]), TRAIN["pulse_s"], TRAIN["interval_s"]
     rate_hz, carrier_hz = 1000.0, 100.0
     time_s = np.arange(round(count * interval_s * rate_hz)) / rate_hz

@@ -95,7 +95,7 @@ def make_window(material: Material) -> Made:
 
 
 def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, Result, float]:
-    """Return the range-Doppler map of the fastest backward motion, and its Doppler."""
+    """Return the map of fastest backward motion, with Doppler."""
     recording, result = walk(material)
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     fifth = doppler_hz.shape[0] // 5
@@ -243,7 +243,7 @@ def make_doppler_limits(material: Material) -> Made:
 
 
 def make_normalisation(material: Material) -> Made:
-    """Make Fig. 4.9: signature of a dog before and after normalisation."""
+    """Make Fig. 4.9: a dog's signature, normalised."""
     dog = material.galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     result = material.result(dog, prf_hz=DOG_PRF_HZ)
@@ -305,7 +305,7 @@ SMOOTHING_S = 0.03
 
 
 def make_lines_and_signature(material: Material) -> Made:
-    """Make Fig. 4.10: true Doppler of all points, and the signature."""
+    """Make Fig. 4.10: true Doppler and signature."""
     recording, result = walk(material)
     lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=recording.radar.wavelength_m)
     stride_s = 1.0 / recording.truth[0].stride_frequency_hz

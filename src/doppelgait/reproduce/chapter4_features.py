@@ -39,7 +39,7 @@ def found_hz(result: Result) -> list[float | None]:
 
 
 def bin_hz(result: Result) -> float:
-    """Return the bin of the report's cadence spectrum, 1 / T_o."""
+    """Return the cadence spectrum's bin, 1 / T_o."""
     return float(axis(result.cadence_spectrum, "cadence")[1])
 
 
@@ -106,7 +106,7 @@ def make_cadence_spectrum(material: Material) -> Made:
 
 
 def make_first_column(material: Material) -> Made:
-    """Make Fig. 4.14: constant part with the Doppler of the torso."""
+    """Make Fig. 4.14: constant part with torso Doppler."""
     recording, result = walk(material)
     figure, (axes,) = panels(1, width_in=10.5)
     doppler_hz = axis(result.signature, "doppler")

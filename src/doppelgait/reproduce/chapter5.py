@@ -1,4 +1,4 @@
-"""Chapter 5 of the report: parameters, slow and fast people and walkers.
+"""Chapter 5: parameters of slow and fast walkers.
 
 Tables 5.1 and 5.2, Figs. 5.1, 5.3 to 5.6.
 """
@@ -58,7 +58,7 @@ def number(value: float | None) -> float:
 
 
 def four(material: Material) -> list[tuple[str, Mover, Recording, Result]]:
-    """Analyse slow and fast persons and walkers by the report's method."""
+    """Analyse slow and fast persons and walkers."""
     people = material.people()
     fast = material.use(max(people, key=lambda one: travel_speed_mps(one.motion)))
     movers = [
@@ -117,7 +117,7 @@ def make_analysis_table(material: Material) -> Made:
 
 
 def make_ranges(material: Material) -> Made:
-    """Make Fig. 5.1: range of every point, recorded person and walker."""
+    """Make Fig. 5.1: range of every walking point."""
     movers = (material.person(), material.walker(SLOW_WALKER_MPS, cycles=5))
     figure, axes = panels(2, height_in=5.4)
     counts, swings = [], []
@@ -176,7 +176,7 @@ def make_signatures(material: Material) -> Made:
 
 
 def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
-    """Read if values are higher for the fast person and walker."""
+    """Compare values of fast and slow walkers."""
     return [
         Reading(f"{words}, {kind} (1: yes)", float(values[slow + 1] > values[slow]), "1", 1.0)
         for kind, slow in (("person", 0), ("walker", 2))

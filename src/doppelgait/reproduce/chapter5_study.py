@@ -1,4 +1,4 @@
-"""Chapter 5 of the report: step lengths and features of all scenarios.
+"""Chapter 5: step lengths and features of all scenarios.
 
 Figs. 5.8 and 5.9.
 """
@@ -162,12 +162,12 @@ def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
 
 
 def _on_the_line(part: pd.DataFrame) -> float:
-    """Return the share of people with a step length near the line."""
+    """Return the share of people near the line."""
     return float(_off_the_line(part, "human").dropna().abs().le(NEAR_M).mean())
 
 
 def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
-    """Read how far dogs lie below the line through the people.
+    """Read how far dogs lie below the line.
 
     By kind of gait, with the separation of the classes.
     """

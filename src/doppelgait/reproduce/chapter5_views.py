@@ -72,7 +72,7 @@ def fast_dog(material: Material) -> Mover:
 
 
 def make_ranges(material: Material) -> Made:
-    """Make Fig. 5.2: range of every point of the galloping dog."""
+    """Make Fig. 5.2: range of every galloping point."""
     dog = material.galloping_dog()
     recording = material.recording(dog, prf_hz=PRF_HZ)
     truth = recording.truth[0]
@@ -192,7 +192,7 @@ SNR_DB = 20.0
 
 
 def make_aspect(material: Material) -> Made:
-    """Make Fig. 5.10: a walk across and along the line of sight."""
+    """Make Fig. 5.10: walking across and along sight."""
     person = material.person()
     views = {
         90.0: material.result(person, prf_hz=VIEWS_PRF_HZ, aspect_deg=90.0, range_m=ACROSS_RANGE_M),
@@ -240,7 +240,7 @@ def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
 
 
 def lanes(motion: Motion) -> Scene:
-    """Make a scene of a walk along four connected parallel lanes."""
+    """Make a scene of a walk along four lanes."""
     points = [(LEG_M * ((lane + end) % 2), LANE_M * lane) for lane in range(LEGS) for end in (0, 1)]
     way_m = LEGS * LEG_M + (LEGS - 1) * LANE_M
     walked = loop(motion, duration_s=2.0 * way_m / travel_speed_mps(motion), variation=0.0)
@@ -253,7 +253,7 @@ def lanes(motion: Motion) -> Scene:
 
 
 def make_directions(material: Material) -> Made:
-    """Make Fig. 5.11: signature of a person who walks to and fro."""
+    """Make Fig. 5.11: signature of walking to and fro."""
     recording, report, ours = to_and_fro(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure = viz.signature(report.normalised_signature, db_range=25.0, title="A person who walks to and fro")

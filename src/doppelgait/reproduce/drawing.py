@@ -30,7 +30,7 @@ NAMES = ("f_m", "f₂", "f₃")
 
 
 def panels(across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4) -> tuple[Figure, list[Axes]]:
-    """Make a figure with a grid of axes, row by row."""
+    """Make a figure with rows of axes."""
     figure = new_figure(width_in=width_in, height_in=height_in)
     return figure, list(figure.subplots(down, across, squeeze=False).flat)
 
@@ -39,7 +39,7 @@ def draw_cadence_amplitude(
     axes: Axes, spectrum: xr.DataArray, found_hz: Sequence[float | None], *, true_hz: float | None = None,
     max_cadence_hz: float = MAX_CADENCE_HZ, title: str = "",
 ) -> None:  # fmt: skip
-    """Plot D_g over cadence with the measured f_m, f_2 and f_3.
+    """Plot D_g over cadence with f_m, f_2 and f_3.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def draw_mean_doppler(
 
 
 def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tuple[float, float]:
-    """Return the first and last Doppler above a share of the maximum."""
+    """Return Doppler limits above a share of the maximum."""
     above = np.flatnonzero(level >= threshold * level.max())
     return float(doppler_hz[above[0]]), float(doppler_hz[above[-1]])
 

@@ -68,7 +68,7 @@ class Reading:
 
     @property
     def agrees(self) -> bool | None:
-        """True within the tolerance; None without a stated or measured number."""
+        """True within tolerance; None without both numbers."""
         return {"agrees": True, "differs": False}.get(self.kind)
 
 
@@ -185,7 +185,7 @@ class Outcome:
         return f"tables/{self.entry.number}.csv" if self.made and self.made.table is not None else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but figure and table for JSON; NaN becomes None."""
+        """Return all but figure and table for JSON."""
         return {
             "number": self.entry.number,
             "title": self.entry.title,
@@ -206,7 +206,7 @@ class Outcome:
 
 
 def _finite(value: str | float | None) -> str | float | None:
-    """Convert a number to a plain float, None if not finite.
+    """Convert to a float, None if not finite.
 
     Texts, truth values and None stay as they are.
     """
@@ -230,7 +230,7 @@ def all_entries() -> tuple[Entry, ...]:
 
 
 def place_of(number: str) -> tuple[int, str, int]:
-    """Return the sort key of a number: chapter, kind, number within.
+    """Return a number's sort key: chapter, kind, position.
 
     Appendices come last.
     """

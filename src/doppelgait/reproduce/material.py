@@ -64,7 +64,7 @@ class Mover:
 
     @property
     def gait(self) -> str:
-        """Gait by the model or by measured footfalls; empty if unknown."""
+        """Gait by model or footfalls, empty if unknown."""
         return str(self.motion.facts.gait)
 
     @property
@@ -115,7 +115,7 @@ def model_people() -> list[Mover]:
 
 
 def model_dogs() -> list[Mover]:
-    """Make a bounding dog as in the report, and other gaits.
+    """Make the report's bounding dog, and other gaits.
 
     A bound moves left and right legs together.
     """
@@ -306,7 +306,7 @@ class Material:
         return [] if self.motion_folder is None else recorded(self.motion_folder, label)
 
     def walker(self, speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
-        """Return the report's "Chen target model", which is always a model."""
+        """Return the report's "Chen target model"."""
         key = ("walker", speed_mps, cycles)
         return self.use(self.once(key, lambda: chen_walker(speed_mps, cycles=cycles)))
 
@@ -344,7 +344,9 @@ class Material:
         self, mover: Mover, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
         duration_s: float | None = None,
     ) -> Recording:  # fmt: skip
-        """Simulate the noise-free recording of a target by the report's radar.
+        """Simulate a target's noise-free recording.
+
+        The radar is the report's.
 
         Parameters
         ----------

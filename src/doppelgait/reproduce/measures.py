@@ -69,7 +69,7 @@ def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
 
 
 def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> npt.NDArray[np.int64]:
-    """Find the peaks above half the usual height of a curve.
+    """Find a curve's peaks above half its usual height.
 
     The usual height is from the 5th to the 95th percentile; both ends count.
 
@@ -118,7 +118,7 @@ def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
 
 def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *,
                      reach_hz: float) -> float:  # fmt: skip
-    """Return the share of power near one of several Doppler lines.
+    """Return the power share near Doppler lines.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) ->
 
 
 def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> float:
-    """Return the highest side lobe of D_g between f_m and f_2, dB.
+    """Return D_g's highest side lobe from f_m to f_2.
 
     Relative to the peak of f_m, within 0.3 to 0.7 of the interval.
     """
@@ -175,7 +175,7 @@ def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> floa
 
 
 def column_level_rise_db(signature: xr.DataArray) -> float:
-    """Return the level of the last over the first columns, dB.
+    """Return the level of last over first columns, dB.
 
     The mean maximum of a tenth of the columns each.
     """
@@ -190,7 +190,7 @@ def columns_per_second(signature: xr.DataArray) -> float:
 
 
 def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
-    """Return start and duration of the first gait cycle of a foot.
+    """Return start and duration of a foot's first cycle.
 
     Between its first two touchdowns.
 
@@ -215,7 +215,7 @@ def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
 
 
 def forward_m(motion: Motion) -> xr.DataArray:
-    """Return the place of every point along the direction of travel, m.
+    """Return every point's place along the travel, m.
 
     Relative to the mean of all points; lines (time, marker).
     """
@@ -227,7 +227,7 @@ def forward_m(motion: Motion) -> xr.DataArray:
 
 
 def part_line(lines: xr.DataArray, part: str) -> FloatArray:
-    """Average the lines of the points of a body part, shape (I,).
+    """Average a body part's lines, shape (I,).
 
     Raises
     ------
@@ -246,14 +246,14 @@ def parts_of(lines: xr.DataArray) -> list[str]:
 
 
 def departure(values: npt.ArrayLike) -> float:
-    """Return the rms deviation of a line from a straight fit."""
+    """Return a line's rms deviation from a straight fit."""
     line = np.asarray(values, dtype=np.float64)
     time = np.arange(line.size)
     return float(np.std(line - np.polyval(np.polyfit(time, line, 1), time)))
 
 
 def phase_between_deg(first: npt.ArrayLike, second: npt.ArrayLike, *, stride_hz: float, rate_hz: float) -> float:
-    """Return the phase between two lines at the stride frequency, deg.
+    """Return two lines' phase at the stride frequency.
 
     A straight line and a wave are fitted to whole strides of each.
 

@@ -135,7 +135,7 @@ def reproduce(
     out: Path, *, only: Sequence[str] = (), motion_folder: Path | None = None, seed: int = 2018,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Outcome]:  # fmt: skip
-    """Make the report's figures and tables and the page that judges them.
+    """Make the report's figures, tables and judgements.
 
     Parameters
     ----------

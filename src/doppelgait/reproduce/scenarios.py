@@ -36,7 +36,7 @@ def _drop_unknown(values: npt.ArrayLike) -> FloatArray:
 
 
 def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Return Cohen's d: difference of means over the pooled standard deviation.
+    """Return Cohen's d from pooled standard deviation.
 
     NaN with fewer than two values in a class.
 
@@ -73,7 +73,7 @@ def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def separation_table(table: pd.DataFrame, features: Sequence[str], *, classes: tuple[str, str]) -> pd.DataFrame:
-    """Tabulate medians, Cohen's d and ROC area of features by method.
+    """Tabulate medians, Cohen's d and ROC area by method.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ METHOD_NAMES = {"liland2018": "the report's method", "standard": "ours"}
 
 @dataclass(frozen=True)
 class Scenario:
-    """One target that moves straight towards or away from the radar.
+    """Target that moves straight towards or away from radar.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def _model_person(seed: int, number: int) -> Scenario:
 
 
 def _model_dog(seed: int, number: int) -> Scenario:
-    """Sample a dog of 0.25 to 0.65 m, one gait after another.
+    """Sample a dog of 0.25 to 0.65 m per gait.
 
     Its Froude number is in the middle of the range of the gait.
     """
@@ -259,7 +259,10 @@ def _sample_seconds(speed_mps: float, rng: np.random.Generator) -> float:
 
 
 def observe(scenario: Scenario, radar: Radar) -> Recording:
-    """Simulate a scenario without noise at its lowest unaliased frame rate."""
+    """Simulate a scenario without noise.
+
+    The frame rate is the lowest unaliased one.
+    """
     height_m = PERSON_M if scenario.group == "recorded person" else None
     target = Target(
         scenario.motion, label=scenario.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[scenario.label]),
