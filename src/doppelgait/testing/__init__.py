@@ -1,4 +1,7 @@
-"""Checks for other software: contracts of plug-ins, and the physics in :mod:`.conformance`."""
+"""Checks for other software: plug-in contracts and physics.
+
+The physics is in :mod:`.conformance`.
+"""
 
 from importlib import import_module
 from typing import Any

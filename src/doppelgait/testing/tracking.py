@@ -1,4 +1,7 @@
-"""Agreement of tracks with a reference: OSPA, GOSPA, gates, purity, switches."""
+"""Agreement of tracks with a reference: distances, gates, purity.
+
+The distances are OSPA and GOSPA; switches are counted, too.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +88,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
 
 
 def range_iou(gate: Gate, reference: Gate) -> FloatArray:
-    """Compute intersection over union of two gates, per time of the reference.
+    """Compute intersection over union of two gates over time.
 
     Returns
     -------

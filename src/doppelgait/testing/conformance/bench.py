@@ -42,11 +42,14 @@ class Quantise(Protocol):
     """Analogue-to-digital conversion of complex samples."""
 
     def __call__(self, samples: npt.NDArray[np.complex64], /, *, bits: int, full_scale_v: float) -> Any:
-        """Convert I and Q to 2^bits levels from -full_scale_v to full_scale_v."""
+        """Convert I and Q to 2^bits levels within full scale."""
 
 
 class Wall(Protocol):
-    """A wall, normal along +x, between radar and scatterers; vertical polarisation."""
+    """Wall between radar and scatterers, normal along +x.
+
+    The polarisation is vertical.
+    """
 
     def __call__(
         self, scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, thickness_m: float,
@@ -62,7 +65,7 @@ class TwoRay(Protocol):
         self, scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, radar_height_m: float,
         carrier_hz: float,
     ) -> xr.Dataset:  # fmt: skip
-        """Append the reflected echoes to a table with azimuth and elevation."""
+        """Append reflected echoes to a table with angles."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Bench:
 
 
 def bins_of(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, Complex]:
-    """Return range axis (N,) and baseband (I, N) of the simulator.
+    """Return the simulator's range axis (N,) and baseband (I, N).
 
     Raises
     ------

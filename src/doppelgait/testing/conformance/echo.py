@@ -1,4 +1,7 @@
-"""Checks of a point echo: level, phase, Doppler, range, profile, coupling."""
+"""Checks of a point echo: level, phase, Doppler, range.
+
+The range profile and the coupling are among them.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ FRACTIONS = (0.12, 0.3, 0.5, 0.7, 0.9)
 
 
 def radar_equation(bench: Bench, radar: Radar) -> float:
-    """Compare the level of an echo with the radar equation, dB.
+    """Compare an echo's level with the radar equation, dB.
 
     The level is that of the strongest bin, over sqrt(2 Z0 P_r G_rx).
 
@@ -53,7 +56,7 @@ def absolute_phase(bench: Bench, radar: Radar) -> float:
 
 
 def path_phase(bench: Bench, radar: Radar) -> float:
-    """Compare an echo with ``path_phase`` with a rotated one without, rad."""
+    """Compare echoes with ``path_phase`` and rotated echoes, rad."""
     phase_rad = np.array([-3.0, -1.0, 0.0, 0.5, 2.0, 5.0])
     range_m = np.full(phase_rad.size, place_m(radar, 0.4))
     _, plain = bins_of(bench, table(range_m), radar)
@@ -98,7 +101,10 @@ def range_migration(bench: Bench, radar: Radar) -> float:
 
 
 def superposition(bench: Bench, radar: Radar) -> float:
-    """Compare three echoes together with their sum, relative to the maximum."""
+    """Compare three echoes together with their sum.
+
+    The difference is relative to the maximum.
+    """
     rng = np.random.default_rng(5)
     range_m = np.array([place_m(radar, fraction) for fraction in (0.3, 0.32, 0.6)]) + rng.uniform(-0.1, 0.1, (7, 3))
     together = table(
@@ -110,7 +116,7 @@ def superposition(bench: Bench, radar: Radar) -> float:
 
 
 def frame_integration(bench: Bench, radar: Radar) -> float:
-    """Compare the loss of a moving echo with sinc(f_d T_i), dB.
+    """Compare a moving echo's loss with sinc(f_d T_i), dB.
 
     A frame sums over 0.8 of its time; a wrong sign beyond a null fails.
     """
@@ -125,7 +131,7 @@ def frame_integration(bench: Bench, radar: Radar) -> float:
 
 
 def folding(bench: Bench, radar: Radar) -> float:
-    """Compare echoes of earlier pulses with frames that begin later, relative.
+    """Compare earlier pulses' echoes with later frames, relative.
 
     The pulses follow each other hardly slower than a frame lasts. What the frame must show of a scatterer is the sum
     of what frames show that begin k pulses later, of a radar whose next pulse never comes: at the fold, and beyond it
@@ -162,7 +168,7 @@ CELLS = 2.0
 
 
 def range_profile(bench: Bench, radar: Radar) -> float:
-    """Compare the range profile with the transform of the spectrum, dB.
+    """Compare range profile and transformed spectrum, dB.
 
     Within two cells (equivalence i). Echoes stand at several places between two bins; levels are relative to the
     strongest bin of the same frame, which leaves the radar equation out.
@@ -187,9 +193,9 @@ def _relative_db(amplitude: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 def beat_frequency(bench: Bench, radar: Radar) -> float:
-    """Compare the beat frequency with theory, %, at rest and moving.
+    """Compare the beat frequency with theory, %.
 
-    Theory is S 2 R / c - 2 v f_c / c.
+    The scatterer is at rest, then moves. Theory is S 2 R / c - 2 v f_c / c.
 
     The sign of the beat is a convention.
     """
@@ -207,7 +213,7 @@ def beat_frequency(bench: Bench, radar: Radar) -> float:
 
 
 def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
-    """Compare the range shift of a moving scatterer with theory, %.
+    """Compare a moving scatterer's range shift with theory, %.
 
     Theory is -f_c v T / B.
 

@@ -30,7 +30,7 @@ STEPS_HZ = (0.8, 4.0)
 
 
 def same_signature(bench: Bench, radar: Radar) -> float:
-    """Return 1 minus the correlation of the signature with the reference.
+    """Return 1 minus the signatures' correlation.
 
     The reference is sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii).
     """
@@ -38,7 +38,7 @@ def same_signature(bench: Bench, radar: Radar) -> float:
 
 
 def same_gait(bench: Bench, radar: Radar) -> float:
-    """Compare torso speed and step frequency with the reference, % (equivalence iv)."""
+    """Compare torso speed and step frequency, % (equivalence iv)."""
     mine, wanted, prf_hz = (
         _simulate_signature(bench, radar),
         wanted_signature(),
@@ -56,7 +56,7 @@ def _simulate_signature(bench: Bench, radar: Radar) -> Float:
 
 @lru_cache(maxsize=1)
 def wanted_signature() -> Float:
-    """Compute the signature of the sum of the phasors of the walk.
+    """Compute the signature of the walk's summed phasors.
 
     All radars of a small band share carrier, frame rate and levels.
     """
@@ -70,7 +70,7 @@ def wanted_signature() -> Float:
 
 @lru_cache(maxsize=1)
 def walk(prf_hz: float) -> xr.Dataset:
-    """Simulate the scatterer table of a person who approaches the radar."""
+    """Simulate the scatterer table of an approaching person."""
     from doppelgait.motion import boulic_walk
     from doppelgait.scene import Scene, Target, assemble
 
@@ -97,7 +97,7 @@ def torso_doppler_hz(share: Float, prf_hz: float) -> float:
 
 
 def step_frequency_hz(share: Float, prf_hz: float) -> float:
-    """Return the interpolated strongest frequency of the width of the spectrum.
+    """Return the strongest frequency of the spectrum's width.
 
     The width is the same for steps of the left and the right foot.
     """

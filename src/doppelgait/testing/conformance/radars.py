@@ -105,7 +105,7 @@ NARROW: dict[str, dict[str, Any]] = {
 
 
 def suite_radars(*waveforms: str) -> dict[str, Radar]:
-    """Return the radars of the suite by waveform; all, or those named.
+    """Return the suite's radars by waveform.
 
     Raises
     ------

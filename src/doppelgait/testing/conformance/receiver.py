@@ -1,4 +1,4 @@
-"""Checks of the receiver (noise, SNR, quantisation) and of wall and floor."""
+"""Checks of receiver (noise, SNR, quantisation), wall and floor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_PULSES = 2000
 
 
 def noise_power(bench: Bench, radar: Radar) -> float:
-    """Compare the noise power in a range bin with E-18, dB."""
+    """Compare a range bin's noise power with E-18, dB."""
     power_v2 = float((np.abs(_sample_noise(bench, radar)) ** 2).mean())
     return abs(10.0 * math.log10(power_v2 / theory.bin_noise_v2(radar))) if power_v2 > 0 else math.inf
 
@@ -56,7 +56,7 @@ def counter_noise(bench: Bench, radar: Radar) -> float:
 
 
 def noise_correlation(bench: Bench, radar: Radar) -> float:
-    """Compare the correlation of the noise over range with the stated one.
+    """Compare the noise correlation over range with its statement.
 
     The largest deviation at 1 to 4 bins apart.
     """
@@ -69,7 +69,7 @@ def noise_correlation(bench: Bench, radar: Radar) -> float:
 
 
 def matched_snr(bench: Bench, radar: Radar) -> float:
-    """Compare the SNR after matched processing with E / N0, dB.
+    """Compare the matched SNR with E / N0, dB.
 
     Equivalence v.
 
@@ -166,7 +166,7 @@ LOWEST_FIELD = 10.0 ** (-30.0 / 20.0)
 
 
 def wall_loss(bench: Bench, radar: Radar) -> float:
-    """Compare the two-way loss of walls with that of the slab, dB.
+    """Compare a wall's two-way loss with a slab's, dB.
 
     It is |T|^4 with the spreading of a bundle of rays that the slab refracts.
     """
@@ -174,12 +174,12 @@ def wall_loss(bench: Bench, radar: Radar) -> float:
 
 
 def wall_delay(bench: Bench, radar: Radar) -> float:
-    """Compare the added range with (sqrt(eps' - sin^2) - cos) d, mm."""
+    """Compare the added range with (sqrt(eps' - sin^2) - cos) d."""
     return max(1e3 * abs(later_m - wanted_m) for _, (later_m, _), _, wanted_m in _measure_walls(bench, radar))
 
 
 def wall_phase(bench: Bench, radar: Radar) -> float:
-    """Compare the phase of range and ``path_phase`` together with T^2, rad."""
+    """Compare the phase of range and ``path_phase`` with T^2."""
     per_metre = 4.0 * np.pi / theory.wavelength_m(radar)
     turns = [(extra_rad - per_metre * later_m, t) for _, (later_m, extra_rad), t, _ in _measure_walls(bench, radar)]
     return max(abs(float(np.angle(np.exp(1j * turn) / t**2))) for turn, t in turns)
@@ -221,7 +221,7 @@ def _phase_rad(scatterers: xr.Dataset) -> np.ndarray:
 
 
 def two_ray_pattern(bench: Bench, radar: Radar) -> float:
-    """Compare the field over a floor with the two-ray formula, dB.
+    """Compare a floor's field with the two-ray formula, dB.
 
     The formula is (exp(-jkR) / R + Gamma exp(-jkg) / g)^2, at heights from 0.05 to 1.8 m. All echoes of a scatterer are
     summed at one frequency, as a cw radar does.

@@ -1,4 +1,4 @@
-"""All checks, with the compared quantity, limit and needs of each."""
+"""All checks with quantity, limit and needs."""
 
 from __future__ import annotations
 

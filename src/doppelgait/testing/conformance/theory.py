@@ -1,4 +1,4 @@
-"""Closed forms from first principles and the parameters of the radar alone.
+"""Closed forms from first principles and radar parameters.
 
 Nothing here calls the tested code: no derived property of :class:`Radar`, no other layer.
 """
@@ -58,7 +58,7 @@ def n_sweep(radar: Radar) -> int:
 
 
 def sweep_time_s(radar: Radar) -> float:
-    """Return the duration of a sweep's samples or of a pulse."""
+    """Return the duration of a sweep or pulse."""
     return n_sweep(radar) / radar.sample_rate_hz if radar.waveform.kind in SWEPT else float(radar.sweep_s or math.nan)
 
 
@@ -120,7 +120,7 @@ def noise_figure(radar: Radar) -> float:
 
 
 def bin_noise_v2(radar: Radar) -> float:
-    """Return the mean square of the noise in a bin, V^2.
+    """Return a bin's mean-square noise, V^2.
 
     2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2, of a counter times d / (sqrt(pi) s)
     (E-18b).
@@ -152,7 +152,7 @@ def input_noise_v(radar: Radar) -> float:
 
 
 def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -> float:
-    """Return E / N0 of an echo with N_eff pulses averaged.
+    """Return E / N0 of N_eff averaged pulses.
 
     P_r times the integral of the square of the envelope, over k T0 F.
     """
@@ -203,7 +203,7 @@ def profile(radar: Radar, offset_m: Float) -> Float:
 
 
 def half_power_width_m(radar: Radar) -> float:
-    """Return the width of the profile at half power, by bisection."""
+    """Return the profile's half-power width, by bisection."""
     high = C_MPS * {"impulse": 2.0 * pulse_sigma_s(radar) if radar.waveform.kind == "impulse" else 0.0}.get(
         radar.waveform.kind, 1.0 / (radar.bandwidth_hz or 1.0 / sweep_time_s(radar))
     )
@@ -233,7 +233,7 @@ def permittivity_of(*, permittivity: float, conductivity_s_per_m: float, carrier
 
 
 def slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
-    """Return the field behind a slab over the field without it.
+    """Return the field ratio behind and without a slab.
 
     The electric field is parallel to the slab. By the slab's characteristic matrix (Born and Wolf, Principles of
     Optics, section 1.6).

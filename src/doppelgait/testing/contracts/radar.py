@@ -61,7 +61,10 @@ def check_waveform(kind: str, radar: Radar) -> None:
 
 
 def _check_waveform_numbers(name: str, radar: Radar) -> None:
-    """Check counts, lengths and ratios that callers divide by or loop over."""
+    """Check counts, lengths and ratios before use.
+
+    Callers divide by them or loop over them.
+    """
     waveform = radar.waveform
     for label in ("n_samples", "n_range_bins"):
         count = getattr(waveform, label)(radar)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, seed: int = 0) -> None:
-    """Check that a motion model keeps the contract of its group.
+    """Check that a motion model keeps its contract.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
 
 
 def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
-    """Check that a motion reader keeps the contract of its group.
+    """Check that a motion reader keeps its contract.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
 
 
 def check_path(path: FrozenModel) -> None:
-    """Check that a kind of path keeps the contract of its group.
+    """Check that a kind of path keeps its contract.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _check_same_motion(name: str, one: Any, other: Any) -> None:
 
 
 def check_rcs(parameters: Any) -> None:
-    """Check that a kind of radar cross section keeps its contract.
+    """Check that a radar cross section keeps its contract.
 
     The contract is that of :class:`doppelgait.scene.scatterers.Scatter`.
 
