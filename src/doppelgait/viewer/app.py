@@ -1,4 +1,4 @@
-"""Routes of the viewer's server, and the guard in front of them."""
+"""Routes of the viewer's server, and their guard."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ ANSWER_HEADERS = (
 
 
 class Guard:
-    """ASGI middleware that passes only requests of the viewer's own page.
+    """ASGI middleware for requests of the viewer's page.
 
     A page of another site can make the browser ask any port of this computer, and make a name of its own mean
     127.0.0.1 (DNS rebinding): so the host must be a name of this computer, and the secret token the first part of the
@@ -115,7 +115,7 @@ class Guard:
         await guarded({"type": "http.response.body", "body": body})
 
     def fault(self, scope: Message) -> tuple[int, str] | None:
-        """Return status and reason of a refusal, or None to pass."""
+        """Return a refusal's status and reason, or None."""
         headers = list(scope["headers"])
         if len(scope.get("raw_path") or scope["path"].encode()) + len(scope["query_string"]) > MOST_URL_BYTES:
             return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
@@ -134,7 +134,10 @@ class Guard:
         return None
 
     def opens_page(self, scope: Message) -> bool:
-        """Return True if a browser opens the page in a tab or window of its own."""
+        """Return True if a browser opens the page itself.
+
+        It opens in a tab or window of its own.
+        """
         headers = list(scope["headers"])
         how = _values(headers, b"sec-fetch-mode") + _values(headers, b"sec-fetch-dest")
         return bool(scope["path"] == f"/{self.token.decode()}/" and how == [b"navigate", b"document"])
@@ -293,7 +296,7 @@ def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 
 
 def give_back_memory() -> None:
-    """Give memory that is free back to the system, where the C library keeps it (glibc).
+    """Give free memory back to the system (glibc).
 
     The arrays of one answer are of other sizes than those of the next: without this, a server of long recordings holds
     a third more.
@@ -334,7 +337,7 @@ def _run_answer(
 
 
 def static_files() -> dict[str, tuple[bytes, str]]:
-    """Read content and type of every file of the page, by name.
+    """Read content and type of the page's files.
 
     Other files cannot be requested.
     """
@@ -384,9 +387,10 @@ async def _lifespan(
 
 
 def _prepare(shelf: Shelf, opened: Opened | None, settings: Settings) -> None:
-    """Analyse what was opened; an error is reported on the page's request.
+    """Analyse what was opened.
 
-    Nothing is prepared for a dataset: its plan is simulated only when the user opens an example.
+    An error is reported on the page's request. Nothing is prepared for a dataset: its plan is simulated only when the
+    user opens an example.
     """
     session_facts(opened, settings)
     if opened is None or opened.browser is None:

@@ -123,7 +123,7 @@ class Browser:
         return {"n_matching": found.size, "splits": self.splits, "counts": self._counts(found)}
 
     def scatter(self, query: Pairs) -> bytes:
-        """Return two number columns of the matching rows that have both."""
+        """Return two number columns where both are known."""
         filters, parameters = parse_query(query, self.columns, ("x", "y"))
         names = []
         for key in ("x", "y"):
@@ -227,7 +227,7 @@ class Browser:
 
 
 def even_choice(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
-    """Choose up to ``most`` rows at random, each class by its share.
+    """Choose up to ``most`` rows randomly, classes by share.
 
     The same rows give the same choice.
 
@@ -312,7 +312,7 @@ def thumbnails(
 
 
 def _signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | None]:
-    """Read the stored signature of a row, or the reason for none."""
+    """Read a row's signature, or why there is none."""
     try:
         dataset.check_fields(["signature"])
         signature = dataset.example(row).arrays.get("signature")
@@ -341,7 +341,7 @@ def _small(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray)
 
 
 def strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
-    """Return the largest sample that each cell touches, along the first axis.
+    """Return each cell's largest sample along the first axis.
 
     A cell without samples is NaN.
 

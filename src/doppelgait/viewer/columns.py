@@ -1,4 +1,4 @@
-"""Columns of a dataset's index, and the filters that a request sets."""
+"""Columns of a dataset's index, and requested filters."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"),
 
 
 class Columns:
-    """Columns of an index that can be shown, filtered, sorted and plotted.
+    """Index columns that can be shown, filtered and plotted.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Columns:
         return len(self.codes(name)[1]) <= MOST_VALUES
 
     def facts(self, name: str) -> dict[str, Any]:
-        """Describe a column: name, words, unit, group, and limits or values."""
+        """Describe a column: name, words, unit, limits or values."""
         facts: dict[str, Any] = {"name": name, **words_of(name), "kind": self.kinds[name]}
         if facts["kind"] == "number":
             values = self.numbers(name)
@@ -97,13 +97,13 @@ class Columns:
         return facts
 
     def numbers(self, name: str) -> npt.NDArray[np.float64]:
-        """Return the values of a number column, NaN for unknown; shape (rows,)."""
+        """Return a number column's values, NaN if unknown."""
         if name not in self._numbers:
             self._numbers[name] = self.index[name].to_numpy(dtype=np.float64, na_value=np.nan)
         return self._numbers[name]
 
     def codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
-        """Return the code of every row's text, and the sorted distinct texts.
+        """Return every row's text code, and the distinct texts.
 
         Unknown counts as the empty text.
         """
@@ -113,11 +113,11 @@ class Columns:
         return self._codes[name]
 
     def values(self, name: str) -> list[str]:
-        """Return the distinct texts of a column as shown, by code."""
+        """Return a column's distinct texts as shown."""
         return [value or UNKNOWN for value in self.codes(name)[1]]
 
     def of_kind(self, name: str, *kinds: str, key: str) -> str:
-        """Return ``name`` if it is a column of one of these kinds.
+        """Return ``name`` if its column has one of these kinds.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class Columns:
         return dict(sorted(counts.items(), key=lambda entry: (-entry[1], entry[0])))
 
     def flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
-        """Select the rows with a flag that fits a pattern; shape (rows,).
+        """Select rows with a flag that fits a pattern.
 
         ``*`` stands for anything.
         """
@@ -174,14 +174,14 @@ def _can_be_offered(name: Any) -> bool:
 
 
 def _texts(column: pd.Series[Any]) -> pd.Series[str]:
-    """Convert the values of a column to texts; unknown ones are empty."""
+    """Convert values to texts, empty if unknown."""
     if isinstance(column.dtype, pd.StringDtype):
         return column.fillna("")
     return column.astype(object).where(column.notna(), "").map(str)
 
 
 def words_of(name: str) -> dict[str, str]:
-    """Return words, unit and group of a column, from its name.
+    """Return a column's words, unit and group by name.
 
     Returns
     -------
@@ -226,7 +226,7 @@ class Filters:
     text: str = ""
 
     def rows(self, columns: Columns) -> npt.NDArray[np.int64]:
-        """Return the numbers of the matching rows, in the index's order."""
+        """Return the matching rows' numbers in index order."""
         kept = np.ones(len(columns), dtype=bool)
         for name, wanted in self.values.items():
             kept &= np.isin(columns.values(name), wanted)[columns.codes(name)[0]]

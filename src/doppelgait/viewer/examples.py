@@ -104,7 +104,7 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
 
 
 def _motion_files(value: Any) -> Iterator[tuple[str, str]]:
-    """Yield the files, with keys, that a motion or its choices name."""
+    """Yield files and keys of a motion or its choices."""
     if isinstance(value, Mapping):
         if "file" in _texts(value.get("kind")):
             for key in PATH_KEYS:
@@ -116,7 +116,7 @@ def _motion_files(value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _texts(value: Any) -> list[str]:
-    """Collect all texts of a value or of a distribution's choices."""
+    """Collect the texts of a value or distribution."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):
@@ -218,7 +218,7 @@ class ExampleRuns:
         return self.dataset.directory, *(() if self.folder is None else (self.folder,))
 
     def _view(self, row: int, place: int, run: Run) -> TargetView:
-        """Build the view of one target from its row and stored arrays.
+        """Build a target's view from its stored row.
 
         Only its gate comes from the simulation.
         """
@@ -285,7 +285,7 @@ def _beginning(row: dict[str, Any], prefix: str) -> dict[str, Any]:
 
 
 def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the true values by the names of features and frequencies.
+    """Return true values by feature and frequency name.
 
     It is None for measured data and empty scenes.
     """

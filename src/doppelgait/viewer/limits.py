@@ -62,7 +62,7 @@ class Limits:
 
 
 class LimitedConnection(H11Protocol):
-    """Connection that is closed when it keeps the server waiting too long.
+    """Connection that closes when its client is slow.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class LimitedConnection(H11Protocol):
         self._full, self._unsent = False, 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection, in the place of another where there are too many."""
+        """Take a connection, closing others above the limit."""
         super().connection_made(transport)
         if len(self.connections) > self._limits.connections:
             longest = next(iter(self._waiting), None)
@@ -102,7 +102,7 @@ class LimitedConnection(H11Protocol):
         self._follow()
 
     def pause_writing(self) -> None:
-        """Wait for a client that does not take what it asked for."""
+        """Wait for a client that reads slowly."""
         super().pause_writing()
         self._full = True
         self._follow()
@@ -119,7 +119,7 @@ class LimitedConnection(H11Protocol):
         super().connection_lost(exc)
 
     def drop(self, said: bytes = b"") -> None:
-        """Close the connection at once, whatever is still to be sent."""
+        """Close the connection at once, discarding pending output."""
         self._enter(None)
         self.transport.write(said)
         self.transport.abort()
@@ -149,7 +149,7 @@ class LimitedConnection(H11Protocol):
             self._timer = self.loop.call_later(self._limits.seconds(phase), self._end)
 
     def _end(self) -> None:
-        """Close the connection, unless some of the answer was taken meanwhile."""
+        """Close the connection unless the answer advanced."""
         if self._phase == "answer" and self.transport.get_write_buffer_size() < self._unsent:
             self._enter(self._phase)
         else:
@@ -157,7 +157,9 @@ class LimitedConnection(H11Protocol):
 
 
 class LimitedServer(uvicorn.Server):
-    """Server that says in one line that it cannot open files, and goes on when it can.
+    """Server that survives a lack of files.
+
+    It reports in one line that it cannot open files, and goes on when it can.
 
     Parameters
     ----------
@@ -180,7 +182,10 @@ class LimitedServer(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """End in order at a signal; uvicorn would raise it once more, which counts as a second one."""
+        """End in order at a signal.
+
+        uvicorn would raise it once more, which counts as a second one.
+        """
         with super().capture_signals():
             yield
             self._captured_signals.clear()
@@ -202,7 +207,7 @@ class LimitedServer(uvicorn.Server):
         self._lacked_s = loop.time()
 
     def _close_some(self) -> None:
-        """Close the half of the connections that have kept the server waiting longest."""
+        """Close half of the connections, longest waiting first."""
         self._closing = False
         for connection in list(self._waiting)[: len(self._waiting) // 2 + 1]:
             connection.drop()

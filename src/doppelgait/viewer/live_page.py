@@ -1,4 +1,7 @@
-"""What the live page shows: the last half minute of a stream, in fixed memory."""
+"""Content of the live page, in fixed memory.
+
+The page shows the last half minute of a stream.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ MOST_MARKS = 2000
 
 
 class Rolling:
-    """The last half minute of a stream: pictures, tracks and decisions.
+    """Last half minute of pictures, tracks and decisions.
 
     One thread adds windows, others take the payload.
 

@@ -115,7 +115,7 @@ def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
 
 
 def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
-    """Describe a Doppler axis, with radial velocity as its second scale.
+    """Describe a Doppler axis and its velocity scale.
 
     The second scale is missing where the wavelength is not known.
     """
@@ -170,12 +170,12 @@ def image_facts(
 
 
 def block_of(size: int, most: int) -> int:
-    """Return the cells per block that leave at most ``most`` blocks."""
+    """Return the block size for at most ``most`` blocks."""
     return max(1, math.ceil(size / most))
 
 
 def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
-    """Return the strongest cell of every block of ``columns`` times ``rows``.
+    """Return the strongest cell per block of ``columns`` times ``rows``.
 
     The last blocks may hold fewer cells.
     """
@@ -194,7 +194,7 @@ def _in_blocks(axis: Axis, block: int) -> Axis:
 
 
 def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
-    """Return lowest and highest finite level, at most 160 dB apart.
+    """Return the limits of finite levels, within 160 dB.
 
     They are -1 and 0 dB where none is finite.
     """
@@ -206,7 +206,7 @@ def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
 
 
 def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
-    """Return the levels to show at first, 20 to 40 dB.
+    """Return the levels shown first, 20 to 40 dB.
 
     It starts 3 dB below the median, so that noise is dark.
     """
@@ -216,7 +216,7 @@ def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
 
 
 def encode(levels_db: FloatArray, low_db: float, high_db: float) -> npt.NDArray[np.uint16]:
-    """Encode levels from ``low_db`` to ``high_db`` as codes 0 to 65535.
+    """Encode levels within the limits as codes 0 to 65535.
 
     Levels outside are clipped, NaN is 0.
     """

@@ -1,4 +1,4 @@
-"""Panels of a whole recording: range-time map, bodies, range-Doppler maps, sound."""
+"""Panels of a recording: range-time map, bodies, sound."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def _truth(number: int, truth: TargetTruth, recording: Recording, arrays: Arrays
 
 
 def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[list[str], npt.NDArray[np.float32]]:
-    """Return the true Doppler of every body part at each ``step``-th pulse.
+    """Return true body-part Doppler at each ``step``-th pulse.
 
     Scatterers of one part are averaged: a picture has no room for all of them.
 
@@ -205,7 +205,7 @@ IN_BURSTS = "this recording comes in bursts of pulses; its signature has one col
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a recording and their levels, the same for every chunk.
+    """Frames of a recording, with equal levels per chunk.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
 
 
 def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float) -> Frames:
-    """Choose the intervals to show, and levels that hold for all.
+    """Choose the intervals to show, and common levels.
 
     No map can be higher than all its echoes in phase.
     """
@@ -327,7 +327,7 @@ MOST_PITCH = 1e6
 def sound_wav(
     run: Run, gate: GateChoice | None, parameters: Mapping[str, str], clutter: Clutter | None = None
 ) -> bytes:
-    """Make the WAV file of one target, as long as the recording.
+    """Make a target's WAV file of the recording's length.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Runs and target views, with the truth of the analysed targets."""
+"""Runs and target views, with analysed targets' truth."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DIGITS = 6
 
 
 def span_of(result: Result) -> Span:
-    """Return start and stop of a result's segment or whole gate."""
+    """Return start and stop of a segment or gate."""
     quality, gate = result.quality, result.gate
     return float(quality.get("start_s", gate.start_s)), float(quality.get("stop_s", gate.stop_s))
 
@@ -88,14 +88,14 @@ def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
 
 
 def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Result, span: Span) -> float:
-    """Return the median distance of a gate's centre from a body."""
+    """Return a gate's median distance from a body."""
     chosen = _during(times_s, span)
     middle_m = result.gate.centre_at(times_s[chosen])
     return float(np.median(np.abs(middle_m - truth.centre_range_m[chosen])))
 
 
 def _during(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[np.bool_]:
-    """Select the pulses between two times; all where none is between."""
+    """Select the pulses between two times, or all."""
     inside = (times_s >= span[0] - 1e-9) & (times_s <= span[1] + 1e-9)
     return inside if inside.any() else np.ones(times_s.shape, dtype=bool)
 
@@ -156,7 +156,7 @@ MOST_ANALYSES = 2
 
 @dataclass(frozen=True)
 class TargetView:
-    """View of one target, from an analysis, result file or dataset.
+    """View of a target: analysis, result file or dataset.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class Run:
 
     @cached_property
     def recording(self) -> Recording | None:
-        """The recording; None where there is none, and ``reason`` says why."""
+        """The recording, or None with ``reason``."""
         if self.load is None:
             return None
         try:
@@ -259,7 +259,10 @@ class Run:
         return list(self.stored()) if self.stored is not None else []
 
     def needed_recording(self) -> Recording:
-        """Return the recording; raise an AnalysisError with the reason for none."""
+        """Return the recording, or raise AnalysisError.
+
+        The error has the reason for none.
+        """
         if self.recording is None:
             raise AnalysisError(f"{self.name}: there is no recording to take it from: {self.reason}")
         return self.recording
@@ -287,7 +290,7 @@ class Run:
         )
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
-        """Return the cached value for ``name``, computing it on first use."""
+        """Return a cached value, computing it on first use."""
         if name not in self._kept:
             self._kept[name] = make()
         kept: T = self._kept[name]
@@ -308,7 +311,7 @@ class Run:
         return self._analysis_in(gate or self.settings.gate, clutter)[0]
 
     def shows_stored(self, gate: GateChoice | None) -> bool:
-        """Return True if the targets in a gate are the stored ones."""
+        """Return True if a gate's targets are stored ones."""
         return gate is None and self.stored is not None
 
     def warnings(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[str]:

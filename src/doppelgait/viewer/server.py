@@ -65,7 +65,9 @@ def serve(
 
 @contextmanager
 def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
-    """Serve the page of a stream from a thread, for the time of the block.
+    """Serve the page of a stream from a thread.
+
+    It is served for the time of the block.
 
     Parameters
     ----------
@@ -97,7 +99,7 @@ def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
 def _prepared(
     port: int, opened: Opened | None = None, settings: Settings | None = None, live: Rolling | None = None
 ) -> Iterator[tuple[uvicorn.Server, socket.socket, str]]:
-    """Give a server that does not run yet, its socket, and the address of the page."""
+    """Return a prepared server, its socket and address."""
     check_installed()
     from doppelgait.viewer.app import make_app
     from doppelgait.viewer.limits import make_server
@@ -117,10 +119,11 @@ PAGE = (
 
 @contextmanager
 def page_in_browser(url: str) -> Iterator[None]:
-    """Open the page in the user's browser; what that needs is there for the time of the block.
+    """Open the page in the user's browser.
 
-    Every user of a computer can read the command lines of all programs, and the address holds the secret. The browser
-    is therefore started with the name of a file that only this user can read, and that leads on to the address.
+    What that needs exists for the time of the block. Every user of a computer can read the command lines of all
+    programs, and the address holds the secret. The browser is therefore started with the name of a file that only this
+    user can read, and that leads on to the address.
 
     Parameters
     ----------
@@ -147,7 +150,7 @@ def page_in_browser(url: str) -> Iterator[None]:
 
 
 def check_installed() -> None:
-    """Raise a DoppelgaitError if a package of the server is missing.
+    """Raise a DoppelgaitError if a server package is missing.
 
     The error names the command that installs it.
     """
@@ -158,7 +161,7 @@ def check_installed() -> None:
 
 
 def listening(port: int) -> socket.socket:
-    """Open a socket that listens on this computer's own address alone.
+    """Open a socket that listens on localhost only.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Parameters of requests and of the command line, and their settings."""
+"""Parameters of requests and command line, and settings."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def can_track(recording: Recording) -> bool:
 
 
 def all_ranges_m(recording: Recording) -> tuple[float, float]:
-    """Return the limits of a gate around all range cells, m."""
+    """Return gate limits around all range cells, m."""
     range_m = recording.range_m
     if range_m.size == 1:
         return recording.radar.range_start_m, recording.radar.range_stop_m
@@ -269,7 +269,7 @@ def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
 
 
 def gates_of(run: Run | None) -> list[str]:
-    """Return the named gates that can be requested without an error."""
+    """Return the named gates that are free of errors."""
     if run is None or run.recording is None:
         return []
     named = {"track": can_track(run.recording), "truth": bool(run.recording.truth)}
@@ -283,7 +283,7 @@ def gate_text(gate: GateChoice) -> str:
 
 @cache
 def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
-    """Return colours of maps, body parts and classes, as in the figures."""
+    """Return the colours of maps, body parts and classes."""
     from matplotlib import colormaps
 
     from doppelgait.viz.motion import PART_COLOURS

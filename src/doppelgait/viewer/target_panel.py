@@ -1,4 +1,4 @@
-"""Panels of the targets: signature, cadence map and spectrum, features, gate."""
+"""Target panels: signature, cadence, features, gate."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def targets_payload(
 
 
 def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:
-    """Replace the view of one target by that of another segment."""
+    """Replace a target's view by that of another segment."""
     if number >= len(targets):
         known = f"there are targets 0 to {len(targets) - 1}" if targets else "there is no target"
         raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
@@ -141,9 +141,9 @@ def _picture(
 
 
 def is_aligned(view: TargetView, method: str) -> bool | None:
-    """Return True if the map's Doppler is relative to the main line.
+    """Return True if the map's Doppler is relative.
 
-    It is None where that is not known.
+    It is relative to the main line. It is None where that is not known.
     """
     if method == "liland2018" or view.cadence_map is None:
         return None if view.cadence_map is None else False

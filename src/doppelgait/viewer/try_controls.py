@@ -1,4 +1,4 @@
-"""Controls of Try it: limits, allowed values, and the target's path."""
+"""Controls of Try it: limits, values, and path."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def speed_limits() -> tuple[Limit, ...]:
 
 
 def _gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
-    """Yield every gait with its speed limits at 1 m size.
+    """Yield gaits with their speed limits at 1 m size.
 
     The last item is the power of the size that the speeds scale with; "auto" comes first.
     """
@@ -141,7 +141,7 @@ def middle_range_m(values: Mapping[str, Any]) -> float:
 
 
 def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
-    """Return the least distance of the targets' paths from the radar, m.
+    """Return the paths' least distance from the radar, m.
 
     The range is that in the middle of the time.
     """
@@ -171,7 +171,10 @@ def moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def beside(range_m: float, aspect_deg: float) -> dict[str, float]:
-    """Place a second target next to the first, on a parallel path."""
+    """Place a second target next to the first.
+
+    Its path is parallel.
+    """
     heading = math.radians(180.0 + aspect_deg)
     x, y = range_m - BESIDE_M * math.sin(heading), BESIDE_M * math.cos(heading)
     bearing_deg = math.degrees(math.atan2(y, x))
