@@ -1,6 +1,7 @@
-"""Figures of labelled arrays: every function returns a ``matplotlib.figure.Figure``, drawn without pyplot.
+"""Figures of labelled arrays, drawn without pyplot.
 
-Everything here is imported on first use, so that matplotlib is loaded only where something is drawn.
+Every function returns a ``matplotlib.figure.Figure``. Everything here is imported on first use, so that matplotlib is
+loaded only where something is drawn.
 """
 
 from importlib import import_module

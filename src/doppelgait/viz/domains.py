@@ -1,4 +1,4 @@
-"""Page that shows real and simulated recordings next to each other."""
+"""Page of real and simulated recordings side by side."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def checked_signature(array: xr.DataArray) -> xr.DataArray:
 
 
 def check_db_range(db_range: float) -> float:
-    """Check that a dynamic range in dB is positive and finite."""
+    """Check that a dynamic range is positive and finite."""
     if not (np.isfinite(db_range) and db_range > 0):
         raise AnalysisError(f"db_range is {db_range}; the dynamic range must be a positive number of dB")
     return float(db_range)
@@ -79,7 +79,7 @@ def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float
 
 
 def wavelength_m(array: xr.DataArray) -> float:
-    """Return the wavelength of an array's velocity axis, 2 v / f_d.
+    """Return an array's wavelength, 2 v / f_d.
 
     Raises
     ------
@@ -98,7 +98,7 @@ ROWS_AT_ONCE = 16
 
 
 def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
-    """Select Doppler rows of powers (J, K) above the noise; shape (K,).
+    """Select the Doppler rows above the noise.
 
     Three or more adjacent rows must stand out, always or at times.
 
@@ -147,7 +147,7 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
 
 
 def cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
-    """Return the outer edges of the cells of a uniform axis.
+    """Return cell edges of a uniform axis.
 
     It is None if the steps differ by more than 0.1 %.
     """
@@ -179,7 +179,7 @@ def draw_map(
 
 
 def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
-    """Add a colour bar with quantity, reference level and dynamic range."""
+    """Add a colour bar with quantity, level and range."""
     low, high = image.get_clim()
     figure = axes[0].get_figure(root=True)
     assert figure is not None
@@ -190,7 +190,7 @@ def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str
 
 
 def velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
-    """Add a second axis in m/s, v = f lambda / 2.
+    """Add a second axis in m/s, f lambda / 2.
 
     It is to the right of a Doppler axis, or above it.
     """

@@ -1,4 +1,4 @@
-"""Figures of bodies in motion: side views, scatterer range and Doppler."""
+"""Figures of moving bodies: side views, range, Doppler."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def part_group(part: str) -> str:
 
 
 def limb_rank(part: str) -> int:
-    """Return the place of a part in its limb, from the body."""
+    """Return a part's place in its limb."""
     return next(rank for rank, ending in enumerate(LIMB_ORDER) if part.endswith(ending))
 
 
@@ -78,7 +78,7 @@ def part_colour(part: str) -> str:
 
 
 def bold_name(part: str) -> str | None:
-    """Return the legend entry of a part with a bold mean line.
+    """Return a part's legend entry with a bold line.
 
     These are torso, feet and paws; it is None for all others.
     """
@@ -188,7 +188,7 @@ def _variable(scatterers: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.DataArray:
-    """Compute the true Doppler shift of every scatterer, for overlays (E-05).
+    """Compute every scatterer's true Doppler shift (E-05).
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def stick_frames(
     n_frames: int = 9,
     title: str = "One gait cycle from the side",
 ) -> Figure:
-    """Plot side views of a body at instants of one gait cycle.
+    """Plot side views of a body in a gait cycle.
 
     These are the report's Fig. 2.12 and 2.18.
 

@@ -1,4 +1,4 @@
-"""One page about one target: what a user looks at first."""
+"""One page about one target."""
 
 from __future__ import annotations
 

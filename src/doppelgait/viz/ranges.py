@@ -37,7 +37,7 @@ MOST_COLUMNS = 4096
 
 
 def check_gate(gate: xr.Dataset, *names: str) -> xr.Dataset:
-    """Return ``gate`` if it is a Dataset over time with these variables."""
+    """Return ``gate`` if it has these time variables."""
     wrong = not isinstance(gate, xr.Dataset) or "time" not in gate.coords
     missing = list(names) if wrong else [name for name in names if name not in gate or gate[name].dims != ("time",)]
     if missing:
@@ -54,7 +54,7 @@ def range_time(
     db_range: float | None = None,
     title: str = "Range against time",
 ) -> Figure:
-    """Plot the data matrix in dB (the report's Fig. 3.14b and 3.15).
+    """Plot the data matrix, dB (report's Fig. 3.14b, 3.15).
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def range_doppler_map(
     db_range: float | None = None,
     title: str = "Range-Doppler map",
 ) -> Figure:
-    """Plot a range-Doppler map and its gate (report's Fig. 4.5, 4.7).
+    """Plot a range-Doppler map with gate (report's Fig. 4.5).
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def twin_figure(
     gain_db: FloatArray,
     title: str = "Sensor twin",
 ) -> Figure:
-    """Plot levels over range, and common phase and gain over time.
+    """Plot levels over range, and common phase over time.
 
     Parameters
     ----------

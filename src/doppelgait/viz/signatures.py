@@ -48,7 +48,7 @@ def signature(
     doppler_hz: Limits | None = None,
     title: str = "Micro-Doppler signature",
 ) -> Figure:
-    """Plot a signature in dB, approaching up (report's Fig. 4.10, 4.11).
+    """Plot a signature, dB (report's Fig. 4.10, 4.11).
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def signature_normalisation(
     db_range: float | None = None,
     doppler_hz: Limits | None = None,
 ) -> Figure:
-    """Plot a signature before and after normalisation (the report's Fig. 4.9).
+    """Plot a signature before and after normalisation (report's Fig. 4.9).
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ def mean_doppler_spectrum(
     db_range: float = 40.0,
     title: str = "Mean Doppler spectrum",
 ) -> Figure:
-    """Plot the time mean of every Doppler row below its peak, dB.
+    """Plot the mean Doppler spectrum below its peak, dB.
 
     These are the report's Fig. 4.14 and 4.15.
 
@@ -221,7 +221,7 @@ def mean_doppler_spectrum(
 
 
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
-    """Return the edges of the band that holds the most power.
+    """Return the edges of the band of most power.
 
     Its width is fixed; it is the middle one of all that hold 99.9 % of the maximum.
     """
@@ -289,7 +289,7 @@ def step_doppler_label(cadence_map: xr.DataArray) -> str:
 
 
 def from_main_line(cadence_map: xr.DataArray) -> bool:
-    """Return True if a map's Doppler is relative to the main line.
+    """Return True if Doppler is relative to the main line.
 
     Maps of older result files do not store it.
     """

@@ -41,7 +41,7 @@ FEATURE_NAMES = tuple(QUANTITY_NAMES)[:6]
 
 
 def quantity(name: str) -> tuple[str, str]:
-    """Return words and unit of a column or field from its name.
+    """Return a column's words and unit from its name.
 
     ``gait_frequency_hz`` gives ``("gait frequency", "Hz")``.
     """
@@ -69,7 +69,7 @@ def class_colours(classes: Iterable[str]) -> dict[str, str]:
 
 
 def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
-    """Make an empty figure with its own canvas and no global state.
+    """Make an empty figure without global state.
 
     The layout keeps texts apart (``compressed``: panels, too).
     """
@@ -94,7 +94,7 @@ def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
 
 
 def legend_below(figure: Figure, axes: Axes, *, columns: int = 6) -> None:
-    """Put the legend of the axes below them, off the data.
+    """Put a legend below the axes.
 
     Without labelled artists there is none.
     """

@@ -191,7 +191,7 @@ def contact_sheet(
     columns: int | None = None,
     doppler_hz: Limits | None = None,
 ) -> Figure:
-    """Plot many signatures on one page with equal axes and scale.
+    """Plot many signatures on one page, equally scaled.
 
     Parameters
     ----------
