@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -205,7 +205,7 @@ def take_columns(array: Signal, columns: slice) -> Signal:
 
 def with_values(
     array: Signal,
-    values: Any,
+    values: npt.NDArray[Any] | LazilyIndexedArray,
     *,
     schema: Schema | None = None,
     attrs: Mapping[str, Any] | None = None,
@@ -215,7 +215,7 @@ def with_values(
     Parameters
     ----------
     array : DataArray or Plain
-    values : ndarray
+    values : ndarray or LazilyIndexedArray
     schema : Schema, optional
         Gives name and units, if they are not those of ``array``.
     attrs : mapping, optional
@@ -225,14 +225,16 @@ def with_values(
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
     if isinstance(array, Plain):
-        return Plain(schema or array.schema, values, array.axes, facts, array.like, array.columns)
+        return Plain(schema or array.schema, np.asarray(values), array.axes, facts, array.like, array.columns)
     variable = label_values(array.dims, values, facts)
     name = array.name if schema is None else schema.name
     coords = {name: _copy_coordinate(coordinate) for name, coordinate in array.coords.variables.items()}
     return _assemble_array(variable, coords, array.xindexes, name)
 
 
-def label_values(dims: Any, values: npt.ArrayLike, attrs: Mapping[str, Any] | None = None) -> xr.Variable:
+def label_values(
+    dims: Any, values: npt.ArrayLike | LazilyIndexedArray, attrs: Mapping[str, Any] | None = None
+) -> xr.Variable:
     """Make a variable of numbers or text.
 
     Where Dask is installed, xarray's ordinary way imports it (0.3 s) to see whether the values are a Dask array. Values
@@ -356,11 +358,10 @@ def axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArray[Any
     return np.asarray(variable.values)
 
 
-@overload
-def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray: ...
-@overload
-def check_signal(array: Plain, schema: Schema) -> Plain: ...
-def check_signal(array: xr.DataArray | Plain, schema: Schema) -> xr.DataArray | Plain:
+AnySignal = TypeVar("AnySignal", bound=xr.DataArray | Plain)
+
+
+def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
     """Return an array that keeps ``schema``, or list all faults.
 
     Raises

@@ -63,13 +63,13 @@ def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterato
     Every tile but the last has a multiple of so many pulses. A short recording is one tile.
     """
     count = baseband.sizes["slow_time"]
-    size = max(LONG_PULSES // multiple, 1) * multiple
-    for first in range(0, count, count if count <= LONG_PULSES else size):
-        yield first, rows_of(baseband, first, min(first + size, count) if count > LONG_PULSES else count)
+    size = count if count <= LONG_PULSES else max(LONG_PULSES // multiple, 1) * multiple
+    for first in range(0, count, size):
+        yield first, rows_of(baseband, first, min(first + size, count))
 
 
 def stays_lazy(baseband: xr.DataArray) -> bool:
-    """Return whether a baseband is long, and its pulses are made when they are asked for."""
+    """Return True if a long baseband is still on demand."""
     return baseband.sizes["slow_time"] > LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
 
 

@@ -399,18 +399,21 @@ def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
         raise_if_stopped()
         place = target / "shards" / f"{name}.json"
         record = parse_json(place.read_text())
-        wrong = (
-            "record"
-            if not isinstance(record, Mapping)
-            else next((key for key, kind in RECORD_KINDS.items() if type(record.get(key, "")) is not kind), None)
-        )
-        if wrong is None and not all(
-            isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in record["rows"]
-        ):
-            wrong = "rows"
-        if wrong is not None:
-            raise DatasetError(f"{place}: {wrong} is missing or damaged; remove the shard and build again")
+        fault = _find_fault(record)
+        if fault is not None:
+            raise DatasetError(f"{place}: {fault} is missing or damaged; remove the shard and build again")
         yield record
+
+
+def _find_fault(record: Any) -> str | None:
+    """Return the first damaged key of a record, or None."""
+    if not isinstance(record, Mapping):
+        return "record"
+    for key, kind in RECORD_KINDS.items():
+        if type(record.get(key, "")) is not kind:
+            return key
+    rows_are_labelled = all(isinstance(row, Mapping) and isinstance(row.get("label"), str) for row in record["rows"])
+    return None if rows_are_labelled else "rows"
 
 
 RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}

@@ -196,7 +196,7 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
     numbers = np.arange(bins.start, bins.start + clean.shape[1])
 
     def parts() -> Iterator[Values]:
-        """Yield pulses times the share of each range bin inside the gate, in blocks."""
+        """Yield blocks of pulses, weighted by each bin's share."""
         for first in range(0, clean.shape[0], BLOCK_PULSES):
             rows = slice(first, min(first + BLOCK_PULSES, clean.shape[0]))
             read = [rows_of(clean, n, min(n + READ_PULSES, rows.stop)) for n in range(first, rows.stop, READ_PULSES)]

@@ -169,7 +169,7 @@ class Recording:
         further = {name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")}
         slow_time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
         if stays_lazy(baseband):
-            samples = Samples.stored(baseband.shape, partial(rows_of, baseband))
+            samples = Samples.stored((slow_time_s.size, range_m.size), partial(rows_of, baseband))
         else:
             samples = Samples(baseband.values)
         return cls(samples, radar, slow_time_s, range_m, facts=further, **facts)

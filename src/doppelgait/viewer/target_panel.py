@@ -119,7 +119,9 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         "main_line": main_line,
         "aligned": is_aligned(view, method),
         # Rows of the cadence-velocity diagram that are worth looking at, as in its figure.
-        "cadence_band_hz": None if cadence_map is None else doppler_limits_hz(with_values(cadence_map, power)),
+        "cadence_band_hz": None
+        if cadence_map is None or power is None
+        else doppler_limits_hz(with_values(cadence_map, power)),
         "cadence_map": pictures["cadence_map"],
         "cadence_spectrum": spectrum,
         "gate_limits": gate_limits,

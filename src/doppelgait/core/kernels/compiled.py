@@ -1,4 +1,4 @@
-"""Kernels as machine code: from the package where it has some for this processor, else by Numba.
+"""Kernels as machine code, from the package or by Numba.
 
 Compiling all kernels takes half a minute and importing Numba half a second. Object code of the kernels, made from the
 same functions by ``make kernels``, lies beside this file in ``objects`` and is loaded in some hundredths of a second.
@@ -66,7 +66,7 @@ def kernel(
 
 
 class Kernel:
-    """A function that is compiled when it is called for the first time."""
+    """Function that is compiled at its first call."""
 
     def __init__(self, function: Callable[..., Any], fastmath: tuple[str, ...], apart: bool, inline: str | None):
         self.function = function
@@ -104,7 +104,7 @@ class Kernel:
 
 
 def _compile_by_numba(module: str) -> None:
-    """Give all kernels of a module to Numba; they find each other as compiled functions."""
+    """Compile all kernels of a module with Numba."""
     from numba import njit
     from numba.core.compiler import Compiler
 
@@ -200,7 +200,7 @@ def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[
 
 
 def _arrays_are_laid_out_as_known() -> bool:
-    """Compare an array's memory with what the entries read, which another Python or NumPy might lay out otherwise."""
+    """Check that arrays have the memory layout of the entries."""
     if object.__basicsize__ != 16:  # as in free-threaded Python
         return False
     array = np.zeros((2, 3), dtype=np.float32)
