@@ -89,7 +89,7 @@ class Day(FrozenModel):
 
 @dataclass(frozen=True)
 class Episode:
-    """What the alarm did in one recording.
+    """Scores and triggers of the alarm in one recording.
 
     Parameters
     ----------
