@@ -168,7 +168,8 @@ def listening(port: int) -> socket.socket:
     ConfigError
         If the port is taken or not allowed.
     """
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # the protocol is named for asyncio, which otherwise lets the body of an answer wait 40 ms for the client's receipt
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     # on Windows "reuse" would let another program take the port while it is in use
     alone = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR if alone is None else alone, 1)

@@ -123,6 +123,14 @@ def trickle(client, byte):
     return got[0]
 
 
+def test_answers_do_not_wait_for_receipts():
+    with serving() as (_, server, connect):
+        answer_of(connect(REQUEST))
+        (connection,) = server.server_state.connections
+        accepted = connection.transport.get_extra_info("socket")
+        assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
 def test_idle_connections_are_closed():
     with serving(idle_s=SOON_S) as (_, server, connect):
         assert all_of(connect()) == b""
