@@ -37,6 +37,12 @@ class Patch(FrozenModel):
         Columns.
     range_db : float
         Levels from the noise floor, or from so far below the peak if that is higher, become 0 to 1 over this range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.classify.Patch().n_time > 1
+    True
     """
 
     velocity_mps: float = Field(default=6.4, gt=0, le=100)
@@ -70,6 +76,15 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     ------
     AnalysisError
         If it is no signature with even axes and known velocities.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> dg.classify.patch(result.signature).ndim
+    2
     """
     spec = spec or Patch()
     whole = levels(signature, spec)
@@ -98,6 +113,16 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     ------
     AnalysisError
         As :func:`patch`.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> levels = dg.classify.levels(result.signature)
+    >>> type(levels).__name__
+    'ndarray'
     """
     spec = spec or Patch()
     power, times_s, rows_mps = _validate(signature)

@@ -307,6 +307,13 @@ class PlanConfig(FrozenModel):
         As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
         ``analysis.method = "liland2018"`` are refused, both reveal the truth to the features; the first is allowed
         where ``dataset.leaks`` names it.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> config, folder = dg.dataset.load_plan("liland2018")
+    >>> type(config).__name__
+    'PlanConfig'
     """
 
     dataset: DatasetSection
@@ -358,7 +365,14 @@ class PlanConfig(FrozenModel):
 
 
 def plan_names() -> list[str]:
-    """List the names of the built-in plans."""
+    """List the names of the built-in plans.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.dataset.plan_names()
+    ['home-alarm', 'home-alarm-wide', 'liland2018', 'liland2018-fair']
+    """
     folder = resources.files("doppelgait.dataset.plans")
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
@@ -372,6 +386,13 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
     ------
     ConfigError
         If there is no such file or name, or a key is not allowed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> config, folder = dg.dataset.load_plan("liland2018")
+    >>> len(config.classes)
+    3
     """
     name = str(plan)
     if name in plan_names() and not Path(name).is_file():

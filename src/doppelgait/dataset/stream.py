@@ -41,6 +41,13 @@ class ExampleStream:
         First number.
     step : int
         From one number to the next.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> stream = dg.dataset.stream_examples("home-alarm")
+    >>> type(stream).__name__
+    'ExampleStream'
     """
 
     config: PlanConfig
@@ -174,6 +181,13 @@ def stream_examples(
         If the seed or a folder of the plan is not allowed.
     DatasetError
         If ``worker`` or ``start`` is not allowed, or a folder holds nothing usable.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> stream = dg.dataset.stream_examples("home-alarm")
+    >>> type(stream).__name__
+    'ExampleStream'
     """
     if isinstance(plan, str | Path):
         plan, plan_folder = load_plan(plan)

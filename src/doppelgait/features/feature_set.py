@@ -76,6 +76,12 @@ class GaitFeatures:
         beta_1, beta_2.
     limb_torso_ratio : float or None
         rho.
+
+    Examples
+    --------
+    >>> from doppelgait.features import GaitFeatures
+    >>> GaitFeatures(torso_velocity_mps=1.2).torso_velocity_mps
+    1.2
     """
 
     torso_velocity_mps: float | None = None

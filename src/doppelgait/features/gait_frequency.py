@@ -88,6 +88,12 @@ class GaitFrequency:
         Share of the cadence power (0.5 to 20 Hz) in the first four harmonics.
     n_periods : float or None
         Observed periods f_mu T_o.
+
+    Examples
+    --------
+    >>> from doppelgait.features import GaitFrequency
+    >>> GaitFrequency(frequency_hz=1.8).frequency_hz
+    1.8
     """
 
     frequency_hz: float | None = None

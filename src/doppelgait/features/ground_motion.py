@@ -55,6 +55,12 @@ class GroundMotion:
     reason : str
         Empty, ``"unknown"`` without a track, ``"too_short"`` (a recording shorter than 3 s, its history than 2.6 s),
         ``"path_is_not_straight"`` or ``"too_uncertain"`` (above 10 % of the speed or 15 degrees).
+
+    Examples
+    --------
+    >>> from doppelgait.features import GroundMotion
+    >>> GroundMotion(ground_speed_mps=1.2, reason="").ground_speed_mps
+    1.2
     """
 
     ground_speed_mps: float | None = None
@@ -86,6 +92,15 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     GroundMotion
         Without numbers where ranges fit straight, steady motion with a chance below 0.001
         (:func:`doppelgait.core.straight.straight_chance`) or say too little.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from doppelgait.features import ground_motion
+    >>> time_s = np.linspace(0.0, 4.0, 41)
+    >>> motion = ground_motion(time_s, np.hypot(3.0 - 1.2 * time_s, 1.0))
+    >>> round(motion.ground_speed_mps, 1)
+    1.2
     """
     times = np.ascontiguousarray(time_s, dtype=np.float64)
     ranges = np.ascontiguousarray(range_m, dtype=np.float64)

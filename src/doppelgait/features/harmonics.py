@@ -37,6 +37,15 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
     -------
     float or None
         None where no local maximum within 15 % of the expected place stands 6 dB above the local median.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> dg.features.harmonic_ratio(result.cadence_spectrum, result.gait_frequency_hz, 2) > 0.0
+    True
     """
     check_signal(spectrum, CADENCE_SPECTRUM)
     values = np.asarray(spectrum.values, dtype=np.float64)

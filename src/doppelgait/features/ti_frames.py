@@ -98,6 +98,13 @@ def window_statistics(numbers: npt.ArrayLike, *, frames: int | None = None) -> n
     -------
     ndarray, shape (windows, 8)
         The four means, then the four standard deviations, over the frames with power; NaN where there are none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from doppelgait.features import window_statistics
+    >>> window_statistics(np.ones((3, 20))).shape
+    (1, 40)
     """
     values = np.array(numbers, dtype=np.float64)
     dark = ~(values[:, 2] > 0)

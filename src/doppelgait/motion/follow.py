@@ -143,6 +143,14 @@ def follow(
         If the motion does not travel straight and steadily, is too short, or cannot stop; or the path is too short.
     ConfigError
         If the speed on the path is more than 30 % from the motion's, or stops are too close together.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=4.0)
+    >>> path = dg.motion.make_path({"kind": "arc", "radius_m": 2.0, "turn_deg": 90.0})
+    >>> round(dg.motion.follow(motion, path, duration_s=2.0).duration_s, 1)
+    2.0
     """
     require_motion(motion)
     gait, layout = _straight_gait(motion), layout_of(path)

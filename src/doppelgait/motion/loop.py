@@ -132,6 +132,13 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     -----
     DoppelgaitWarning
         If the clip has less than two strides.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=4.0)
+    >>> round(dg.motion.loop(motion, duration_s=10.0, variation=0.0).duration_s, 1)
+    10.0
     """
     where = require_motion(motion).label
     if not (math.isfinite(duration_s) and duration_s > 0):

@@ -73,6 +73,13 @@ class MotionFacts:
         For a motion that follows a path.
     file_time_s : float
         Time in the recording, counted from its first frame, at time 0 of the motion.
+
+    Examples
+    --------
+    >>> from doppelgait.motion import MotionFacts
+    >>> facts = MotionFacts(kind="boulic", species="human", height_m=1.75)
+    >>> facts.height_m
+    1.75
     """
 
     source: str = ""

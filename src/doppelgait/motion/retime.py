@@ -93,6 +93,13 @@ def scale_to_height(
     ------
     MotionError
         If the recorded height is unknown.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> walk = dg.motion.boulic_walk(duration_s=2.0)
+    >>> dg.motion.scale_to_height(walk, height_m=1.9).facts.height_m
+    1.9
     """
     require_motion(motion)
     recorded = motion.facts.height_m if recorded_height_m is None else recorded_height_m

@@ -105,6 +105,13 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     -------
     list of Segment
         Empty when there is none.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.boulic_walk(duration_s=4.0)
+    >>> len(dg.motion.find_segments(motion))
+    1
     """
     from doppelgait.core.kernels.stretch import longest_stretch
 

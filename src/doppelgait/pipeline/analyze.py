@@ -59,6 +59,15 @@ def analyze(
         If the recording has no truth for the gate, or is too short.
     ConfigError
         If an argument is not allowed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> round(result.features.torso_velocity_mps, 1)
+    1.2
     """
     check_type(recording, Recording, "recording", "read a file with doppelgait.radar.read_recording(PATH)")
     check_type(analysis, (Analysis, type(None)), "analysis", "make one with doppelgait.Analysis(...)")

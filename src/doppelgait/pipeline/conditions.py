@@ -21,6 +21,12 @@ class Noise(FrozenModel):
         ``thermal_noise`` of its own. ``snr``: as much as gives ``snr_db``.
     snr_db : float
         Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
+
+    Examples
+    --------
+    >>> from doppelgait.pipeline import Noise
+    >>> Noise(kind="snr", snr_db=10.0).snr_db
+    10.0
     """
 
     kind: Literal["thermal", "snr", "none"] = "thermal"
@@ -43,6 +49,13 @@ class Conditions(FrozenModel):
     ------
     ConfigError
         If a kind or a parameter is not allowed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> conditions = dg.Conditions(noise={"kind": "snr", "snr_db": 10.0})
+    >>> conditions.noise.snr_db
+    10.0
     """
 
     noise: Noise = Noise()

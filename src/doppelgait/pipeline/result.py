@@ -125,6 +125,15 @@ class Result:
         Of a tracked target the gate of the whole track; None in a result of a table row.
     segments : tuple of Result
         Of a tracked target: one per segment of steady motion, in the order of time; this result is that of the longest.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> result.label, round(result.features.torso_velocity_mps, 1)
+    ('human', 1.2)
     """
 
     analysis: Analysis
@@ -434,6 +443,13 @@ class TargetList(list[Result]):
     results : iterable of Result
     reason : str
         One sentence with numbers where nothing was found, else empty.
+
+    Examples
+    --------
+    >>> from doppelgait.pipeline import TargetList
+    >>> results = TargetList(reason="nothing moves")
+    >>> len(results), results.reason
+    (0, 'nothing moves')
     """
 
     def __init__(self, results: Iterable[Result] = (), *, reason: str = "") -> None:
@@ -451,6 +467,17 @@ class Results:
         Recording that was analysed.
     radar : Radar
     targets : tuple of Result
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait.pipeline import read_results, write_results
+    >>> write_results("results.h5", recording, [result])
+    >>> read_results("results.h5").targets[0].label
+    'human'
     """
 
     source: str
@@ -463,6 +490,16 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 
     Values that are not finite become None; an empty list of targets has its ``reason``. ``n_bodies`` leaves out targets
     whose verdict is reflection, folded or thing.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait.pipeline import describe_results
+    >>> sorted(describe_results(recording, [result]))[:3]
+    ['n_bodies', 'recording', 'targets']
     """
     facts = {
         "file": recording.source,
@@ -494,6 +531,17 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
         If it cannot be written; an older file of that name is then untouched.
     ConfigError
         If ``results`` is one result.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait.pipeline import read_results, write_results
+    >>> write_results("results.h5", recording, [result])
+    >>> read_results("results.h5").targets[0].label
+    'human'
     """
     import h5py
 
@@ -573,6 +621,17 @@ def read_results(path: str | Path) -> Results:
     ------
     AnalysisError
         If the file is missing, of another version, no result file, damaged, or takes values from another file.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait.pipeline import read_results, write_results
+    >>> write_results("results.h5", recording, [result])
+    >>> read_results("results.h5").targets[0].label
+    'human'
     """
     if not Path(path).is_file():
         raise AnalysisError(f"{path}: no such file")

@@ -54,6 +54,14 @@ class Run(FrozenModel):
         Root of all random streams.
     example : int
         Number of the example in a dataset; picks its streams.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> run = dg.Run(scene=scene, radar=dg.Radar.preset("x4"), seed=1)
+    >>> run.seed
+    1
     """
 
     scene: Scene
@@ -131,6 +139,13 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     ------
     ConfigError
         Naming the dotted key, its line, the value and what is allowed.
+
+    Examples
+    --------
+    >>> from doppelgait.pipeline import parse_run
+    >>> run = parse_run({"duration_s": 2.0, "radar": {"preset": "x4"}})
+    >>> run.scene.duration_s
+    2.0
     """
     unknown = sorted(set(table) - set(SECTIONS))
     if unknown:
@@ -151,6 +166,12 @@ def parse_radar(
 
     Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
     here, each from a stream of its own that seed, example and key name.
+
+    Examples
+    --------
+    >>> from doppelgait.pipeline import parse_radar
+    >>> sorted(parse_radar({"preset": "x4"}))
+    ['auto_prf', 'radar']
     """
     if isinstance(table, str):
         table = {"preset": table}
@@ -203,6 +224,14 @@ def run_simulation(
         Folder that relative motion paths start from.
     angles, in_tiles : bool
         As for :func:`doppelgait.pipeline.simulate`.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> run = dg.Run(scene=scene, radar=dg.Radar.preset("x4", prf_hz=640.0), seed=1)
+    >>> dg.pipeline.run_simulation(run).n_pulses
+    1920
     """
     scene, radar = place(run.scene, run.streams, folder=folder), run.radar
     if run.auto_prf:

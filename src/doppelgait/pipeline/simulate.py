@@ -98,6 +98,14 @@ def simulate(
     -----
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0), rng=dg.rng(1), snr_db=10.0)
+    >>> recording.n_pulses
+    1920
     """
     check_type(scene, (Scene, PlacedScene), "scene", "make one with doppelgait.Scene(targets=[...])")
     check_type(radar, Radar, "radar", 'make one with doppelgait.Radar.preset("x4")')
@@ -363,6 +371,14 @@ def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -
     """Return the radar at the lowest unaliased frame rate (E-06).
 
     Only for reproducing the report: chosen per recording, the frame rate reveals the speed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> from doppelgait.pipeline import with_lowest_prf
+    >>> with_lowest_prf(scene, dg.Radar.preset("x4"), cpi_s=0.1).prf_hz > 100.0
+    True
     """
     placed = as_placed(scene)
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)

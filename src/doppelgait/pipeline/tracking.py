@@ -71,6 +71,12 @@ class Tracking(FrozenModel):
         How a track is divided into segments of steady motion.
     breathing : BreathingSettings
         People who keep still.
+
+    Examples
+    --------
+    >>> from doppelgait.pipeline import Tracking
+    >>> Tracking(detector={"pfa": 1e-4}).detector.pfa
+    0.0001
     """
 
     detector: Detector = Detector()

@@ -46,6 +46,14 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     ------
     AnalysisError
         If the bursts have different lengths; a shorter last one is allowed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from doppelgait.processing import find_burst_pulses
+    >>> burst_s = np.arange(8) * 0.001
+    >>> find_burst_pulses(np.concatenate([burst_s + 0.1 * n for n in range(10)]))
+    8
     """
     times = np.asarray(slow_time_s, dtype=float)
     steps = np.diff(times)
@@ -70,6 +78,14 @@ def burst_pulses_of(baseband: xr.DataArray) -> int | None:
     """Return the pulses in each burst of a recording.
 
     It is the attribute ``burst_pulses``, else found from the times, else None.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> dg.processing.burst_pulses_of(recording.baseband) is None
+    True
     """
     stated = baseband.attrs.get("burst_pulses")
     return int(stated) if stated is not None else find_burst_pulses(axis(baseband, "slow_time"))
@@ -160,6 +176,18 @@ def burst_signature(
     ------
     AnalysisError
         If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=2.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("ti-60-burst"))
+    >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 2.0])
+    >>> signature = dg.processing.burst_signature(
+    ...     recording.baseband, gate, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
+    ... )
+    >>> signature.dims
+    ('time', 'doppler')
     """
     from scipy import fft
 

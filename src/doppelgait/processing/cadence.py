@@ -225,6 +225,15 @@ def observation_s(signature: xr.DataArray | Plain) -> float:
     """Compute the observed time T_o of a signature.
 
     T_o is columns times their spacing.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> round(dg.processing.observation_s(result.signature), 1)
+    2.9
     """
     return signature.sizes["time"] / sampling_rate_hz(axis(signature, "time"))
 
@@ -233,6 +242,12 @@ def detrend_order(seconds: float) -> int:
     """Compute the order of the detrending polynomial (E-31).
 
     round(1.2 T_o), 1 to 6.
+
+    Examples
+    --------
+    >>> from doppelgait.processing import detrend_order
+    >>> detrend_order(5.0)
+    6
     """
     return min(max(round(1.2 * seconds), 1), 6)
 
@@ -248,6 +263,16 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
         From :func:`doppelgait.processing.normalise.normalise`.
     order : int
         0 or more; 0 is the report's mu_0.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> normalised = dg.processing.normalise(result.signature, 0.0)
+    >>> dg.processing.detrend(normalised, order=1).shape == normalised.shape
+    True
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
     trend = _orthonormal_basis(normalised.shape[0], order) @ _projected(normalised.values, order)
@@ -292,6 +317,15 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     -------
     DataArray (cadence, doppler)
         ``D[q,k] = |sum_j a_j v[j,k] e^{-j 2 pi q j / J_fft}| / sum(a)``, cadence 0 to 20 Hz.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> dg.processing.cadence_map(dg.processing.normalise(result.signature, 0.0)).dims
+    ('cadence', 'doppler')
     """
     check_signal(rows, NORMALISED_SIGNATURE)
     weights, length, cadence_hz = _cadence_grid(rows, padded, tapered)
@@ -395,6 +429,16 @@ def mean_doppler_spectrum(normalised: xr.DataArray | Plain) -> npt.NDArray[np.fl
     """Average every Doppler row over time (E-30).
 
     D_1, the constant column of the cadence-velocity diagram, shape (K,).
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> spectrum = dg.processing.mean_doppler_spectrum(dg.processing.normalise(result.signature, 0.0))
+    >>> spectrum.shape == result.signature.doppler.shape
+    True
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
     return np.asarray(normalised.values.mean(axis=0))
@@ -412,6 +456,15 @@ def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     Returns
     -------
     DataArray (cadence)
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> dg.processing.cadence_spectrum(result.cadence_map).dims
+    ('cadence',)
     """
     check_signal(step_doppler, CADENCE_MAP)
     values = step_doppler.values

@@ -52,6 +52,15 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     -------
     DataArray (slow_time, range)
         The same object for ``clutter = "none"``, and for ``"auto"``, as in a given gate.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> cleaned = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="mean"))
+    >>> cleaned.shape == recording.baseband.shape
+    True
     """
     return without_clutter(baseband, kind=analysis.clutter, time_s=analysis.clutter_time_s)
 
@@ -98,6 +107,15 @@ def without_clutter(
     ------
     AnalysisError
         If the frame rate is too low for ``cutoff_hz``.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> cleaned = dg.processing.without_clutter(recording.baseband, kind="mean")
+    >>> cleaned.shape == recording.baseband.shape
+    True
     """
     check_signal(baseband, BASEBAND)
     if kind in ("none", "auto"):
@@ -256,6 +274,13 @@ def clutter_gain(
     ------
     AnalysisError
         If ``mean`` or ``median`` has no number of pulses.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> gain = dg.processing.clutter_gain([0.0, 100.0], kind="mean", prf_hz=500.0, n_pulses=1000)
+    >>> gain.round(2)
+    array([0., 1.])
     """
     angle = np.pi * np.asarray(doppler_hz, dtype=float) / prf_hz
     sine = np.abs(np.sin(angle))
@@ -310,6 +335,16 @@ def share_removed(
     DataArray (time)
         One share for every block of the gate's times, 0 to 1; NaN where fewer than half of the gate's bins have a
         reference.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 3.0])
+    >>> cleaned = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="mean"))
+    >>> dg.processing.share_removed(recording.baseband, cleaned, gate).dims
+    ('time',)
     """
     check_signal(before, BASEBAND)
     check_signal(after, BASEBAND)
@@ -384,6 +419,16 @@ def torso_share_removed(
     -------
     ndarray, shape (J,)
         0 to 1.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> gate = dg.Gate.fixed(1.0, 3.0, time_s=[0.0, 3.0])
+    >>> share = dg.processing.torso_share_removed(
+    ...     gate, [0.0, 1.0], kind="mean", wavelength_m=0.04, prf_hz=500.0, n_pulses=1500
+    ... )
+    >>> share.shape
+    (2,)
     """
     times = gate.time_s
     rate_mps = np.gradient(gate.centre_at(times), times)

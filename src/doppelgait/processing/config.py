@@ -62,6 +62,12 @@ class Analysis(FrozenModel):
     parts : bool
         Resolve the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40). It takes several
         times as long as the rest of the analysis in a given gate.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.Analysis(cpi_s=0.2, clutter="mean").cpi_s
+    0.2
     """
 
     method: Method = "standard"
@@ -151,6 +157,12 @@ def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
     """Compute a Gaussian window of shape (M,) (E-23).
 
     exp(-0.5 ((m - h) / (sigma_w h))^2), h = (M - 1) / 2.
+
+    Examples
+    --------
+    >>> from doppelgait.processing import gaussian_window
+    >>> gaussian_window(5, 0.4).round(3)
+    array([0.044, 0.458, 1.   , 0.458, 0.044])
     """
     half = (n_pulses - 1) / 2.0
     return np.asarray(np.exp(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
@@ -182,6 +194,12 @@ def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Trans
     AnalysisError
         If a processing interval has fewer than 5 pulses, the recording is shorter than one, or ``doppler_bins`` is
         below M.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.processing.plan_transform(dg.Analysis(cpi_s=0.2), n_pulses=1500, prf_hz=500.0).half_window
+    50
     """
     cpi_pulses = cpi_to_pulses(analysis.cpi_s, prf_hz)
     if cpi_pulses < MIN_CPI_PULSES:

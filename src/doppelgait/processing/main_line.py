@@ -65,6 +65,16 @@ def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool =
     ndarray, shape (J,)
         Main line m[j] in Hz: iteratively reweighted least squares with Cauchy weights, so that columns in which a leg
         or a stance foot is strongest count little.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> line_hz = dg.processing.main_line_hz(result.signature, order=1)
+    >>> line_hz.shape == result.signature.time.shape
+    True
     """
     return line_through(column_peaks(signature)[1], bin_width_hz(signature), order=order, tapered=tapered)
 
@@ -115,12 +125,28 @@ def line_order(observation_s: float) -> int:
     """Choose the line order that leaves the steps (E-29).
 
     1 below 1.3 s, 2 below 2.5 s, else 3.
+
+    Examples
+    --------
+    >>> from doppelgait.processing import line_order
+    >>> line_order(5.0)
+    3
     """
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 
 def needs_alignment(signature: xr.DataArray | Plain) -> bool:
-    """Return True if the main line drifts over 10 Hz."""
+    """Return True if the main line drifts over 10 Hz.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> dg.processing.needs_alignment(result.signature)
+    False
+    """
     return drifts(main_line_hz(signature, order=1))
 
 
@@ -151,6 +177,16 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     ------
     AnalysisError
         If the line has another number of columns.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> line_hz = result.main_line_hz
+    >>> dg.processing.align(result.signature, line_hz).dims
+    ('time', 'doppler')
     """
     from doppelgait.core.kernels.features import shift_columns
 

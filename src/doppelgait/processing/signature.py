@@ -69,6 +69,17 @@ def range_doppler(
     ------
     DataArray (time, doppler, range)
         ``|sum_m w_m Y_{i+m-h,n} e^{-j 2 pi k m / K}|^2``, float32, V^2; divide by sum(w^2) for power per cell.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> maps = dg.processing.range_doppler(
+    ...     recording.baseband, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
+    ... )
+    >>> next(maps).dims
+    ('time', 'doppler', 'range')
     """
     from scipy import fft
 
@@ -135,6 +146,18 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     ------
     AnalysisError
         If the gate lies outside the frame all the time.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 3.0])
+    >>> signature = dg.processing.signature(
+    ...     recording.baseband, gate, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
+    ... )
+    >>> signature.dims
+    ('time', 'doppler')
     """
     check_signal(baseband, BASEBAND)
     cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis, bin_share=bin_share(baseband))
@@ -341,6 +364,15 @@ def thin(signature: Signal) -> Signal:
 
     What is between them can be interpolated from them (E-23), so features gain nothing from it: they are the same as
     for the lossless hop where that is a whole multiple of the hop, else those of the largest multiple below.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> dg.processing.thin(result.signature).dims
+    ('time', 'doppler')
     """
     every = lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
     if every <= 1:
@@ -376,6 +408,16 @@ def within_frame(signature: Signal) -> tuple[Signal, float]:
     ------
     AnalysisError
         If fewer than 8 columns remain.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> kept, share = dg.processing.within_frame(result.signature)
+    >>> kept.dims
+    ('time', 'doppler')
     """
     check_signal(signature, SIGNATURE)
     share = axis(signature, "gate_share")

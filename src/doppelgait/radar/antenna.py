@@ -62,6 +62,12 @@ class Antenna(FrozenModel):
 
     ``table``: the two cuts add in dB, as in 3GPP TR 38.901 (7.3). Like any such sum it knows nothing outside the two
     planes, and far from both, near straight up or down, it is no more than a guess.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.radar.Antenna(kind="cosine", hpbw_azimuth_deg=60.0, hpbw_elevation_deg=60.0).hpbw_azimuth_deg
+    60.0
     """
 
     kind: Literal["isotropic", "cosine", "table"] = "isotropic"

@@ -49,6 +49,14 @@ def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayL
     -------
     ndarray
         P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4), W.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> radar = dg.Radar.preset("x4")
+    >>> near, far = dg.radar.received_power_w(radar, range_m=[1.0, 2.0], rcs_m2=1.0)
+    >>> round(float(near / far), 2)
+    16.0
     """
     distance = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
     gain = db_to_power(radar.tx_gain_dbi + radar.rx_gain_dbi)
@@ -65,6 +73,14 @@ def echo_amplitude_v(
     a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm.
 
     ``path_gain`` is a further two-way power ratio (walls, antenna pattern).
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> radar = dg.Radar.preset("x4")
+    >>> near, far = dg.radar.echo_amplitude_v(radar, range_m=[1.0, 2.0], rcs_m2=1.0)
+    >>> round(float(near / far), 2)
+    4.0
     """
     one_metre_w = received_power_w(radar, range_m=1.0, rcs_m2=np.asarray(rcs_m2) * np.asarray(path_gain))
     square = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
@@ -117,6 +133,12 @@ def noise_power_v2(radar: Radar) -> float:
     """Return the mean square noise of one range bin, V^2.
 
     It is that of a receiver sample, compressed (E-18).
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.radar.noise_power_v2(dg.Radar.preset("x4")) > 0.0
+    True
     """
     return sample_noise_v2(radar) * radar.waveform.noise_gain(radar)
 
@@ -160,6 +182,15 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
 
     Contiguous float64 arrays, both (slow_time, scatterer). The amplitude is that of a frame: of E-14, less what its
     integration loses (E-13b), negative beyond a null.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> delays, amplitudes = dg.radar.scatterer_arrays(table, dg.Radar.preset("x4"))
+    >>> delays.shape == amplitudes.shape
+    True
     """
     from doppelgait.core.kernels.integration import integrate_echoes
 
@@ -231,6 +262,14 @@ def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
     """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous.
 
     None where the table has none.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> dg.radar.path_phase_rad(table) is None
+    True
     """
     if "path_phase" not in scatterers:
         return None
@@ -241,6 +280,14 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     """Return the radial velocity of scatterers, (slow_time, scatterer).
 
     Waveforms that sweep and radars that integrate need it.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> dg.radar.radial_velocity_mps(table).shape
+    (3, 17)
     """
     if "radial_velocity" not in scatterers:
         raise ConfigError(
@@ -257,6 +304,13 @@ def derived_quantities(radar: Radar) -> dict[str, float]:
 
     Quantities that the waveform does not have are left out. Power and SNR are those of 1 m^2 at 5 m in a single frame,
     in the middle of its bin (E-14, E-18).
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> quantities = dg.radar.derived_quantities(dg.Radar.preset("x4"))
+    >>> round(quantities["wavelength_m"], 4)
+    0.0411
     """
     noise_v2 = noise_power_v2(radar)
     power_w = received_power_w(radar, range_m=RANGE_M, rcs_m2=1.0)

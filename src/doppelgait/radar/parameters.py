@@ -79,6 +79,12 @@ class Waveform(FrozenModel):
         Parameters of the radar among ``OPTIONAL`` that are required, and those that are allowed.
     ranged : bool
         Whether the range bins measure range; False for a radar that sees all ranges in its one bin.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.Radar.preset("ti-77").waveform.kind
+    'fmcw'
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -319,6 +325,13 @@ class Radar(FrozenModel):
         Phase theta of the transmitted pulse.
     hypothetical : bool
         True for settings that no real device has.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
+    >>> round(radar.wavelength_m, 4)
+    0.0411
     """
 
     name: str = "custom"

@@ -45,6 +45,15 @@ class TargetTruth:
     body : DataArray (time, marker, space), optional
         Where the points of the body are, for plots: at most 60 positions a second, in the frame of the scene, whose
         floor is at z = 0.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> truth = recording.truth[0]
+    >>> truth.label, round(truth.ground_speed_mps, 1)
+    ('human', 1.2)
     """
 
     label: str
@@ -122,6 +131,14 @@ class Recording:
     See Also
     --------
     Recording.from_baseband : a recording from a labelled complex array.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> recording.n_pulses, recording.baseband.dims
+    (1920, ('slow_time', 'range'))
     """
 
     samples: Samples

@@ -63,6 +63,15 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     ------
     OutputError
         If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> dg.radar.write_recording(recording, "walk.h5")
+    >>> dg.radar.read_recording("walk.h5").n_pulses
+    1920
     """
     with atomic_path(path) as partial:
         import h5py

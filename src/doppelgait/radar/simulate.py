@@ -42,6 +42,14 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     DataArray (slow_time, range)
         complex64, V at the receiver output. Superposition of all scatterers; migration from frame to frame kept, and
         within a frame what the waveform says (E-18, :mod:`doppelgait.radar.waveforms`).
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
+    >>> dg.radar.synthesise(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar).dims
+    ('slow_time', 'range')
     """
     return label_baseband(synthesise_bins(scatterers, radar).matrix, axis(scatterers, "slow_time"), radar)
 
@@ -60,6 +68,15 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
     ndarray, shape (I, S)
         complex64, V. Of impulse, rectangular and lfm radars the range bins themselves, of fmcw the samples of every
         sweep, of stepped the frequency steps, of cw one sample per frame.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
+    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar)
+    >>> samples.dtype.name
+    'complex64'
     """
     return radar.waveform.synthesise(fold_scatterers(scatterers, radar), radar)
 
@@ -101,6 +118,15 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
     ------
     AnalysisError
         If there are not as many samples in a row as the radar takes.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
+    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar)
+    >>> dg.radar.compress(samples, radar).dtype.name
+    'complex64'
     """
     waveform, samples = radar.waveform, np.asarray(samples)
     if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
@@ -129,6 +155,16 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
     (``noise_correlation``); white where it names none.
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> import numpy as np
+    >>> noisy = dg.radar.add_noise(recording.baseband, noise_power_v2=1e-12, rng=np.random.default_rng(1))
+    >>> noisy.shape == recording.baseband.shape
+    True
     """
     stated = baseband.attrs.get("radar")
     factor = WHITE if stated is None else noise_taps(Radar.model_validate_json(stated))
@@ -213,6 +249,15 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
     2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
 
     For reproducing the report only: chosen per recording it tells the speed to every feature.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
+    >>> table = dg.scene.assemble(scene, radar.pulse_times_s(3.0))
+    >>> dg.radar.lowest_prf_hz(table, radar, cpi_s=0.1) > 100.0
+    True
     """
     fastest = float(np.abs(scatterers["radial_velocity"].values).max(initial=0.0))
     doppler_hz = float(velocity_to_doppler_hz(fastest, radar.wavelength_m))

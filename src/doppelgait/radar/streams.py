@@ -86,6 +86,14 @@ class Stream:
     source : str
         What is read; of a socket with the port that was taken.
     counts : Counts
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> stream = dg.radar.open_stream("tcp://:0")
+    >>> isinstance(stream, dg.radar.Stream)
+    True
+    >>> stream.close()
     """
 
     def __init__(self, source: str, *, expect: Radar | None, timeout_s: float, queue_s: float) -> None:

@@ -290,6 +290,12 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
     -------
     ndarray, shape (...)
         m^2, positive.
+
+    Examples
+    --------
+    >>> from doppelgait.scene import ellipsoid_rcs_m2
+    >>> round(float(ellipsoid_rcs_m2([0.1, 0.1, 0.1], [1.0, 0.0, 0.0])), 4)
+    0.0314
     """
     squares = np.asarray(semi_axes_m, dtype=float) ** 2
     form = _dot(squares, np.asarray(direction, dtype=float) ** 2)

@@ -39,6 +39,21 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
         If the first has no start, the second's motion does not suit its speed, or the path turns on the spot.
     MotionError
         If a motion does not travel straight and steadily, or cannot stop where the path does.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> first, second = (
+    ...     dg.Target(
+    ...         {"kind": "boulic", "speed_mps": 1.2},
+    ...         label="human",
+    ...         start_position_m=(4.0, 0.0),
+    ...         heading_deg=180.0,
+    ...     )
+    ...     for _ in range(2)
+    ... )
+    >>> len(dg.scene.side_by_side(first, second))
+    2
     """
     if first.start_position_m is None:
         raise ConfigError("companions: the first target needs start_position_m and heading_deg")
@@ -80,5 +95,15 @@ def leashed_dog(
         The dog's place: by default to the right and ahead. The leash itself is no scatterer.
     label : str
         Label of the dog's target.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> person = dg.Target(
+    ...     {"kind": "boulic", "speed_mps": 1.2}, label="human", start_position_m=(4.0, 0.0), heading_deg=180.0
+    ... )
+    >>> dog = dg.motion.quadruped_gait(speed_mps=1.2, duration_s=3.0)
+    >>> [target.label for target in dg.scene.leashed_dog(person, dog)]
+    ['human', 'dog']
     """
     return side_by_side(person, Target(dog_motion, label=label), side_m=side_m, ahead_m=ahead_m)

@@ -31,6 +31,14 @@ class LineOfSight:
     """Geometry of points seen from the radar.
 
     Every array has the shape of the points' leading axes.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> placed = dg.scene.place(scene)
+    >>> dg.scene.body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
+    (2,)
     """
 
     range_m: FloatArray
@@ -53,6 +61,14 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     LineOfSight
         Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04); aspect angle from
         cos(psi) = -(v . u) / |v|, 0 = approaching, NaN below 0.05 m/s; azimuth from +x towards +y; elevation up.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from doppelgait.scene import line_of_sight
+    >>> sight = line_of_sight(np.array([[3.0, 4.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]]), (0.0, 0.0, 0.0))
+    >>> sight.range_m
+    array([5.])
     """
     sight = position_m - np.asarray(radar_position_m, dtype=float)
     range_m = np.sqrt((sight**2).sum(axis=-1))
@@ -162,6 +178,14 @@ def assemble(
         If a motion does not cover the times.
     ConfigError
         If a radar cross section needs ``rng`` or joints that are not there.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> table.sizes["slow_time"]
+    3
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
     wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
@@ -341,6 +365,14 @@ def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -
     """Compute the line of sight of a target's body centre.
 
     It holds at the pulse times; each array has the shape (I,).
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> placed = dg.scene.place(scene)
+    >>> dg.scene.body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
+    (2,)
     """
     from doppelgait.core.kernels.spline import angles_of_sight
 
@@ -365,6 +397,14 @@ def body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
     """Compute the points of a placed body at some times.
 
     Times count from the start of the scene; the result is float32 (time, marker, space), m.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> target = dg.scene.place(scene).targets[0]
+    >>> dg.scene.body_at(target, [0.0, 1.0]).sizes["time"]
+    2
     """
     times, motion = np.asarray(time_s, dtype=float), target.motion
     coords = {"time": times, "marker": motion.markers, "space": list(SPACE), "part": ("marker", motion.parts)}

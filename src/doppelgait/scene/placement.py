@@ -51,6 +51,14 @@ class PlacedTarget:
         Scaled, on its path, turned and moved; it covers the observation. Its facts are those of the whole motion.
     ground_speed_mps : float
         Along its path, else of its net travel over the observation.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> target = dg.scene.place(scene).targets[0]
+    >>> round(target.ground_speed_mps, 1)
+    1.2
     """
 
     target: Target
@@ -70,6 +78,14 @@ class PlacedScene:
         In the order of the scene.
     observation_s : float
         ``scene.duration_s``, or the shortest motion.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> placed = dg.scene.place(scene)
+    >>> placed.observation_s
+    3.0
     """
 
     scene: Scene

@@ -99,6 +99,12 @@ class RcsSpec(FrozenModel):
         coherently.
     occlusion : bool
         Let the body's ellipsoids hide scatterers behind them; needs points with known joints.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.scene.RcsSpec(total_m2=0.5).total_m2
+    0.5
     """
 
     kind: str = "auto"
@@ -148,6 +154,12 @@ def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     ------
     ConfigError
         If no part is known.
+
+    Examples
+    --------
+    >>> from doppelgait.scene import part_weights
+    >>> part_weights(["torso", "left_hand"]).shape
+    (2,)
     """
     known = np.array([part in PART_WEIGHTS for part in parts])
     if not known.any():
@@ -210,6 +222,13 @@ def scatterer_rcs_m2(spec: RcsSpec, parts: Sequence[str], mass_kg: float) -> npt
     """Compute every point's mean radar cross section, sigma w_l (E-08).
 
     The result has the shape (L,), m^2.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> rcs_m2 = dg.scene.scatterer_rcs_m2(dg.scene.RcsSpec(total_m2=0.5), ["torso", "left_hand"], 70.0)
+    >>> round(float(rcs_m2.sum()), 2)
+    0.5
     """
     by_part = spec.kind == "body_parts" or (spec.kind == "auto" and splits_by_part(parts))
     weights = part_weights(parts) if by_part else np.full(len(parts), 1.0 / len(parts))

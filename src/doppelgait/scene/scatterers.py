@@ -55,6 +55,15 @@ class Scatterers:
         One point per scatterer, L of them.
     rcs_m2, path_gain : ndarray, broadcastable to (I, L)
         Radar cross section (m^2) and two-way power gain of the path (1) at the I pulse times.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> import numpy as np
+    >>> motion = dg.motion.boulic_walk(duration_s=2.0)
+    >>> scatterers = dg.scene.scatterers_of(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
+    >>> scatterers.rcs_m2.shape
+    (17,)
     """
 
     motion: Motion
@@ -143,6 +152,15 @@ def scatterers_of(
     ------
     ConfigError
         If ``spec`` needs ``rng`` or joints that are not there.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> import numpy as np
+    >>> motion = dg.motion.boulic_walk(duration_s=2.0)
+    >>> scatterers = dg.scene.scatterers_of(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
+    >>> scatterers.rcs_m2.shape
+    (17,)
     """
     if spec.needs_rng and rng is None:
         raise ConfigError(
@@ -211,6 +229,15 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
         the order of their first points. The report lists the groups as ``merged``.
     rcs_m2 : ndarray, shape (number of groups,)
         Sums over the groups, so that the total stays.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> import numpy as np
+    >>> motion = dg.motion.boulic_walk(duration_s=2.0)
+    >>> merged, rcs_m2 = dg.scene.merge_close(motion, np.full(17, 0.01), closer_than_m=0.2)
+    >>> rcs_m2.size <= 17
+    True
     """
     weights = np.asarray(rcs_m2, dtype=float)
     groups = close_groups(motion, closer_than_m)

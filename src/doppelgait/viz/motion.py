@@ -200,6 +200,15 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     -------
     DataArray (slow_time, scatterer)
         2 v_r / lambda, Hz.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> from doppelgait import viz
+    >>> viz.scatterer_doppler(table, wavelength_m=0.04).sizes["slow_time"]
+    3
     """
     velocity = _variable(scatterers, "radial_velocity")
     doppler_hz = velocity.copy(data=velocity_to_doppler_hz(velocity.values, wavelength_m)).rename("doppler")
@@ -226,6 +235,16 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     ------
     AnalysisError
         If the variable or the coordinate is missing.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> from doppelgait import viz
+    >>> figure = viz.range_lines(table)
+    >>> len(figure.axes) > 0
+    True
     """
     lines = part_lines(_variable(scatterers, "range"))
     figure, axes = new_axes()
@@ -258,6 +277,16 @@ def doppler_lines(
     ------
     AnalysisError
         If the variable or the coordinate is missing, or the wavelength is not positive.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
+    >>> from doppelgait import viz
+    >>> figure = viz.doppler_lines(table, wavelength_m=0.04)
+    >>> len(figure.axes) > 0
+    True
     """
     figure, axes = new_axes()
     velocity_axis(axes, wavelength_m)
@@ -325,6 +354,14 @@ def stick_frames(
     ------
     AnalysisError
         If the times lie outside the motion, ``n_frames`` is not allowed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait import viz
+    >>> figure = viz.stick_frames(dg.motion.boulic_walk(duration_s=2.0))
+    >>> len(figure.axes) > 0
+    True
     """
     positions = checked(motion.positions, MOTION)
     times_s, parts = axis(positions, "time"), axis(positions, "part").astype(str).tolist()

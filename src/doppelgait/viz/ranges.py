@@ -74,6 +74,17 @@ def range_time(
     ------
     AnalysisError
         If an array does not keep its schema.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> figure = viz.range_time(recording.baseband)
+    >>> len(figure.axes) > 0
+    True
     """
     figure, axes = new_axes()
     image = draw_range_time(axes, baseband, tracks=tracks, db_range=db_range)

@@ -73,6 +73,17 @@ def signature(
     ------
     AnalysisError
         If an array does not keep its schema or the main line has another length.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> figure = viz.signature(result.signature)
+    >>> len(figure.axes) > 0
+    True
     """
     wavelength = wavelength_m(checked_signature(signature))
     figure, axes = new_axes()
@@ -177,6 +188,19 @@ def signature_normalisation(
     ------
     AnalysisError
         If an array does not keep its schema.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> figure = viz.signature_normalisation(
+    ...     result.signature, normalised=dg.processing.normalise(result.signature, 0.0)
+    ... )
+    >>> len(figure.axes) > 0
+    True
     """
     checked_signature(signature)
     limits_hz = doppler_hz or doppler_limits_hz(checked_signature(normalised))

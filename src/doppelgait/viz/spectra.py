@@ -74,6 +74,17 @@ def cadence_spectrum(
     ------
     AnalysisError
         If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> figure = viz.cadence_spectrum(result.cadence_spectrum)
+    >>> len(figure.axes) > 0
+    True
     """
     figure, axes = new_axes(height_in=4.6)
     draw_cadence_spectrum(
@@ -178,6 +189,16 @@ def mean_doppler_spectrum(
     ------
     AnalysisError
         If shapes differ, or the threshold does not lie between 0 and 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from doppelgait import viz
+    >>> figure = viz.mean_doppler_spectrum(
+    ...     [1.0, 4.0, 2.0], doppler_hz=np.array([-50.0, 0.0, 50.0]), wavelength_m=0.04
+    ... )
+    >>> len(figure.axes) > 0
+    True
     """
     power, axis_hz = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
     if power.shape != axis_hz.shape or power.ndim != 1 or power.size < 2:
@@ -269,6 +290,17 @@ def step_doppler(
     ------
     AnalysisError
         If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> figure = viz.step_doppler(result.cadence_map)
+    >>> len(figure.axes) > 0
+    True
     """
     figure, axes = new_axes()
     image = draw_step_doppler(

@@ -131,6 +131,16 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
         If the name does not end in ``.png``.
     OutputError
         If the file cannot be written; an older file of that name is then untouched.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> viz.save_figure(viz.signature(result.signature), "signature.png").name
+    'signature.png'
     """
     target = Path(path)
     if target.suffix.lower() != ".png":

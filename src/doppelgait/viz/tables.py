@@ -85,6 +85,17 @@ def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", t
     ------
     AnalysisError
         If columns are missing or hold no numbers, or the table is empty.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from doppelgait import viz
+    >>> table = pd.DataFrame(
+    ...     {"label": ["human", "dog"], "torso_velocity_mps": [1.2, 1.5], "step_length_m": [0.7, 0.4]}
+    ... )
+    >>> figure = viz.feature_scatter(table, x="torso_velocity_mps", y="step_length_m")
+    >>> len(figure.axes)
+    1
     """
     values, classes = _columns(table, (x, y), by)
     known = np.isfinite(values[x]) & np.isfinite(values[y])
@@ -132,6 +143,17 @@ def feature_matrix(
     ------
     AnalysisError
         If columns are missing or hold no numbers, or the table is empty.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from doppelgait import viz
+    >>> table = pd.DataFrame(
+    ...     {"label": ["human", "dog"], "torso_velocity_mps": [1.2, 1.5], "step_length_m": [0.7, 0.4]}
+    ... )
+    >>> figure = viz.feature_matrix(table, features=["torso_velocity_mps", "step_length_m"])
+    >>> len(figure.axes) > 0
+    True
     """
     if not 1 <= len(features) <= 12:
         raise AnalysisError(f"features are {len(features)} columns; 1 to 12 fit on a page")
@@ -214,6 +236,17 @@ def contact_sheet(
     ------
     AnalysisError
         If there are none or too many, titles do not match, or units differ.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait import viz
+    >>> figure = viz.contact_sheet([result.signature], titles=["human"])
+    >>> len(figure.axes) > 0
+    True
     """
     arrays = _checked_sheet(signatures, titles, columns)
     levels = np.concatenate([level_db_of(array.values).ravel() for array in arrays])

@@ -59,6 +59,12 @@ class CSettings:
         Golden vectors of each kind.
     seed : int
         Of the simulated examples.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import CSettings
+    >>> CSettings(integers=True).integers
+    True
     """
 
     integers: bool = False

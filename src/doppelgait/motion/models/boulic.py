@@ -322,6 +322,13 @@ def boulic_walk(
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 17, 3)
     """
     return generate(validate(BoulicConfig, parameters, where="boulic_walk"), duration_s=duration_s, rng=rng)
 

@@ -177,6 +177,13 @@ def robot_vacuum(
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.robot_vacuum(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 9, 3)
     """
     return generate(validate(VacuumConfig, parameters, where="robot_vacuum"), duration_s=duration_s, rng=rng)
 
@@ -204,6 +211,13 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.curtain(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 20, 3)
     """
     return generate(validate(CurtainConfig, parameters, where="curtain"), duration_s=duration_s, rng=rng)
 
@@ -233,6 +247,13 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.fan(duration_s=2.0)
+    >>> motion.position_m.shape
+    (2001, 6, 3)
     """
     return generate(validate(FanConfig, parameters, where="fan"), duration_s=duration_s, rng=rng)
 

@@ -109,6 +109,13 @@ def crawling_person(
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.crawling_person(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 17, 3)
     """
     return generate(validate(CrawlConfig, parameters, where="crawling_person"), duration_s=duration_s, rng=rng)
 

@@ -325,6 +325,13 @@ def human_gait(
     ------
     ConfigError
         If a parameter is outside its range, or steps are too long for the legs.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.human_gait(speed_mps=1.2, duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 17, 3)
     """
     return generate(validate(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
 

@@ -367,6 +367,13 @@ def sample_person(
     ------
     ConfigError
         If ``age_class``, ``complaint`` or ``load`` is none of those.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> person = dg.motion.sample_person(dg.rng(1))
+    >>> round(person.height_m, 2)
+    1.63
     """
     check_choice(age_class, get_args(AgeClass), "age_class")
     check_choice(complaint, get_args(Complaint), "complaint")

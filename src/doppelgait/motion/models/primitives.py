@@ -161,6 +161,13 @@ def moving_point(
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.moving_point(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 1, 3)
     """
     return generate(validate(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
 
@@ -190,6 +197,13 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.pendulum(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 1, 3)
     """
     return generate(validate(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
 
@@ -220,6 +234,13 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.rotor(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 3, 3)
     """
     return generate(validate(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
 
@@ -249,6 +270,13 @@ def breathing_person(
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.breathing_person(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 6, 3)
     """
     return generate(validate(BreathingConfig, parameters, where="breathing_person"), duration_s=duration_s, rng=rng)
 

@@ -218,6 +218,13 @@ def quadruped_gait(
     ------
     ConfigError
         If a parameter is outside its range.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> motion = dg.motion.quadruped_gait(duration_s=2.0)
+    >>> motion.position_m.shape
+    (501, 28, 3)
     """
     return generate(validate(QuadrupedConfig, parameters, where="quadruped_gait"), duration_s=duration_s, rng=rng)
 

@@ -62,6 +62,15 @@ def find_scans(
     AnalysisError
         If the recording is in bursts, too short or too slow for a processing interval, or its range frame too short
         for the CFAR window.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> scans = dg.processing.find_scans(recording.baseband, wavelength_m=recording.radar.wavelength_m)
+    >>> len(scans) > 10
+    True
     """
     check_signal(baseband, BASEBAND)
     chosen = settings or Detector()

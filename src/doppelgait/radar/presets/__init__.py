@@ -18,7 +18,14 @@ CONDITIONS = ("environment", "impairments")
 
 
 def preset_names() -> list[str]:
-    """Return the names of all presets."""
+    """Return the names of all presets.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> "x4" in dg.radar.preset_names()
+    True
+    """
     return list(_built_in_names())
 
 
@@ -69,6 +76,12 @@ def preset_table(name: str | Path) -> dict[str, Any]:
     ------
     ConfigError
         If the name is unknown, or the file is missing or no TOML.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> sorted(dg.radar.preset_table("x4"))[:3]
+    ['bandwidth_hz', 'bandwidth_level_db', 'carrier_hz']
     """
     return deepcopy(read_preset(name))
 

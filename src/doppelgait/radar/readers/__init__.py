@@ -83,6 +83,15 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     ------
     RecordingError
         If there is no such file, no reader or several take it, an option is not allowed, or it cannot be read right.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> dg.radar.write_recording(recording, "walk.h5")
+    >>> dg.radar.read_recording("walk.h5").n_pulses
+    1920
     """
     file = Path(path)
     if not file.name:  # "." has no name to look for the other files of a recording by

@@ -183,6 +183,15 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
     OutputError
         If the name does not end in ``.npz``, a TOML file of that stem is there that is not of this kind, or it cannot
         be written; older files are then untouched.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> dg.radar.write_arrays(recording, "walk.npz")
+    >>> dg.radar.read_recording("walk.npz").n_pulses
+    1920
     """
     target = Path(path)
     if target.suffix.lower() != ".npz":
