@@ -63,6 +63,16 @@ class Decision:
         Of the analysis.
     quality : mapping
         Range, times and SNR of the target, carrier and pulse rate, as far as known.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> model = dg.classify.open_model("x4")
+    >>> decisions = dg.classify.classify(recording, model)
+    >>> [decision.target for decision in decisions]
+    [0]
     """
 
     target: int
@@ -137,6 +147,16 @@ def classify(
         If a file cannot be read.
     ConfigError
         If no model is given and none that comes with the package fits.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> model = dg.classify.open_model("x4")
+    >>> decisions = dg.classify.classify(recording, model)
+    >>> [decision.target for decision in decisions]
+    [0]
     """
     stored = isinstance(source, str | Path) and is_result_file(source)
     if isinstance(source, str | Path) and not stored:

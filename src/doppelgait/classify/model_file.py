@@ -66,6 +66,14 @@ def save_model(model: Model, path: str | Path) -> Path:
         If the name does not end in ``.npz``.
     OutputError
         If it cannot be written; an older file of that name then stays unchanged.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> model = dg.classify.open_model("x4")
+    >>> path = dg.classify.save_model(model, "copy.npz")
+    >>> dg.classify.load_model(path).facts.classes == model.facts.classes
+    True
     """
     target = Path(path)
     if target.suffix.lower() != SUFFIX:
@@ -143,6 +151,14 @@ def load_model(path: str | Path) -> Model:
     ------
     DatasetError
         If it is missing, no model of doppelgait, damaged, inconsistent, or of a newer version.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> model = dg.classify.open_model("x4")
+    >>> path = dg.classify.save_model(model, "copy.npz")
+    >>> dg.classify.load_model(path).facts.classes == model.facts.classes
+    True
     """
     try:
         text, arrays = _read_arrays(Path(path))

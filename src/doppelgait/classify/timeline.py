@@ -91,6 +91,16 @@ class TrackDecision:
         Where the target was last seen in the window; the radial speed is positive when approaching.
     window : Decision
         About the window alone, with times of the recording.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> model = dg.classify.open_model("x4")
+    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
+    >>> len(decisions) > 0
+    True
     """
 
     track: int
@@ -379,6 +389,16 @@ def classify_over_time(
     --------
     decision_spans : the times in which decisions do not change.
     doppelgait.live : the same for a stream.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> model = dg.classify.open_model("x4")
+    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
+    >>> len(decisions) > 0
+    True
     """
     model = model or model_for(recording)
     window_s, hop_s = check_window(window_s, hop_s, model)
@@ -402,6 +422,17 @@ def decision_spans(decisions: Iterable[TrackDecision]) -> list[Span]:
     -------
     list of Span
         By track, then time.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> model = dg.classify.open_model("x4")
+    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
+    >>> spans = dg.classify.decision_spans(decisions)
+    >>> len(spans) > 0
+    True
     """
     open_spans: dict[int, _OpenSpan] = {}
     done: list[_OpenSpan] = []

@@ -53,6 +53,26 @@ class Features:
     names, units : tuple of str
         One per column of X.
     ids : ndarray of str, shape (n,)
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> dataset = dg.open_dataset("tiny")
+    >>> features = dataset.features()
+    >>> features.X.shape[0]
+    2
     """
 
     X: npt.NDArray[np.float64]
@@ -171,6 +191,26 @@ class Example:
         Labelled arrays by field name, in linear units.
     specify : callable, optional
         Gives the specification; see :attr:`specification`.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> dataset = dg.open_dataset("tiny")
+    >>> example = dataset["human-000000"]
+    >>> example.row["label"]
+    'human'
     """
 
     row: dict[str, Any]

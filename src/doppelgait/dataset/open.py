@@ -208,6 +208,25 @@ class Dataset:
         One row per example and target.
     files : ShardFiles
         Reader of its arrays, shared by all parts.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> dataset = dg.open_dataset("tiny")
+    >>> len(dataset.index)
+    2
     """
 
     directory: Path
@@ -439,6 +458,25 @@ def open_dataset(directory: str | Path) -> Dataset:
     ------
     DatasetError
         If the folder holds none, it is not finished or damaged, or a newer version of doppelgait made it.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> dataset = dg.open_dataset("tiny")
+    >>> len(dataset.index)
+    2
     """
     folder = Path(directory)
     for name in ("dataset.json", "index.parquet"):

@@ -120,6 +120,23 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
         If a motion is not allowed or its file is missing; the message names the class, the example and the key.
     DatasetError
         If a class cannot have a subject in every split that is asked for, or a folder holds nothing usable.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    ...         ],
+    ...     }
+    ... )
+    >>> len(dg.dataset.plan_dataset(plan).examples)
+    2
     """
     source = folder or Path()
     expanded = expand_folders(config, source, on_progress=on_progress)

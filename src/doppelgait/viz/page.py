@@ -80,6 +80,22 @@ def overview(
     ------
     AnalysisError
         If an array does not keep its schema.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> figure = dg.viz.overview(
+    ...     recording.baseband,
+    ...     signature=result.signature,
+    ...     cadence_map=result.cadence_map,
+    ...     cadence_spectrum=result.cadence_spectrum,
+    ...     features=vars(result.features),
+    ... )
+    >>> len(figure.axes) > 0
+    True
     """
     figure = new_figure(width_in=13.0, height_in=8.0)
     figure.suptitle(title, fontsize=13, x=0.01, ha="left")

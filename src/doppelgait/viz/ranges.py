@@ -155,6 +155,18 @@ def range_doppler_map(
     ------
     AnalysisError
         If an array does not keep its schema.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> maps = dg.processing.range_doppler(
+    ...     recording.baseband, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
+    ... )
+    >>> figure = dg.viz.range_doppler_map(abs(next(maps)).isel(time=0) ** 2)
+    >>> len(figure.axes) > 0
+    True
     """
     checked(power, ONE_MAP)
     figure, axes = new_axes()

@@ -350,6 +350,13 @@ def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, *
     AssertionError
         If a rule is broken: registration, one ending, a recording that is read back, the same bytes
         each time, an ``OutputError`` and no file where it cannot write.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> dg.testing.check_radar_writer("sigmf", recording)
     """
     from doppelgait.core.errors import OutputError
     from doppelgait.radar.readers import RADAR_WRITERS, read_recording

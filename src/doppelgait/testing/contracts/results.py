@@ -204,6 +204,24 @@ def check_exporter(kind: str, dataset: Dataset) -> None:
     AssertionError
         If a rule is broken: registration, parameters with defaults, the number of rows that are done, files that do not
         depend on when they are written, nothing outside of the folder.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> dataset = dg.open_dataset("tiny")
+    >>> dg.testing.check_exporter("csv", dataset)
     """
     from doppelgait.core.files import file_sha256
     from doppelgait.dataset.export import EXPORTERS, export_dataset
