@@ -51,7 +51,7 @@ def analyze(
     hop_s: HopS = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Analyse a recording: signature, cadence-velocity diagram and features per target.
+    """Analyse a recording: signature, cadence-velocity diagram, features.
 
     The six gait features of every target are printed, or all results written with -o. With --window-s or --hop-s there
     is one row per window and target.
@@ -103,7 +103,7 @@ def _analyze_windows(
     recording: Recording, window_s: float | None, hop_s: float | None, gate: GateChoice, analysis: Analysis,
     tracking: Tracking, *, as_json: bool,
 ) -> None:  # fmt: skip
-    """Print the features of every window, one row per target."""
+    """Print every window's features, one row per target."""
     from doppelgait.classify.timeline import Links, analyze_window, check_window, windows_of
     from doppelgait.core.config import json_value
 

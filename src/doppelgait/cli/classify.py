@@ -40,7 +40,7 @@ def classify(
     hop_s: HopS = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Classify every target of a recording, with a calibrated probability.
+    """Classify a recording's targets with calibrated probabilities.
 
     Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording is classified in
     windows: a table of tracks, and a timeline of the decisions about them.
@@ -182,7 +182,7 @@ ALARM = {None: "-", True: "yes", False: "no"}
 
 
 def say_about(model: Model, name: str | None) -> None:
-    """Explain the alarm, and the data that probabilities rest on."""
+    """Explain the alarm and the training data."""
     from doppelgait.classify.model import rests_on
 
     facts = model.facts
@@ -395,7 +395,7 @@ def _import_test(
 
 
 def _check_save(save: Path, output: Path) -> None:
-    """Refuse a name for the model that cannot be written.
+    """Refuse an unwritable name for the model.
 
     This is done before any work.
     """

@@ -302,7 +302,7 @@ def export(
 
 
 def forms(as_json: AsJson = False) -> None:
-    """List the export formats of a dataset, with their parameters.
+    """List the export formats with their parameters.
 
     Example: doppelgait dataset forms
     """

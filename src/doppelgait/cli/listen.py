@@ -1,4 +1,4 @@
-"""``doppelgait listen``: recording -> the sound of its Doppler signal."""
+"""``doppelgait listen``: recording to Doppler sound."""
 
 from __future__ import annotations
 

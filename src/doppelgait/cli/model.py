@@ -49,7 +49,7 @@ def export(
     seed: Annotated[int, typer.Option("--seed", min=0, help="C: of the simulated examples.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Write a trained model in a form for other programs.
+    """Write a trained model for other programs.
 
     Example: doppelgait model export model.npz --form onnx -o exported;
     or doppelgait model export x4 --form c --int8 --prf-hz 500 -o firmware/model

@@ -1,4 +1,4 @@
-"""Output of the commands: JSON, tables, progress, warnings and errors."""
+"""Output of commands: JSON, tables, progress, errors."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 @contextmanager
 def reader_options() -> Iterator[None]:
-    """Extend a reader's error with the command-line options it needs."""
+    """Extend a reader's error with needed command-line options."""
     try:
         yield
     except RecordingError as error:

@@ -190,7 +190,7 @@ def compare(
     seed: Annotated[int, typer.Option("--seed", help="Seed of the simulated recordings.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Compare real recordings with those simulated from a sensor model.
+    """Compare real recordings with simulated ones.
 
     A classifier is trained to tell them apart, and tested on recordings that it has not seen: an AUC of 0.5 means that
     it cannot, 1 that it always can. With fewer than four recordings it is tested on parts of them that it has not seen,
@@ -263,7 +263,7 @@ def points(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the tracks of a point-cloud log, with their speeds.
+    """List a point-cloud log's tracks with speeds.
 
     Example: doppelgait radar points replay_1.json
     """

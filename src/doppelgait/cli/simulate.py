@@ -24,7 +24,7 @@ START_TIME = "2000-01-01T00:00:00"
 
 @dataclass(frozen=True)
 class XethruNames:
-    """Options of a XeThru recording, as on the command line.
+    """Options of a XeThru recording.
 
     A value is None where the option was not set.
     """

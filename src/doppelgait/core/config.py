@@ -74,7 +74,7 @@ SHOWN_FAULTS, SHOWN_KEY = 8, 60
 
 
 def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: str) -> None:
-    """Refuse an argument of another type with one clear error.
+    """Refuse an argument of another type.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: st
 
 
 def check_choice(value: object, allowed: Collection[str], name: str) -> None:
-    """Refuse an argument that is none of the allowed names.
+    """Refuse an argument that is no allowed name.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def check_choice(value: object, allowed: Collection[str], name: str) -> None:
 def validate(
     model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "", section: tuple[str, ...] = ()
 ) -> M:
-    """Build ``model`` from ``data``; name all faults in one error.
+    """Build ``model`` from ``data``, naming all faults.
 
     The error is a :class:`ConfigError`.
 
@@ -211,7 +211,7 @@ def line_note(text: str, location: Sequence[str | int]) -> str:
 
 
 def line_of_key(text: str, location: Sequence[str | int]) -> int | None:
-    """Find the line (from 1) of a dotted TOML key.
+    """Find a dotted TOML key's line (from 1).
 
     A number in ``location`` picks the n-th ``[[table]]``.
     """
@@ -238,7 +238,7 @@ def _index_after(location: Sequence[str | int], name: str) -> int:
 
 
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
-    """Read the table and the text of a TOML file.
+    """Read a TOML file's table and text.
 
     A missing or broken file is a :class:`ConfigError` that names it.
     """

@@ -1,4 +1,4 @@
-"""Budget for reading: how much memory a file may take.
+"""Memory budget for reading files.
 
 A few kilobytes can declare, or unpack to, any amount of values. Every reader computes what the values of a file will
 take before it allocates them, and checks that here.

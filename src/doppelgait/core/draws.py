@@ -1,4 +1,4 @@
-"""Draw from the distributions in a table of a plan."""
+"""Draws from the distributions of a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of dimensions and variables, and schemas of labelled arrays.
+"""Names of dimensions and variables, and array schemas.
 
 Time-like dimension first, range or Doppler last, SI units, unit of the values in ``attrs["units"]``.
 """
@@ -34,7 +34,7 @@ COORDINATE_UNITS = {
 
 @dataclass(frozen=True)
 class Schema:
-    """Dimensions, units and coordinates of a kind of labelled array.
+    """Dimensions, units and coordinates of labelled arrays.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Plain:
 
     @classmethod
     def of(cls, array: xr.DataArray, schema: Schema) -> Plain:
-        """Strip a labelled array that keeps ``schema`` of its labels."""
+        """Strip a valid labelled array of its labels."""
         check_signal(array, schema)
         axes = {str(name): axis(array, str(name)) for name in array.coords.variables}
         return cls(schema, np.ascontiguousarray(array.values), axes, dict(array.attrs), array)
@@ -267,7 +267,7 @@ def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
 
 
 def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
-    """Return a table of some scatterers, where possible a view.
+    """Return a table of some scatterers, preferably a view.
 
     As ``table.isel(scatterer=columns)``, which imports Dask where it is installed.
 
@@ -362,7 +362,7 @@ AnySignal = TypeVar("AnySignal", bound=xr.DataArray | Plain)
 
 
 def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
-    """Return an array that keeps ``schema``, or list all faults.
+    """Return an array that keeps ``schema``, or raise.
 
     Raises
     ------

@@ -31,7 +31,7 @@ Array = npt.NDArray[Any]
 
 
 def is_npz(head: bytes) -> bool:
-    """Return whether first bytes are those of an npz file.
+    """Return whether bytes begin an npz file.
 
     It is a zip archive that starts with a ``.npy``.
     """

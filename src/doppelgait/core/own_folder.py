@@ -57,7 +57,7 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """Write a folder that gets its name only when complete.
+    """Write a folder that is named when complete.
 
     The block writes to the yielded folder, which takes the name ``out`` when the block ends well and is removed if not.
 

@@ -90,7 +90,7 @@ def is_hdf5(path: str | Path) -> bool:
 
 
 def stated_format(path: str | Path) -> str | None:
-    """Return the format that an HDF5 file states, or None.
+    """Return an HDF5 file's stated format, or None.
 
     None for any file that is not of doppelgait.
     """
@@ -206,7 +206,7 @@ def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
 
 
 def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
-    """Refuse packed chunks that unpack to more than they should.
+    """Refuse packed chunks that unpack to too much.
 
     The library unpacks a chunk whatever that becomes. Small chunks cannot become much and are not looked at.
     """

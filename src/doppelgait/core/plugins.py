@@ -89,7 +89,7 @@ def plugin(
     group: str, name: str | None = None, *, parameters: type[FrozenModel] | None = None, version: str = "1",
     **facts: Any,
 ) -> Callable[[T], T]:  # fmt: skip
-    """Register the decorated function, class or object as a plug-in.
+    """Register a function, class or object as plug-in.
 
     Registered again by the same module, for example by a notebook cell that is run again, it replaces the former one.
 

@@ -57,7 +57,7 @@ class Streams:
             object.__setattr__(self, name, number)
 
     def generator(self, purpose: str, key: str = "") -> np.random.Generator:
-        """Make an independent generator of one purpose, from its beginning.
+        """Make an independent generator for one purpose.
 
         Parameters
         ----------

@@ -224,7 +224,7 @@ class Samples:
         return noisy, first
 
     def read_tile(self, pulses: slice, columns: slice) -> Planes:
-        """Read planes of some pulses of some samples (range bins).
+        """Read planes of some pulses and range bins.
 
         They are what :meth:`read` gives, in memory of the tile's size.
 
@@ -274,7 +274,7 @@ class Samples:
         return Samples.from_planes(planes, n_pulses)
 
     def settle(self) -> Samples:
-        """Add the pending noise in place where memory is owned."""
+        """Add pending noise in place if memory is owned."""
         if self._stored is not None:
             return Samples.own(self.matrix)
         if self._noise is None:
@@ -291,7 +291,7 @@ class Samples:
         return noisy
 
     def _add_noise(self) -> Samples:
-        """Add the pending noise in memory that is not theirs."""
+        """Add pending noise in memory of its own."""
         return self._make(self.shape, self._matrix, self._planes, self._noise, False).settle()
 
     def _writable(self, keep: bool = True) -> Samples:
@@ -367,7 +367,7 @@ class Samples:
         return changed
 
     def largest_part(self) -> float:
-        """Return the largest magnitude of an in-phase or quadrature value."""
+        """Return the largest in-phase or quadrature magnitude."""
         from doppelgait.core.kernels.parts import largest_bits
 
         values, n = self.settle()._rows()
@@ -380,7 +380,7 @@ class Samples:
         return self.matrix.view(np.float32), 2 * self.shape[1]
 
     def repeat(self, pulses: npt.NDArray[np.int64], sources: npt.NDArray[np.int64]) -> Samples:
-        """Overwrite some pulses by others, which are none of them."""
+        """Overwrite some pulses by other pulses."""
         changed = self.settle()._writable()
         if changed._matrix is not None:
             changed._matrix[pulses] = changed._matrix[sources]

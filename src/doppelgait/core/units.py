@@ -37,17 +37,17 @@ def db_to_amplitude(level_db: npt.ArrayLike) -> Any:
 
 
 def dbm_to_watt(level_dbm: npt.ArrayLike) -> Any:
-    """Convert a level in dBm to a power in watts."""
+    """Convert a level in dBm to watts."""
     return 1e-3 * db_to_power(level_dbm)
 
 
 def watt_to_dbm(power_w: npt.ArrayLike) -> Any:
-    """Convert a power in watts to a level in dBm."""
+    """Convert watts to a level in dBm."""
     return power_to_db(np.asarray(power_w, dtype=float) / 1e-3)
 
 
 def watt_to_volt(power_w: npt.ArrayLike) -> Any:
-    """Convert mean power to envelope amplitude, sqrt(2 Z0 P) (E-14)."""
+    """Convert mean power to amplitude, sqrt(2 Z0 P) (E-14)."""
     return np.sqrt(2.0 * REFERENCE_IMPEDANCE_OHM * np.asarray(power_w, dtype=float))
 
 
@@ -96,7 +96,7 @@ def cpi_to_pulses(cpi_s: float, prf_hz: float) -> int:
 
 
 def doppler_axis_hz(n_bins: int, prf_hz: float) -> FloatArray:
-    """Compute the ascending Doppler axis of a K-point transform (E-25).
+    """Compute the Doppler axis of K points (E-25).
 
     Bin k is f_p (k - floor(K/2)) / K; the axis contains 0 exactly.
     """

@@ -57,7 +57,7 @@ _limits: list[Any] = []
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit all matrix products of this process to one thread.
+    """Limit this process's matrix products to one thread.
 
     The limit lasts until the last user ends: the bytes of a product depend on the number of threads.
 
@@ -90,7 +90,7 @@ def _blas() -> Any:
 
 
 def collect_garbage_rarely() -> None:
-    """Let Python's garbage collector run every 5000 objects, not 700.
+    """Run Python's garbage collector every 5000 objects only.
 
     While libraries are imported it finds nothing and looks through all that is loaded again and again: a tenth of the
     time that a command takes to begin.

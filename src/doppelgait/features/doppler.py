@@ -47,7 +47,7 @@ def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[Floa
 
 @lru_cache(maxsize=256)
 def noise_quantile(n_bins: float) -> float:
-    """Compute the noise threshold of a cell over its mean.
+    """Compute a cell's noise threshold over its mean.
 
     Noise exceeds it with the probability of 4 normal standard deviations.
 
@@ -61,7 +61,7 @@ def noise_quantile(n_bins: float) -> float:
 
 
 def strongest_cells_v2(signature: xr.DataArray | Plain) -> npt.NDArray[Any]:
-    """Find the strongest cell of every column; shape (J,), V^2."""
+    """Find every column's strongest cell, V^2."""
     cells = signature.values
     found = cells[np.arange(cells.shape[0]), cells.argmax(axis=1)]  # max along rows takes twice as long
     return np.asarray(found)
@@ -102,7 +102,7 @@ def _noise_excess(n_bins: float) -> float:
 
 
 def width_of_bins(share: FloatArray) -> float | None:
-    """Measure the run of Doppler bins above the level (E-35).
+    """Measure the Doppler bins above the level (E-35).
 
     They are above it often enough; None where none is. The run holds the bin of the largest share; its ends are
     interpolated to 5 % of the time.
@@ -148,7 +148,7 @@ def _crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, 
 
 
 def single_tone_width_hz(*, cpi_s: float, window_steepness: float, threshold: float) -> float:
-    """Compute the threshold width of one constant Doppler line (E-35).
+    """Compute a constant Doppler line's width (E-35).
 
     2 sqrt(-ln t) / (2 pi sigma_w T_d / 2).
     """

@@ -27,7 +27,7 @@ UNDETERMINED = "undetermined"
 
 @dataclass(frozen=True)
 class ExtendedFeatures:
-    """Values of all features beyond the set F, with flags.
+    """Features beyond the set F, with flags.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class ExtendedFeatures:
 
 
 def measure_extended(observed: Observed) -> ExtendedFeatures:
-    """Measure every feature of one target beyond the set F.
+    """Measure a target's features beyond the set F.
 
     Parameters
     ----------
@@ -111,19 +111,19 @@ def forward_mean_mps(observed: Observed) -> float:
 
 @plugin("feature", "backward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_mean_mps(observed: Observed) -> float:
-    """Measure the trailing envelope's mean reach behind the main line."""
+    """Measure the trailing envelope's mean reach."""
     return observed.edges.lag_mean_mps
 
 
 @plugin("feature", "forward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_sd_mps(observed: Observed) -> float:
-    """Measure the leading envelope's standard deviation about the main line."""
+    """Measure the leading envelope's standard deviation."""
     return observed.edges.lead_sd_mps
 
 
 @plugin("feature", "backward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_sd_mps(observed: Observed) -> float:
-    """Measure the trailing envelope's standard deviation about the main line."""
+    """Measure the trailing envelope's standard deviation."""
     return observed.edges.lag_sd_mps
 
 
@@ -141,7 +141,7 @@ def backward_range_mps(observed: Observed) -> float:
 
 @plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35b)", needs=SIDES)
 def asymmetry(observed: Observed) -> float | None:
-    """Compare the bandwidths ahead of and behind the main line.
+    """Compare the bandwidths on both sides of the line.
 
     Their difference over their sum; 95th percentiles over time, -1 to 1.
     """
@@ -182,7 +182,7 @@ def strength_variation(observed: Observed) -> float | None:
     needs=("gait_frequency", "envelope"),
 )
 def periodicity(observed: Observed) -> float | None:
-    """Measure the autocorrelation of the envelope width at one period.
+    """Measure the envelope width's autocorrelation at one period.
 
     Normalised, of one gait period, at most 1 (E-33).
     """
@@ -299,7 +299,7 @@ def cadence_bandwidth_hz(observed: Observed) -> float | None:
 
 
 def relative_harmonic(observed: Observed, *, harmonic: int) -> float | None:
-    """Compare S at a harmonic with S at f_mu (E-37).
+    """Compare S at a harmonic and f_mu (E-37).
 
     Each is as in :attr:`Observed.harmonic_powers`. None beyond the end of the cadence axis.
     """

@@ -92,7 +92,7 @@ class GaitFeatures:
     limb_torso_ratio: float | None = None
 
     def vector(self) -> FloatArray:
-        """Return the features in order, NaN for None, shape (6,)."""
+        """Return the features in order, NaN for None."""
         return np.array([np.nan if v is None else v for v in self.as_dict().values()], dtype=np.float64)
 
     def as_dict(self) -> dict[str, float | None]:

@@ -176,7 +176,7 @@ def gait_frequency(
 
 
 def rhythms_of(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> tuple[Rhythm, ...]:
-    """Measure the four sets of rows: whole, whitened, limbs, whitened."""
+    """Measure four sets of rows, two of them whitened."""
     slow = slowed(aligned)
     wide = summed_rows(slow, slow.bin_hz)
     limbs = limb_rows(slow, _cell_noise(slow, aligned, excess, floor_v2))
@@ -247,7 +247,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 
 @lru_cache(maxsize=8)
 def _lengths(n_columns: int) -> tuple[int, int, FloatArray]:
-    """Return lengths of transforms and a Hann window over lag.
+    """Return transform lengths and a Hann window over lag.
 
     The window has the shape (J,) and keeps side lobes below 2.5 %.
     """
@@ -258,7 +258,7 @@ def _lengths(n_columns: int) -> tuple[int, int, FloatArray]:
 
 
 def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
-    """Return the terms of the log posterior on the grid.
+    """Return the log posterior's terms on the grid.
 
     Shapes (4, 9, frequency) of the rows and (5, frequency) of the prior.
     """
@@ -276,7 +276,7 @@ def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArr
 
 
 def posterior_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
-    """Compute the posterior on the grid; shape (frequency,), sum 1."""
+    """Compute the posterior on the grid, sum 1."""
     from doppelgait.core.kernels.periodicity import posterior
 
     evidence, prior = terms_of(rhythms, velocity_mps)
@@ -287,13 +287,13 @@ def posterior_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray
 
 
 def _probability(near: FloatArray, frequency_hz: float) -> float:
-    """Return the posterior about a frequency, 0 beyond the grid."""
+    """Return the posterior near a frequency, else 0."""
     place = round(48.0 * math.log2(frequency_hz / GRID_HZ[0]))
     return min(float(near[place]), 1.0) if 0 <= place < near.size else 0.0
 
 
 def _likeness_near(rhythm: Rhythm, frequency_hz: float) -> float:
-    """Return the highest autocorrelation within 5 % of a period."""
+    """Return the highest autocorrelation within 5 %."""
     from doppelgait.core.kernels.periodicity import highest_between
 
     lag, last = rhythm.rate_hz / frequency_hz, float(rhythm.likeness.size - 1)
@@ -311,7 +311,7 @@ def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
 
 @lru_cache(maxsize=16)
 def _parabola(first: int, stop: int) -> FloatArray:
-    """Compute the matrix of a parabola's fit; shape (3, places)."""
+    """Compute the matrix of a parabola's fit."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
 
 

@@ -71,7 +71,7 @@ class GroundMotion:
 
 
 def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: float | None = None) -> GroundMotion:
-    r"""Estimate straight motion at constant velocity from a range history.
+    r"""Estimate straight motion from a range history.
 
     R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2 (E-34b): least squares with weights 1/R^2 and Cauchy weights against
     outliers. Its coefficients and their covariance, with errors that last for 0.5 s, give the radial speed

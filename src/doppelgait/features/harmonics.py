@@ -20,7 +20,7 @@ NEAR_SHARE, NEAR_HZ = 0.06, 0.25
 
 
 def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float | None:
-    """Compare the frequency of a harmonic with the fundamental (E-37).
+    """Compare a harmonic with the fundamental (E-37).
 
     A self-check, near ``harmonic`` when f_mu is right.
 

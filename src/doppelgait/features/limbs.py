@@ -66,7 +66,7 @@ def slowed(normalised: xr.DataArray | Plain) -> Rows:
 
 
 def group_size(rate_hz: float) -> int:
-    """Return the number of columns in one group of :func:`slowed`."""
+    """Return the columns per group of :func:`slowed`."""
     return max(1, int(rate_hz / COLUMN_RATE_HZ))
 
 
@@ -108,7 +108,7 @@ def torso_line_hz(rows: Rows) -> FloatArray:
 
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
-    """Extract the rows beyond 30 Hz of the torso line.
+    """Extract rows beyond 30 Hz of the torso.
 
     They are cleaned of noise, in amplitude, and detrended; Doppler is relative to the torso.
 

@@ -1,4 +1,4 @@
-"""Refined peaks, quantiles, and the autocorrelation of Doppler rows (E-33)."""
+"""Refined peaks, quantiles, and autocorrelation of rows (E-33)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np
 
 
 def refine(values: FloatArray, index: int) -> tuple[float, float]:
-    """Fit a parabola through a local maximum and its neighbours.
+    """Fit a parabola through a local maximum.
 
     Returns its position (in samples) and height.
     """
@@ -35,7 +35,7 @@ def refine(values: FloatArray, index: int) -> tuple[float, float]:
 
 
 def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
-    """Compute a quantile of one or more values without NaN.
+    """Compute quantiles of values without NaN.
 
     Equal to np.quantile at a tenth of its cost.
     """

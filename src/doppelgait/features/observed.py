@@ -203,7 +203,7 @@ class Observed:
 
     @cached_property
     def raised_level_v2(self) -> npt.NDArray[Any]:
-        """Level of B_mu raised by the noise (E-35); shape (J,).
+        """Level of B_mu raised by noise (E-35), (J,).
 
         It is as exact as the cells that are compared with it.
         """
@@ -225,7 +225,7 @@ class Observed:
 
     @cached_property
     def noise_sd_v2(self) -> float:
-        """Standard deviation of a cell of noise, nu / sqrt(N_g)."""
+        """Standard deviation of a noise cell, nu / sqrt(N_g)."""
         return self.floor_v2 / float(np.sqrt(max(1.0, float(self.signature.attrs["n_gate_bins"]))))
 
     @cached_property
@@ -236,7 +236,7 @@ class Observed:
 
     @cached_property
     def mean_row(self) -> FloatArray:
-        """Time mean of the aligned normalised signature, D_1; shape (K,)."""
+        """Mean aligned normalised signature, D_1; shape (K,)."""
         return _row_means(self.aligned.values)
 
     @cached_property
@@ -255,7 +255,7 @@ class Observed:
 
     @cached_property
     def occupied_columns(self) -> FloatArray:
-        """Aligned normalised signature in the rows K+; shape (J, K+)."""
+        """Aligned normalised signature in rows K+, (J, K+)."""
         from doppelgait.core.kernels.columns import take_rows
 
         found = np.empty((self.aligned.shape[0], self.occupied_rows.size))
@@ -295,7 +295,7 @@ class Observed:
 
     @cached_property
     def direction(self) -> float:
-        """1 approaching, -1 receding, 0 where that is not known."""
+        """1 approaching, -1 receding, 0 unknown."""
         mean_mps = float(self.line_mps.mean())
         return float(np.sign(mean_mps)) if abs(mean_mps) >= LEAST_SPEED_MPS else 0.0
 
@@ -321,7 +321,7 @@ class Observed:
 
     @property
     def forward_mps(self) -> FloatArray:
-        """Lead of the leading envelope (E-35b) over the main line.
+        """Lead of the leading envelope (E-35b).
 
         It covers the columns with power above the noise.
         """
@@ -374,7 +374,7 @@ class Observed:
 
     @cached_property
     def torso_ripple_mps(self) -> FloatArray:
-        """Torso's velocity about the main line without its slow part.
+        """Torso velocity about the main line, detrended.
 
         Shape (J,). It is the smoothed centroid of the squared power near that line, columns without power filled from
         their neighbours; NaN where half of them have none. The slow part is a polynomial of the order that E-29 allows.

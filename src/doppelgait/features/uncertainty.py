@@ -1,4 +1,4 @@
-"""Standard deviations of features from the scatter between gait periods.
+"""Standard deviations of features between gait periods.
 
 The record is cut into blocks of one gait period. What repeats in every period cancels; what is left (noise, uneven
 strides, glints) differs from block to block, and that scatter gives the error of a mean over the blocks. Only the
@@ -193,7 +193,7 @@ def _measure_periods(observed: Observed) -> Periods | None:
 
 
 def frequency_sd_hz(periods: Periods) -> float:
-    """Estimate the standard deviation of f_mu from period to period.
+    """Estimate the standard deviation of f_mu.
 
     It follows from how unevenly the periods follow each other.
 

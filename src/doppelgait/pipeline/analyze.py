@@ -96,7 +96,7 @@ def analyze(
 def _choose_gates(
     recording: Recording, gate: str | tuple[float, float] | Gate, analysis: Analysis, error_m: float
 ) -> tuple[list[Gate], list[str | None]]:
-    """Return gates that need no tracking, and their targets' labels."""
+    """Return gates without tracking, with target labels."""
     slow_time_s, wavelength_m = recording.slow_time_s, recording.radar.wavelength_m
     if isinstance(gate, tuple):
         gate = Gate.fixed(*gate, time_s=slow_time_s, range_m=recording.range_m)

@@ -63,5 +63,5 @@ class Conditions(FrozenModel):
     impairments: Impairments = ()
 
     def has_impairment(self, kind: str) -> bool:
-        """Return True if there is an impairment of this kind."""
+        """Return True if this impairment is present."""
         return any(getattr(spec, "kind", "") == kind for spec in self.impairments)

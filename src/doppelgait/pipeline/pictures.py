@@ -89,7 +89,7 @@ class PictureSettings(FrozenModel):
 
     @property
     def rows(self) -> Span:
-        """Doppler or velocity at the lower and the upper edge."""
+        """Doppler or velocity at both edges."""
         return self.velocity_mps or self.doppler_hz or (0.0, 0.0)
 
 

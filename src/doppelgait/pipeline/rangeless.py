@@ -34,7 +34,7 @@ IMAGE_QUANTILE, IMAGE_MARGIN = 0.3, 3.0
 
 @dataclass(frozen=True)
 class Motion:
-    """Doppler spectra of a recording without range, scan by scan.
+    """Doppler spectra of a rangeless recording, per scan.
 
     Parameters
     ----------

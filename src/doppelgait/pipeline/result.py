@@ -96,7 +96,7 @@ class LateArrays(Mapping[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Signature, cadence map, features and analysis settings of one target.
+    """Signature, cadence map, features and settings of a target.
 
     Two results are equal if everything in them is, to the last bit; NaN equals NaN.
 
@@ -168,7 +168,7 @@ class Result:
 
     @property
     def verdict(self) -> str | None:
-        """Kind of a tracked target: body, reflection, folded or thing.
+        """Kind of target: body, reflection, folded or thing.
 
         None without tracking. Evidence is in ``quality``, and all but a body have a flag.
         """
@@ -312,7 +312,7 @@ class Result:
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Result:
-        """Make a result from the output of :meth:`to_json` with arrays.
+        """Make a result from :meth:`to_json` with arrays.
 
         Raises
         ------
@@ -349,7 +349,7 @@ class Result:
     # Table rows ------------------------------------------------------------------------------------------------------
 
     def to_row(self) -> dict[str, Any]:
-        """Convert numbers and flags to the columns of a table.
+        """Convert numbers and flags to table columns.
 
         The label and the analysis have columns elsewhere.
         """
@@ -412,7 +412,7 @@ def _check_keys(stored: Any, needed: Sequence[str], noun: str, remedy: str) -> N
 
 
 def _plain(value: Any) -> Any:
-    """Convert NumPy scalars in mappings and sequences to Python scalars."""
+    """Convert NumPy scalars to Python scalars."""
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -615,7 +615,7 @@ def is_result_file(path: str | Path) -> bool:
 
 
 def read_results(path: str | Path) -> Results:
-    """Read results that :func:`write_results` wrote, equal to the written ones.
+    """Read results that :func:`write_results` wrote.
 
     Raises
     ------

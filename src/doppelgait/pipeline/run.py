@@ -122,7 +122,7 @@ SECTIONS = ("seed", "example", *SCENE_KEYS, "radar", "noise", *FITTED_KEYS, "ana
 
 
 def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "", folder: Path | None = None) -> Run:
-    """Parse a run from the tables of a scene file.
+    """Parse a run from a scene file's tables.
 
     Parameters
     ----------

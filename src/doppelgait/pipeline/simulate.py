@@ -1,4 +1,4 @@
-"""Simulation of a recording from a scene and a radar."""
+"""Simulation of recordings from scene and radar."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def _pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
 
 
 def _signal_in_tiles_v2(scatterers: xr.Dataset, radar: Radar) -> float:
-    """Return the :func:`frame_power_v2` of the targets of a long recording."""
+    """Return :func:`frame_power_v2` of a long recording's targets."""
     strongest = []
     for first in range(0, scatterers.sizes["slow_time"], LONG_PULSES):
         targets, _ = split_targets(_pulses(scatterers, first, first + LONG_PULSES))
@@ -296,13 +296,13 @@ def observe_scene(
 
 
 def _impairment_generators(streams: Streams) -> tuple[np.random.Generator, np.random.Generator]:
-    """Return random sources of frame times and of sample impairments."""
+    """Return random sources for frame times and impairments."""
     timing, samples = streams.generator("impairments").spawn(2)
     return timing, samples
 
 
 def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:
-    """Separate the rows of targets from ghosts and background bodies."""
+    """Separate targets from ghosts and background bodies."""
     own = axis(scatterers, "target") >= 0
     if own.all():
         return scatterers, None

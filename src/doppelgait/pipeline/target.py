@@ -1,4 +1,4 @@
-"""Analysis of one target: from gate or signature to features."""
+"""Analysis of a target, from gate to features."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 def analyze_gated(
     baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
 ) -> Result:
-    """Analyse the target in a gate of a clutter-free recording.
+    """Analyse the target in a gate without clutter.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def analyze_gated(
 
 
 def with_parts(result: Result, baseband: xr.DataArray) -> Result:
-    """Add a body's parts, or the flag why not (E-40).
+    """Add a body's parts, or a flag (E-40).
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def with_parts(result: Result, baseband: xr.DataArray) -> Result:
 
 
 def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
-    """Analyse the signature of one target, after the short-time transform.
+    """Analyse one target's signature.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def _labelled_map(observed: Observed, aligned: bool) -> xr.DataArray:
 def _measure_ground_motion(
     mu: xr.DataArray | Plain, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
 ) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
-    """Measure ground speed and aspect from the gate's range (E-34b).
+    """Measure ground speed and aspect from range (E-34b).
 
     Also returns their standard deviations and the flags.
     """

@@ -368,7 +368,7 @@ def _analyze_segment(
     analysis: Analysis,
     gate: Gate,
 ) -> Result:
-    """Analyse one segment; flag hidden gait and clutter removal losses.
+    """Analyse one segment, flagging hidden gait and clutter losses.
 
     ``measured`` is the :func:`share_removed` of the whole track.
     """

@@ -54,7 +54,7 @@ RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 
 @dataclass(frozen=True)
 class Seen:
-    """Track and Doppler of one target in steps of time.
+    """Track and Doppler of a target over time.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Seen:
 
     @property
     def level_db(self) -> FloatArray:
-        """Return the strength over time, at 1 m, in dB."""
+        """Return the strength at 1 m, dB."""
         power_v2 = np.maximum(self.power_v2.sum(axis=1), 1e-30)
         return np.asarray(10.0 * np.log10(power_v2) + 40.0 * np.log10(np.maximum(self.range_m, 0.1)))
 
@@ -158,7 +158,7 @@ def _rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
 
 
 def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float) -> Seen:
-    """Look at the strip around the track of a target."""
+    """Look at the strip around a target's track."""
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
     mu = processing.thin(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
     floor_v2 = processing.noise_floor_v2(mu)
@@ -230,7 +230,7 @@ def judge_thing(one: Seen, others: Sequence[Seen]) -> Verdict | None:
 
 
 def judge_fold(one: Seen, body: Seen, number: int, *, folding_m: float, frame_stop_m: float) -> Verdict | None:
-    """Recognise the folded echo of a body beyond the frame.
+    """Recognise a folded echo from beyond the frame.
 
     Its range plus the folding range continues the body's track past the end of the frame, before or after it.
     """
@@ -322,7 +322,7 @@ def rhythm_correlation(one: Seen, other: Seen) -> float:
 
 
 def _moments(one: Seen) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of the Doppler, m/s, amplitude-weighted."""
+    """Return the Doppler's weighted mean and deviation, m/s."""
     amplitude = np.sqrt(one.power_v2) + 1e-30
     total = amplitude.sum(axis=1)
     mean_mps = (amplitude * one.velocity_mps).sum(axis=1) / total

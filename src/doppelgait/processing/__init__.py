@@ -1,4 +1,4 @@
-"""Signal processing from complex baseband to signature and cadence-velocity diagram."""
+"""Signal processing from complex baseband to cadence-velocity diagram."""
 
 from doppelgait.processing.bursts import burst_pulses_of, burst_signature, find_burst_pulses
 from doppelgait.processing.cadence import (

@@ -1,4 +1,4 @@
-"""Spectrum, displacement and common gain of slow-time series with breathing."""
+"""Spectrum, displacement and common gain of breathing."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, hi
 
 
 def median_over_mean(count: int) -> float:
-    """Compute median over mean of a sum of exponential variables.
+    """Compute the median over mean of exponential sums.
 
     There are ``count`` variables.
     """

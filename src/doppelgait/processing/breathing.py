@@ -1,4 +1,4 @@
-"""Detection of motionless persons by breathing in the slow-time phase."""
+"""Detection of motionless persons by breathing."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class BreathingTarget:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """Cluster of bins with the breathing of its strongest bin."""
+    """Cluster of bins with its strongest breathing."""
 
     target: BreathingTarget
     power: float
@@ -222,7 +222,7 @@ def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -
 def _find_in(
     values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
 ) -> list[_Candidate]:
-    """Find breaths in a recording as one, the strongest first."""
+    """Find breaths in a recording, strongest first."""
     series = without_common_gain(values, range_m)
     spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
     ratio = line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
@@ -295,7 +295,7 @@ def _measure_cluster(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | N
 def _windows_with_breath(
     spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
 ) -> npt.NDArray[np.bool_]:
-    """Find the windows in which a bin shows the line.
+    """Find the windows where a bin shows breath.
 
     The line is within 1.5 cells of the rate; the strongest window always counts.
     """
@@ -314,7 +314,7 @@ def _windows_with_breath(
 def _strongest_rate(
     motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
 ) -> tuple[float, float, float]:
-    """Measure rate, power share and amplitude of a real motion.
+    """Measure a real motion's rate, share and amplitude.
 
     The share is that of its slow power at the rate and its double.
 

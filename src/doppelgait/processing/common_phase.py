@@ -33,7 +33,7 @@ TINY = float(np.finfo(np.float32).tiny)
 
 
 def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
-    r"""Remove the phase that the bins elsewhere have in common.
+    r"""Remove the phase that other bins share.
 
     Every range bin is turned back by the phase that bins of other zones share.
 

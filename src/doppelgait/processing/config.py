@@ -24,7 +24,7 @@ MIN_CPI_PULSES = 5
 
 
 class Analysis(FrozenModel):
-    """Parameters of the analysis; the defaults are those of datasets.
+    """Analysis parameters, by default those of datasets.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Analysis(FrozenModel):
 
     @property
     def zero_padded(self) -> bool:
-        """True if zero padding extends the signature to both ends.
+        """True if zero padding extends the signature.
 
         This is for reproduction only.
         """
@@ -185,7 +185,7 @@ def lossless_hop(cpi_pulses: int) -> int:
 
 
 def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
-    """Plan window, transform length, hop and columns of a recording.
+    """Plan window, transform length, hop and columns.
 
     It has ``n_pulses`` at ``prf_hz``.
 

@@ -1,4 +1,4 @@
-"""Detections of one scan: clusters of cells above the noise."""
+"""Detections of one scan above the noise."""
 
 from __future__ import annotations
 

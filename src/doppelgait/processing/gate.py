@@ -38,12 +38,12 @@ class TrueTrack(Protocol):
         """Range of the body's centre at every pulse."""
 
     def doppler_hz(self, wavelength_m: float) -> FloatArray:
-        """Return the Doppler shift of every scatterer at every pulse."""
+        """Return every scatterer's Doppler shift per pulse."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """Ranges and Doppler frequencies of one target over time (E-26).
+    """Ranges and Doppler frequencies of a target (E-26).
 
     The range extent is constant.
 
@@ -104,7 +104,7 @@ class Gate:
         cls, time_s: npt.ArrayLike, centre_m: npt.ArrayLike, *, span_m: float,
         doppler_hz: tuple[float, float] | None = None, source: str = "given",
     ) -> Self:  # fmt: skip
-        """Make a gate of constant span around a range track."""
+        """Make a gate of constant span around a track."""
         return cls(np.asarray(time_s, dtype=float), np.asarray(centre_m, dtype=float), span_m, doppler_hz, source)
 
     @classmethod
@@ -182,7 +182,7 @@ class Gate:
         cls, truth: TrueTrack, time_s: npt.ArrayLike, analysis: Analysis, *, wavelength_m: float | None = None,
         error_m: float = 0.0,
     ) -> Self:  # fmt: skip
-        """Make the gate around the true range of a body.
+        """Make the gate around a body's true range.
 
         Parameters
         ----------
@@ -297,7 +297,7 @@ class Gate:
         return np.asarray(inside & (self.low_m < other_high) & (other_low < self.high_m))
 
     def overlaps(self, other: Gate) -> bool:
-        """Return True if two gates share ranges at some time."""
+        """Return True if two gates share ranges."""
         return bool(self.shares(other).any())
 
     # What it takes out of data ---------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Main Doppler line (the torso) and alignment to it (E-29)."""
+"""Main Doppler line and alignment to it (E-29)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], Flo
 
 
 def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool = False) -> FloatArray:
-    """Fit a robust polynomial through the strongest Doppler (E-29, E-34).
+    """Fit a robust polynomial to the strongest Doppler (E-29, E-34).
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bo
 
 @lru_cache(maxsize=8)
 def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the Legendre basis, taper and ones of a fit.
+    """Compute a fit's Legendre basis, taper and ones.
 
     Legendre polynomials over the observation, shape (order + 1, J), the parabola that tapers it, and ones.
     """
@@ -106,7 +106,7 @@ def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, Flo
 
 
 def straight_at(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr.DataArray | Plain) -> FloatArray:
-    """Extrapolate a straight line to the columns of another signature.
+    """Extrapolate a straight line to other columns.
 
     The result has the shape (J of ``wanted``,).
     """
@@ -246,7 +246,7 @@ def _cubic(n_columns: int) -> tuple[FloatArray, FloatArray]:
 def settle_velocity(
     signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Decide between the main line and the track's velocity (E-34).
+    """Decide between main line and track velocity (E-34).
 
     The track's where limbs outshine the trunk or somebody stops, provided that the body is there: its strongest cells
     near the track's line are within 10 dB of the strongest of all.

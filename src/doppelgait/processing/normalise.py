@@ -21,7 +21,7 @@ COUNTED_EVERY = 4
 
 
 def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
-    """Estimate the mean noise power of a signature's cells (E-28).
+    """Estimate the mean noise of a signature (E-28).
 
     It is found from the quiet Doppler rows.
 

@@ -211,7 +211,7 @@ def _gated_maps(
     baseband: xr.DataArray, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray,
     wavelength_m: float,
 ) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:  # fmt: skip
-    """Yield range-Doppler maps in blocks, their place, and bin shares.
+    """Yield range-Doppler blocks with place and shares.
 
     The maps have the bins that the gate touches; a share (J of the block, bins) is the part of a bin inside it.
     """

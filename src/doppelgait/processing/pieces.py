@@ -97,7 +97,7 @@ class _Histories:
         self.more = 0.0
 
     def extend(self, j: int, last_start: int, filters: _Filters, penalty: float, measured: tuple[float, float]) -> None:
-        """Add the histories that are lowest somewhere at sample j.
+        """Add histories that are lowest at sample j.
 
         The one of the lowest minimum is added, too.
 
@@ -125,7 +125,7 @@ class _Histories:
         self.before = np.append(self.before, able[kept])
 
     def give_up(self, penalty: float) -> npt.NDArray[np.int64]:
-        """Give up hopeless histories; return the starts that are left."""
+        """Give up hopeless histories; return remaining starts."""
         hopeless = np.flatnonzero(self.least > self.least.min() + self.more + penalty + HOPELESS)
         self.alive = np.delete(self.alive, hopeless)
         return np.unique(self.at[self.alive])
@@ -179,7 +179,7 @@ class _Filters:
         return np.searchsorted(self.starts[: self.count], starts) if given_up else starts
 
     def keep(self, starts: npt.NDArray[np.int64]) -> None:
-        """Keep the filters of these starts, and of later ones."""
+        """Keep the filters from these starts on."""
         own = self.starts[: self.count]
         columns = np.flatnonzero(np.isin(own, starts) | (own > starts[-1]))
         for values in (self.starts, self.mean, self.covariance, self.cost):
@@ -301,7 +301,7 @@ class _Fit:
         return np.asarray(self.ranges - np.sqrt(np.maximum(a + b * t + c * t * t, 1e-12)))
 
     def straight_probability(self, range_sd_m: float) -> float:
-        """Compute the chance of larger residuals for motion in space.
+        """Compute the chance of larger residuals.
 
         Straight motion never bends a range towards the radar; the best that it can do then is a straight line.
         """
@@ -335,7 +335,7 @@ def find_pieces(
     range_sd_m: float = RANGE_SD_M,
     settings: PieceSettings | None = None,
 ) -> tuple[Piece, ...]:
-    r"""Cut a range track where its velocity over ground changes.
+    r"""Cut a track where its ground velocity changes.
 
     A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola whatever the aspect
     (E-34b), plus a slow change of speed. The path is continuous; change points :math:`\tau` and path minimise
@@ -424,7 +424,7 @@ def _merge_similar(knots: list[int], times: FloatArray, ranges: FloatArray, sett
 def _split_bent(
     knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: PieceSettings
 ) -> list[int]:
-    """Cut segments in two until each fits straight, steady motion.
+    """Cut segments until each is straight and steady.
 
     Both parts of a cut last for the shortest time between change points or longer.
     """
@@ -454,7 +454,7 @@ def _make_piece(
     times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], range_sd_m: float,
     settings: PieceSettings,
 ) -> Piece:  # fmt: skip
-    """Make one segment, trimmed at ends that are change points."""
+    """Make one segment, trimmed at change points."""
     start_s = float(times[ends[0]] + settings.drop_s * cut[0])
     stop_s = float(times[ends[1]] - settings.drop_s * cut[1])
     if stop_s < start_s:
@@ -476,7 +476,7 @@ def _make_piece(
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
-    """Fit a parabola through R^2 with weights 1 / R.
+    """Fit a parabola through R^2, weighted 1 / R.
 
     For three ranges it is a straight line.
     """

@@ -1,4 +1,4 @@
-"""Range-Doppler maps and the gated micro-Doppler signature (E-22 to E-27)."""
+"""Range-Doppler maps and gated signature (E-22 to E-27)."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ class Cut:
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def needed_pulses(self) -> npt.NDArray[np.int64]:
-        """Return first and last needed pulses of every range bin.
+        """Return each range bin's first and last pulse.
 
         First and one past the last that the signature may read, (N, 2); (I, 0) for none.
 
@@ -247,7 +247,7 @@ NEED_BLOCK = 32
 
 
 def cut_out(gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0) -> Cut:
-    """Prepare gate and transform of a recording with these axes."""
+    """Prepare a recording's gate and transform."""
     transform, prf_hz = _plan(slow_time_s, analysis)
     time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
     low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)

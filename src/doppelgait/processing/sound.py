@@ -30,7 +30,7 @@ TINY = float(np.finfo(np.float32).tiny)
 
 
 def stretched(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
-    r"""Lengthen a signal by a factor at the same frequencies.
+    r"""Lengthen a signal without changing its frequencies.
 
     The result has ``factor`` times as many samples.
 

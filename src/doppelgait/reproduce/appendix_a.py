@@ -1,4 +1,4 @@
-"""Appendix A of the report: length of the processing interval.
+"""Appendix A: length of the processing interval.
 
 Figs. A.1 to A.6.
 """

@@ -350,7 +350,7 @@ def make_2_19(material: Material) -> Made:
 
 
 def make_2_20(material: Material) -> Made:
-    """Make Fig. 2.20: doppler shift of every point over time."""
+    """Make Fig. 2.20: Doppler shift over time."""
     dog = material.galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m

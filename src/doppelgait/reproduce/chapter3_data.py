@@ -45,7 +45,7 @@ def _radar(material: Material) -> Radar:
 
 
 def tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """Simulate the slow-time signal of equal points at Doppler shifts.
+    """Simulate equal points at Doppler shifts.
 
     They are in phase in the middle of the frames.
     """
@@ -183,7 +183,7 @@ def make_3_13(material: Material) -> Made:
 
 
 def count_and_dip(power: FloatArray) -> tuple[int, float]:
-    """Count the maxima within 6 dB and measure their dip.
+    """Count maxima within 6 dB and their dip.
 
     The dip between the outermost two is in dB, 0 for one maximum.
     """
@@ -259,7 +259,7 @@ def _gain_db(power: FloatArray, rate_hz: float) -> float:
 
 
 def make_3_14(material: Material) -> Made:
-    """Make Fig. 3.14: a galloping dog approaches from 14 m."""
+    """Make Fig. 3.14: a galloping dog approaches."""
     dog = material.galloping_dog()
     seconds = min(SECONDS_3_14, dog.seconds)
     radar = material.radar(prf_hz=PRF_3_14_HZ, range_start_m=6.5, range_stop_m=14.8)
@@ -294,7 +294,7 @@ def make_3_14(material: Material) -> Made:
 
 
 def make_3_15(material: Material) -> Made:
-    """Make Fig. 3.15: two people pass each other in range."""
+    """Make Fig. 3.15: two people pass each other."""
     first = material.person()
     speed_mps = _speed_mps(first)
     others = [one for one in material.walkers() if one.name != first.name and one.seconds >= 2.0] or [first]

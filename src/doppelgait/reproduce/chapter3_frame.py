@@ -30,7 +30,7 @@ def spectrum(values: npt.ArrayLike, rate_hz: float, *, points: int) -> tuple[Flo
 
 
 def half_power_width(axis: FloatArray, power: FloatArray) -> float:
-    """Return the width of the highest peak at half height.
+    """Return the highest peak's width at half height.
 
     By linear interpolation.
     """
@@ -185,7 +185,7 @@ def _full_rate(material: Material) -> Radar:
 
 
 def make_3_9(material: Material) -> Made:
-    """Make Fig. 3.9: samples of one frame with an echo."""
+    """Make Fig. 3.9: one frame with an echo."""
     full = _full_rate(material)
     kept = full.model_copy(update={"decimation": 8})
     table = point_table(full, 2, range_m=RANGE_M, velocity_mps=0.0)

@@ -67,7 +67,7 @@ def walk(material: Material) -> tuple[Recording, Result]:
 
 
 def make_window(material: Material) -> Made:
-    """Make Fig. 4.3: window over the frames and its spectrum."""
+    """Make Fig. 4.3: window and its spectrum."""
     window = gaussian_window(WINDOW_PULSES, WINDOW_STEEPNESS)
     figure, (left, right) = panels(2)
     left.plot(np.arange(1, window.size + 1), window, color=LINE, marker=".")
@@ -344,7 +344,7 @@ def make_lines_and_signature(material: Material) -> Made:
 
 
 def make_five_cycles(material: Material) -> Made:
-    """Make Fig. 4.11: signature of five gait cycles with labels."""
+    """Make Fig. 4.11: signature of five gait cycles."""
     recording, result = walk(material)
     mu, truth = result.normalised_signature, recording.truth[0]
     rate_hz = columns_per_second(mu)

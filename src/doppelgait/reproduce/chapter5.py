@@ -149,7 +149,7 @@ def make_ranges(material: Material) -> Made:
 
 
 def make_signatures(material: Material) -> Made:
-    """Make Fig. 5.3: signatures of two people and two walkers."""
+    """Make Fig. 5.3: signatures of people and walkers."""
     results = four(material)
     limits = [doppler_limits_hz(result.normalised_signature) for *_, result in results]
     shared_hz = min(low for low, _ in limits), max(high for _, high in limits)
@@ -229,7 +229,7 @@ def make_step_spectra(material: Material) -> Made:
 
 
 def make_torso_lines(material: Material) -> Made:
-    """Make Fig. 5.5: Doppler and height of the torso's line."""
+    """Make Fig. 5.5: torso line Doppler and height."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
         draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"),

@@ -52,7 +52,7 @@ FEWEST_STRIDES = 1.2
 
 
 def table_of(material: Material) -> pd.DataFrame:
-    """Return the features of the study by scenario and method.
+    """Return study features by scenario and method.
 
     Speeds and step lengths are without sign.
     """
@@ -85,7 +85,7 @@ def counted(table: pd.DataFrame) -> str:
 
 
 def make_step_length(material: Material) -> Made:
-    """Make Fig. 5.8: step length against speed, people and dogs."""
+    """Make Fig. 5.8: step length against speed."""
     table = table_of(material)
     figure, axes = panels(2, height_in=5.6)
     for letter, panel, method in zip("ab", axes, METHODS, strict=True):
@@ -152,7 +152,7 @@ def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
 
 
 def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
-    """Return step lengths relative to the line through the people.
+    """Return step lengths relative to the people's line.
 
     At the same speed.
     """
@@ -187,7 +187,7 @@ def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
 
 
 def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
-    """Read the shares of wrong step frequencies of one method.
+    """Read the shares of wrong step frequencies.
 
     Of all, by class, and beyond the resolution of its bin.
     """
@@ -289,7 +289,7 @@ def make_features(material: Material) -> Made:
 
 
 def _stated_readings(readings: list[Reading], name: str) -> list[Reading]:
-    """Compare statements of the report about features with the numbers."""
+    """Compare the report's statements on features with numbers."""
     ours = {reading.name: reading.ours for reading in readings}
     said = {
         "rho higher for the walkers": ours[f"rho of the walkers over that of the other people, medians, {name}"] > 1.0,

@@ -1,4 +1,4 @@
-"""Chapter 5 of the report: galloping dog and other directions.
+"""Chapter 5: galloping dog and other directions.
 
 A walk across the line of sight, and one to and fro.
 

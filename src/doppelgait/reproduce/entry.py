@@ -92,7 +92,7 @@ def verdict(readings: Sequence[Reading]) -> str:
 
 
 def judged(readings: Sequence[Reading], text: str) -> str:
-    """Format a judgement with the verdict and the differing readings."""
+    """Format a judgement with verdict and differences."""
     differing = [reading.name for reading in readings if reading.kind == "differs"]
     return f"{'Differs in: ' + '; '.join(differing) + '. ' if differing else verdict(readings) + ': '}{text}"
 
@@ -240,7 +240,7 @@ def place_of(number: str) -> tuple[int, str, int]:
 
 
 def pick(entries: Sequence[Entry], only: Sequence[str]) -> tuple[Entry, ...]:
-    """Select entries by number, in the order of the report.
+    """Select entries by number, in report order.
 
     All entries without numbers.
 

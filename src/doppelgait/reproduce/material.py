@@ -100,7 +100,7 @@ def chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
 
 
 def model_people() -> list[Mover]:
-    """Make walkers and a runner as stand-ins for recorded people.
+    """Make model walkers and a runner.
 
     By the jointed model, with feet locked to the floor.
     """
@@ -142,7 +142,7 @@ def check_folder(folder: Path) -> None:
 
 
 def recorded(folder: Path, label: str) -> list[Mover]:
-    """Read every straight, steady segment of one label, longest first.
+    """Read a label's straight, steady segments, longest first.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def recorded(folder: Path, label: str) -> list[Mover]:
 def point_table(
     radar: Radar, n_frames: int, *, range_m: npt.ArrayLike, velocity_mps: npt.ArrayLike, rcs_m2: npt.ArrayLike = 1.0
 ) -> xr.Dataset:
-    """Make the scatterer table of points at constant radial velocity.
+    """Make a table of points at constant velocity.
 
     Parameters
     ----------
@@ -278,20 +278,20 @@ class Material:
         return found
 
     def begin_entry(self) -> None:
-        """Begin the next entry: forget what was used so far."""
+        """Begin the next entry and forget sources."""
         self._used.clear()
 
     def used(self) -> tuple[str, ...]:
-        """Return the sources of the entry, such as "model: ..."."""
+        """Return the entry's sources, such as "model: ..."."""
         return tuple(self._used)
 
     def use(self, mover: Mover) -> Mover:
-        """Note a target as a source of the present entry."""
+        """Note a target as the entry's source."""
         self._used[mover.about] = None
         return mover
 
     def note(self, text: str) -> None:
-        """Note the sources of the present entry as one text."""
+        """Note the entry's sources as one text."""
         self._used[text] = None
 
     def people(self) -> list[Mover]:
@@ -311,7 +311,7 @@ class Material:
         return self.use(self.once(key, lambda: chen_walker(speed_mps, cycles=cycles)))
 
     def walkers(self) -> list[Mover]:
-        """Return people who walk for some strides with known feet.
+        """Return people walking with known feet.
 
         The most points first: the report's person had 41.
         """
@@ -323,7 +323,7 @@ class Material:
         return sorted(fit, key=lambda one: (-len(one.motion.markers), -one.seconds)) or self.people()
 
     def person(self) -> Mover:
-        """Return the recorded walk of chapters 2, 3 and 5.
+        """Return the recorded walk of the report.
 
         The first of :meth:`walkers`.
         """

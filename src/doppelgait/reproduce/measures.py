@@ -24,7 +24,7 @@ CLEAR_DB = 6.0
 
 
 def printed_window(n_pulses: int, steepness: float) -> FloatArray:
-    """Return the window of Eq. 4.4 as printed, shape (M,).
+    """Return the window of Eq. 4.4, shape (M,).
 
     It is half a sample off its centre.
     """
@@ -33,7 +33,7 @@ def printed_window(n_pulses: int, steepness: float) -> FloatArray:
 
 
 def side_lobe_db(window: npt.ArrayLike) -> float:
-    """Return the highest side lobe of a real window, dB.
+    """Return a real window's highest side lobe, dB.
 
     Relative to the main lobe, hence negative.
 
@@ -46,7 +46,7 @@ def side_lobe_db(window: npt.ArrayLike) -> float:
 
 
 def half_power_width_bins(window: npt.ArrayLike) -> float:
-    """Return the half-power width of the main lobe in bins.
+    """Return the main lobe's half-power width, bins.
 
     A bin is 1 / T_d.
     """
@@ -92,7 +92,7 @@ def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> 
 
 
 def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
-    """Return the frequency of the strongest oscillation of a curve.
+    """Return a curve's strongest frequency.
 
     The highest bin of the zero-padded spectrum without its trend.
     """
@@ -241,7 +241,7 @@ def part_line(lines: xr.DataArray, part: str) -> FloatArray:
 
 
 def parts_of(lines: xr.DataArray) -> list[str]:
-    """Return the body parts of the points in alphabetical order."""
+    """Return the points' body parts, sorted."""
     return sorted(set(axis(lines, "part").astype(str)))
 
 

@@ -119,7 +119,7 @@ def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Seri
 
 
 def line_through(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
-    """Return slope and offset of a robust line (Theil, Sen).
+    """Return a robust line's slope and offset (Theil, Sen).
 
     The slope is the median of the slopes of all pairs.
 

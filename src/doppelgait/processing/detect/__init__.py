@@ -1,4 +1,4 @@
-"""Detection of bodies: thresholds with known false-alarm rate, clusters, scans."""
+"""Detection of bodies: thresholds, clusters, scans."""
 
 from doppelgait.processing.detect.cfar import ca_factor, os_factor, os_pfa
 from doppelgait.processing.detect.config import Detector

@@ -1,4 +1,4 @@
-"""Constant false-alarm rate: threshold factors and the window along range."""
+"""Constant false-alarm rate: thresholds and range window."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
 
 
 def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> float:
-    r"""Compute the false-alarm probability of an ordered-statistic threshold (Rohling, 1983).
+    r"""Compute an ordered-statistic threshold's false-alarm probability (Rohling, 1983).
 
     The threshold is ``factor`` times the ``rank``-th smallest of N cells.
 

@@ -200,7 +200,7 @@ def _sums(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
 
 
 def _moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute centre, spread and edges of power profiles, in bins."""
+    """Compute power profiles' centre, spread and edges."""
     bins = np.arange(profile.shape[1])
     share = profile / profile.sum(axis=1, keepdims=True)
     centre = share @ bins

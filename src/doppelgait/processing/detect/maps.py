@@ -54,7 +54,7 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
 
 
 def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Estimate the mean noise power of every range bin's cells.
+    r"""Estimate every range bin's mean noise power.
 
     The 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`, gives a first value. The mean of the cells
     below four times that, over the mean :math:`1 - 4 e^{-4} / (1 - e^{-4})` of an exponential variable cut there, gives
@@ -82,7 +82,7 @@ def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64
 
 
 def residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Estimate the mean power of permanent echoes in every cell.
+    r"""Estimate permanent echoes' mean power per cell.
 
     It is the 0.25-quantile over the scans, divided by -ln 0.75.
 

@@ -34,7 +34,7 @@ NO_RANGE_SD_M = 1000.0
 def find_scans(
     baseband: xr.DataArray, settings: Detector | None = None, *, wavelength_m: float, in_phase: bool = False
 ) -> list[Scan]:
-    """Find bodies in every coherent processing interval of a recording.
+    """Find bodies in every interval of a recording.
 
     The common phase of the frames and static clutter are taken off, range-Doppler maps are made (E-24), cells above the
     threshold are joined to clusters, and clusters that are one body to one detection. A radar without range resolution
@@ -111,7 +111,7 @@ def find_scans(
 
 
 def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
-    """Find cells that may belong to a body, and peaks.
+    """Find cells of bodies, and peaks.
 
     A peak is a stronger cell that each body must have; both shape (J, K, N).
     """

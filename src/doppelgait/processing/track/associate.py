@@ -1,4 +1,4 @@
-"""Association of detections and tracks: nearest neighbour and joint probabilistic."""
+"""Association of detections with tracks, nearest or joint probabilistic."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def constant_velocity(interval_s: float, *, acceleration_noise_m2ps3: float) -> 
 
 
 def resting(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
-    """Build the model of a body that comes to rest.
+    """Build the model of a resting body.
 
     Its velocity is an Ornstein-Uhlenbeck process around 0.
 

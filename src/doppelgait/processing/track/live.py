@@ -169,7 +169,7 @@ class Live:
             self.last_sign_s = step.time_s
 
     def is_slow(self, settings: Tracker) -> bool:
-        """Return True if the body may have come to rest.
+        """Return True if the body may rest.
 
         It was slow enough when last seen.
 
@@ -236,7 +236,7 @@ class Track:
 
     @property
     def detected_share(self) -> float:
-        """Share of scans with a detection of the body's own.
+        """Share of scans with an own detection.
 
         Scans inside another body's detection do not count.
         """

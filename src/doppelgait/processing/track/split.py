@@ -58,7 +58,7 @@ class Ridge:
 
 
 def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
-    """Compute the power that moves with a track along range.
+    """Compute a track's moving power along range.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def profile_offsets_m() -> FloatArray:
 
 
 def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
-    """Find a second torso in the profiles of a track.
+    """Find a second torso in a track.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tracker: tracks from scans by start, confirmation, association and end."""
+"""Tracker from scans to tracks."""
 
 from __future__ import annotations
 
