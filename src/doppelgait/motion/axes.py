@@ -1,4 +1,4 @@
-"""Upward axis of a recording, and its rotation to z."""
+"""Upward axis of a recording, rotated to z."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WORDS = {"mill": "mm", "cent": "cm", "mete": "m", "metr": "m", "inch": "in", "f
 
 
 def metres_per_unit(name: str, *, where: str) -> float:
-    """Return the factor from a named length unit to metres.
+    """Return a length unit's factor to metres.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _nanmedian(values: FloatArray, axis: int) -> FloatArray:
 
 
 def body_extent(position: FloatArray) -> FloatArray:
-    """Return the typical extent of the body along each axis.
+    """Return the body's typical extent per axis.
 
     It is the median over time of highest minus lowest point, shape (3,).
 

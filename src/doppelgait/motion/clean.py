@@ -76,7 +76,7 @@ def fill_linear(position: FloatArray) -> FloatArray:
 
 
 def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict[str, Any]]:
-    """Fill gaps inside a point's path by a cubic spline.
+    """Fill gaps in paths by a cubic spline.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) ->
 
 
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
-    """Continue each column by linear prediction about its straight trend.
+    """Continue columns by linear prediction about their trend.
 
     A jump among the recent frames can make the prediction grow: where it leaves the span of what it was made from, the
     column is continued by point reflection instead.
@@ -424,7 +424,7 @@ def stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) ->
 
 
 def body_centre(position: FloatArray) -> FloatArray:
-    """Return the path of the body centre, shape (T, 3).
+    """Return the path of the body centre.
 
     It is the mean of the points that move and are seen in at least 40 % of the frames, with gaps filled linearly.
 

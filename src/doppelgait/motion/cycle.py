@@ -1,4 +1,4 @@
-"""Close a clip of a gait to an endless cycle."""
+"""Closing of a gait clip to an endless cycle."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictiona
 
 
 def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
-    """Fit the endless cycle of a clip over whole strides.
+    """Fit a clip's endless cycle over whole strides.
 
     Also returns the clip with its gait facts, and the median difference of neighbouring strides.
 

@@ -62,7 +62,7 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
 
 
 def describe_motion(motion: Motion) -> dict[str, Any]:
-    """Return facts of a motion as plain values for JSON.
+    """Return a motion's facts as JSON values.
 
     None stands where something cannot be measured.
 

@@ -47,7 +47,7 @@ BLOCK_FRAMES = 1 << 15
 
 @dataclass(frozen=True)
 class Gait:
-    """A straight motion in the frame that travels with it.
+    """Straight motion in the frame that travels along.
 
     x points ahead, y to the left; the origin is below the mean body centre.
 
@@ -265,7 +265,7 @@ def _straight_gait(motion: Motion) -> Gait:
 
 
 def _pace(gait: Gait, path: Path, layout: Layout) -> Pace:
-    """Return the pace on the path, with stops where possible."""
+    """Return the pace on a path, with stops."""
     speed_mps = path.speed_mps or gait.speed_mps
     _check_speed(speed_mps, gait, "speed_mps")
     if not layout.stops:

@@ -87,7 +87,7 @@ def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 
 def _seen_path(position: FloatArray) -> FloatArray:
-    """Return the path of the body centre, shape (T, 2).
+    """Return the path of the body centre.
 
     It adds the steps of the points that are seen.
 
@@ -205,7 +205,7 @@ def is_quadruped(motion: Motion) -> bool:
 
 
 def find_feet(motion: Motion) -> dict[str, list[int]]:
-    """Return the point numbers of each foot by its name.
+    """Find each foot's point numbers by name.
 
     Names are ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
 
@@ -424,7 +424,7 @@ def _limbs_hz(motion: Motion) -> float:
 
 
 def with_gait_facts(motion: Motion) -> Motion:
-    """Fill in missing gait facts of a motion by measurement.
+    """Fill in missing gait facts by measurement.
 
     Facts that it already states stay.
 
@@ -509,7 +509,7 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
 
 
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
-    """Name the gait of a person: walk, run or unknown.
+    """Name a person's gait: walk, run or unknown.
 
     In a run each foot bears weight for less than half of the stride and the body falls freely between steps.
     """

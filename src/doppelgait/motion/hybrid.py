@@ -128,7 +128,7 @@ class Hybrid(FrozenModel):
 
 
 def make_hybrid(motion: Motion, hybrid: Hybrid, read_other: Callable[[Mapping[str, Any]], Motion]) -> Motion:
-    """Blend a clip as a table says, and retarget it."""
+    """Blend and retarget a clip as a table says."""
     known = _require_gait(motion)
     sources = [known]
     if hybrid.other is not None:
@@ -368,7 +368,7 @@ _known: WeakKeyDictionary[Motion, Motion] = WeakKeyDictionary()
 
 
 def _require_gait(motion: Motion) -> Motion:
-    """Return a gap-free motion with its gait facts, or raise."""
+    """Return a gap-free motion with gait facts."""
     if (before := _known.get(require_motion(motion))) is not None:
         return before
     if not np.isfinite(motion.position_m).all():
@@ -426,7 +426,7 @@ def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
 
 
 def _in_body(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
-    """Return the mean stride and the cycle, both facing +x.
+    """Return mean stride and cycle, facing +x.
 
     The stride is without its advance; the cycle takes a phase in strides.
     """

@@ -137,7 +137,7 @@ def _joints(pairs: IntArray, position: FloatArray) -> IntArray:
 
 
 def _angles_deg(position: FloatArray, joints: IntArray) -> FloatArray:
-    """Return the angles of joints over time, shape (T, J)."""
+    """Return joint angles over time, shape (T, J)."""
     arms = [position[:, joints[:, end]] - position[:, joints[:, 1]] for end in (0, 2)]
     lengths = np.maximum(np.linalg.norm(arms[0], axis=2) * np.linalg.norm(arms[1], axis=2), 1e-12)
     return np.asarray(np.degrees(np.arccos(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))

@@ -88,7 +88,7 @@ KNOT_MARGIN = 3
 
 
 def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
-    """Make a clip of straight gait longer, over whole strides.
+    """Lengthen a clip of straight gait over whole strides.
 
     The clip is cut where pose and velocity after n strides are nearest to those before, n as large as it can be with
     neither differing more than is usual (the median) between neighbouring strides. With cycle time L and advance D

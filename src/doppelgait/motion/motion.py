@@ -151,7 +151,7 @@ class Motion:
 
     @property
     def position_m(self) -> npt.NDArray[Any]:
-        """Positions as a plain array, shape (T, P, 3), m."""
+        """Positions as a plain array, (T, P, 3), m."""
         return np.asarray(self.positions.values)
 
     @property
@@ -192,7 +192,7 @@ class Motion:
         return self.facts.source or "motion"
 
     def with_positions(self, position_m: npt.NDArray[Any]) -> Motion:
-        """Return the motion with other positions of the same points."""
+        """Return the motion with other point positions."""
         return replace(self, positions=with_values(self.positions, position_m))
 
     def with_facts(self, **facts: Any) -> Motion:

@@ -49,7 +49,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Curve:
-    """Joined lines and arcs; arrays have one entry per piece.
+    """Joined lines and arcs, an array entry per piece.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def _half_cosine(share: FloatArray) -> FloatArray:
 
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
-    """Find the first times at which a progress reaches values.
+    """Find when a progress first reaches values.
 
     By bisection in [0, ``stop_s``]; the progress never falls.
     """
@@ -476,7 +476,7 @@ PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.moti
 
 
 def make_path(table: Mapping[str, Any] | Path) -> Path:
-    """Make a path from its table in a scene file.
+    """Make a path from its scene table.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Fit a motion to a scene: height, position, and resampling."""
+"""Fit of motions to scenes: height, position, resampling."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatAr
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
-    """Return the ground displacement of the body centre, shape (2,).
+    """Return the body's net ground displacement.
 
     From the first to another frame, by default the last.
     """
@@ -51,7 +51,7 @@ def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
 
 
 def travel_heading_rad(motion: Motion) -> float:
-    """Return the direction of net travel in the ground plane.
+    """Return the ground direction of net travel.
 
     From +x towards +y; 0 for a body that stays in place.
     """
@@ -225,7 +225,7 @@ class Spline:
 
 
 def fit_spline(motion: Motion) -> Spline:
-    """Fit a cubic (C2, not-a-knot) spline to a motion (E-02).
+    """Fit a cubic spline to a motion (E-02).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Find segments, feet and bones of a body without names.
+"""Segments, feet and bones of unnamed bodies.
 
 Points of one segment keep their distances.
 """
@@ -195,7 +195,7 @@ NEAR_POINTS = 2
 
 
 def rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
-    """Return the pairs of points whose distance a body keeps.
+    """Return point pairs of constant distance.
 
     These are bones, and near points of one segment; shape (B, 2).
     """

@@ -1,4 +1,4 @@
-"""Body parts, and the parts of known markers and joints.
+"""Body parts of known markers and joints.
 
 Two kinds of names exist. Markers, and joints named after the joint (knee, wrist) or after the bone that ends there
 (femur, humerus in ASF/AMC), are in :data:`PERSON_WORDS` and :data:`ANIMAL_WORDS`. Joints of BVH skeletons carry the
@@ -98,7 +98,7 @@ _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 
 def plain_word(name: str) -> str:
-    """Reduce a name to small letters and digits, side first.
+    """Reduce a name to small letters and digits.
 
     A rig's prefix is removed: ``"UpperLeg_L"`` is "lupperleg".
 
@@ -129,7 +129,7 @@ def without_end(word: str) -> str:
 
 
 def starts_bones(words: set[str]) -> bool:
-    """Return whether joints are named after the bones they start.
+    """Return whether joints carry the names of bones.
 
     BVH files do so: there is an upper leg.
     """
@@ -203,7 +203,7 @@ def bare_name(marker: str) -> str:
 
 
 def part_of(name: str, species: Species = "human") -> str:
-    """Return the body part of one marker or joint name.
+    """Return a marker or joint name's body part.
 
     :func:`parts_of` knows more, because it sees the whole set.
 
@@ -250,7 +250,7 @@ def guess_species(names: Iterable[str]) -> Species | Literal[""]:
 
 
 def parts_of(names: Iterable[str]) -> list[str]:
-    """Return the body part of every name of one body.
+    """Return the body parts of one body's names.
 
     ``""`` where a name is not known.
 

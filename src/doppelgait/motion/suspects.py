@@ -30,7 +30,7 @@ N_LOOKS = 200
 
 
 def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Exchange the paths of points that swapped names, in place.
+    """Exchange paths of swapped names, in place.
 
     Two points have swapped at a frame if both make a step there (:func:`find_steps`) and exchanging their samples from
     that frame on takes at least 70 % of both steps away. The names before the frame are taken as the right ones.
@@ -67,7 +67,7 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
 def _next_swap(
     position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
 ) -> tuple[list[int], int]:
-    """Find the next two points that swap, and the frame.
+    """Find the next swap and its frame.
 
     Those that gain most if several do.
     """
@@ -91,7 +91,7 @@ def _next_swap(
 
 
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Find steps that are no part of a smooth path.
+    """Find steps off a smooth path.
 
     Nothing is changed.
 
@@ -121,7 +121,7 @@ def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) ->
 def find_steps(
     position: FloatArray, *, rate_hz: float, floor_m: float, jerk_mps3: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Measure the step of every sample against its predicted position.
+    """Measure every step against its prediction.
 
     The prediction adds the mean of the velocities before and after to the sample before.
 
@@ -152,7 +152,7 @@ def find_steps(
 
 
 def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the last sample of each point, velocities and gap.
+    """Return each point's last sample, velocity and gap.
 
     Velocities are per frame, there and from here on; the gap is in frames.
     """
@@ -169,7 +169,7 @@ def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray
 
 
 def useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
-    """Find recorded points that are no part of the body.
+    """Find recorded points off the body.
 
     Unknown points that live short (seen in less than a fifth of the frames in which points of this recording usually
     are), points that go with another (closer than 5 mm half of the time, than 2 cm 95 % of it; the one that is

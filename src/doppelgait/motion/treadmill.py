@@ -1,4 +1,4 @@
-"""Recordings from a treadmill: belt speed and motion over ground."""
+"""Treadmill recordings: belt speed and ground motion."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def lean_deg(relative_speed: float) -> float:
 
 
 def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Return the angles of pelvis and trunk by name, degrees.
+    """Return pelvis and trunk angles by name, degrees.
 
     They are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,).
     """
@@ -172,7 +172,7 @@ def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Return the flexion of one side's joints by name, degrees.
+    """Return one side's joint flexion by name, degrees.
 
     They are hip, knee, ankle, shoulder and elbow, shaped like ``phase``.
     """
@@ -189,7 +189,7 @@ def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatA
 
 
 def joint_knots(relative_speed: float) -> dict[str, Knots]:
-    """Return the control points (phase, degrees) of the joint curves.
+    """Return the joint curves' control points (phase, degrees).
 
     They are those of hip, knee, ankle and elbow at a relative speed.
     """

@@ -151,9 +151,9 @@ def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
 def robot_vacuum(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Generate a flat round robot with an optional side brush.
+    """Generate a flat round robot vacuum.
 
-    It moves on a straight line or an arc.
+    A side brush is optional. It moves on a straight line or an arc.
 
     It starts at the origin along +x and turns at a constant rate w: its centre is on a circle of radius V/w. Its rim
     turns with it. The three arms of the brush turn about a point of the rim, ahead and to the right; the speed of a

@@ -170,7 +170,7 @@ def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
 
 
 def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
-    """Return the crawler's points by name, (n, 3), in statures.
+    """Return the crawler's points by name, in statures.
 
     The pelvis is at ``stride`` times the phase.
 

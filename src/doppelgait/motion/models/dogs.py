@@ -59,7 +59,7 @@ class Dog:
 
 
 def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
-    """Sample a dog from what is known of the spreads.
+    """Sample a dog from known spreads.
 
     Build: one of the breeds, its height normal with 8 % within 2.5 deviations and the limits of dogs; gait by
     :data:`GAIT_SHARES`, of those that go at a given Froude number; the Froude number log-uniform about the gait's usual

@@ -1,4 +1,4 @@
-"""A person who walks or runs as recorded people do.
+"""Person who walks or runs as recorded people do.
 
 Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.human_curves`); feet
 stand still. A walk has the step length, timing, torsion and arms of Boulic et al. 1990. No published set of equations
@@ -75,7 +75,7 @@ _ARM_SWING = ((2.2, 9.0), (12.5, 30.0))
 
 
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
-    """Return the dynamically similar speed of a 1.75 m adult.
+    """Return a 1.75 m adult's dynamically similar speed.
 
     Froude numbers are equal.
     """
@@ -91,7 +91,7 @@ def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
 
 
 def run_duty_factor(speed_mps: float, height_m: float = ADULT_M) -> float:
-    """Return the duty factor of a runner's foot, by speed."""
+    """Return a runner's duty factor by speed."""
     return _table(_DUTY, adult_speed_mps(speed_mps, height_m))
 
 
@@ -135,7 +135,7 @@ def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArr
 
 
 def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) -> FloatArray:
-    """Return a runner's offset from uniform motion, shape (n, 3).
+    """Return a runner's offset from uniform motion.
 
     Sideways over the standing leg (assumed), up and down.
     """
@@ -144,7 +144,7 @@ def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) 
 
 
 def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
-    """Return a runner's pelvic torsion and list by name, assumed.
+    """Return a runner's assumed pelvic torsion and list.
 
     Signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`, as of :func:`run_thorax_deg`.
     """
@@ -152,7 +152,7 @@ def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
 
 
 def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArray]:
-    """Return mean pitch and torsion of a runner's upper body.
+    """Return a runner's upper-body pitch and torsion.
 
     It leans 5 to 10 degrees; its turn is assumed.
     """
@@ -401,7 +401,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
 
 
 def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
-    """Return leg length in m and tempo relative to Boulic's.
+    """Return leg length and tempo relative to Boulic's.
 
     The tempo is 1, or by Froude number for a child.
     """

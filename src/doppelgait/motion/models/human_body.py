@@ -86,7 +86,7 @@ _UPPER = [
 def figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
-    """Return the figure's points about its spine's base (Chen 2011).
+    """Return points about the spine's base (Chen 2011).
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def _columns(points: Sequence[Place], count: int) -> FloatArray:
 def _hanging(
     start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the ends (x, z) of a chain of links.
+    """Return the ends (x, z) of linked rods.
 
     Links hang straight down at angle 0 and swing forward with it.
     """

@@ -121,7 +121,7 @@ def together(*curves: CycleCurve) -> CycleCurve:
 def measured_curve(
     gait: str, name: Curve, dimensionless_speed: float, *, integral: bool = False, asymmetry: float = 0.0
 ) -> CycleCurve:
-    """Make a measured curve, or its integral over the phase.
+    """Make a measured curve or its phase integral.
 
     Parameters
     ----------

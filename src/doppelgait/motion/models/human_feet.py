@@ -194,7 +194,7 @@ def _leg_phases(duty: float) -> FloatArray:
 
 
 def make_feet(style: Style, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
-    """Make the feet of a gait and place their footprints.
+    """Make a gait's feet and place their footprints.
 
     The gait takes ``hips`` at :func:`_leg_phases`; the footprint is ``left_ahead_m`` before (a right one: behind) the
     one for which the trunk sinks least.
@@ -214,7 +214,7 @@ def make_feet(style: Style, hips: Hips, size_m: Mapping[str, float], left_ahead_
 
 
 def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
-    """Find the footprint for which the hip can be highest.
+    """Find the footprint with the highest hip.
 
     The hip must reach all through stance.
 

@@ -101,7 +101,7 @@ elevations in degrees by phase after the own foot: 0 hangs down, positive with t
 
 
 def trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
-    """Return a curve of the trunk and its first phase.
+    """Return a trunk curve and its first phase.
 
     Neck and front heave go with the fore feet, the rest with the hind feet.
 

@@ -317,7 +317,7 @@ def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> flo
 
 
 def mass_kg(build: Build, withers_m: float) -> float:
-    """Return the body mass of a build at another height.
+    """Return the body mass at another height.
 
     Geometric similarity, M ~ withers^3, assumed.
     """

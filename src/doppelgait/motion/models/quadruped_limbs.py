@@ -95,7 +95,7 @@ _WHOLE_CYCLE = np.arange(120) / 120
 
 
 def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
-    """Return the middle joint of two links, shape (..., 3).
+    """Return the middle joint of two links.
 
     They go from ``start`` to ``end``.
 
@@ -150,7 +150,7 @@ class Course:
 
 
 def regular_course(phase: FloatArray, gait: Gait, stride: float) -> Course:
-    """Return the course of equal strides that covers some phases."""
+    """Return the course of equal strides over phases."""
     first = math.floor(phase.min()) - 2
     numbers = np.arange(first, math.ceil(phase.max()) + 3.0)
     return Course(stride, {foot: (first, numbers + lands) for foot, lands in gait.touchdown.items()})
@@ -318,7 +318,7 @@ def above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
 def all_points(
     phase: FloatArray, gait: Gait, build: Build, course: Course, duty: dict[str, float], carriage: Carriage
 ) -> Points:
-    """Return all points of the dog by name, (n, 3).
+    """Return the dog's points by name, (n, 3).
 
     They are in units of h; the trunk is lowered until all limbs reach.
     """

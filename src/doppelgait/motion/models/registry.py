@@ -27,7 +27,7 @@ MOTION_MODELS: Group[Generate] = Group(
 
 
 def parameters_of(kind: str) -> type[FrozenModel]:
-    """Return the parameter model of a kind of motion model."""
+    """Return a motion model's parameter model."""
     found = MOTION_MODELS[kind].parameters
     if found is None:
         raise ConfigError(f"motion model {kind!r} is registered without parameters; it needs a model of them")

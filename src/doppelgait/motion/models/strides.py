@@ -257,7 +257,7 @@ def autoregressive(count: int, rng: np.random.Generator, correlation: float = ST
 
 
 def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: float) -> dict[str, list[float]]:
-    """Return the landing times of each foot in [0, ``end_s``].
+    """Return each foot's landing times before ``end_s``.
 
     ``touchdown_phase`` is in cycles by name of the foot.
     """

@@ -1,4 +1,4 @@
-"""Motion files: one reader per format, selected by the content.
+"""Motion files: a reader per format, chosen by content.
 
 A reader is a function ``(path, **options) -> Motion`` with keyword-only options, registered by
 ``plugin("motion_reader", NAME, sniff=..., suffixes=(...))``: ``sniff(path, head) -> bool`` decides by the first 4096
@@ -168,7 +168,7 @@ def take_part(
     loop_variation: float = 1.0,
     treadmill: bool = False,
 ) -> Motion:
-    """Return one segment of a cleaned motion, looped if wanted.
+    """Return a cleaned motion's segment, looped if wanted.
 
     The gait of a segment is measured. The arguments are those of :func:`read`.
     """
@@ -196,7 +196,7 @@ def take_part(
 
 
 def reader_options(read: Callable[..., Motion]) -> list[str]:
-    """Return the option names of a reader, its keyword-only parameters."""
+    """Return a reader's keyword-only options."""
     return [p.name for p in inspect.signature(read).parameters.values() if p.kind is p.KEYWORD_ONLY]
 
 

@@ -301,9 +301,9 @@ def read_amc(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Root and bone ends of an AMC motion, not cleaned.
+    """Read root and bone ends of an AMC motion.
 
-    A point has the name of the bone whose far end it is: ``ltibia`` is the left ankle.
+    They are not cleaned. A point has the name of the bone whose far end it is: ``ltibia`` is the left ankle.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
 
 
 def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
-    """Describe the first line that differs from the first frame."""
+    """Describe the first line unlike the first frame."""
     if not first:
         return f"{path}: its first frame holds no bones"
     n = len(first)

@@ -191,7 +191,7 @@ def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]
 
 
 def sniff_bvh(path: Path, head: bytes) -> bool:
-    """Return whether the first word of a file is HIERARCHY."""
+    """Return whether a file begins with HIERARCHY."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
 
 

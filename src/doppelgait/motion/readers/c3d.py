@@ -34,7 +34,7 @@ def read_c3d(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read the physical markers of a C3D file, not cleaned.
+    """Read a C3D file's physical markers, uncleaned.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Record:
         return math.prod(self.shape[1:] if self.kind == -1 else self.shape)
 
     def number(self) -> float | None:
-        """Return the first value, None for text or no value."""
+        """Return the first value, None without a number."""
         if self.kind == -1 or len(self.raw) < abs(self.kind):
             return None
         if self.kind == 4:
@@ -123,7 +123,7 @@ class Layout:
         return round((self.number(group, "RATE") or 0.0) / point_rate) if point_rate > 1e-3 else 0.0
 
     def declared_analog(self) -> float:
-        """Return the analog words per frame that the parameters declare.
+        """Return the declared analog words per frame.
 
         That is channels times samples per frame.
         """
@@ -137,7 +137,7 @@ class Layout:
         )
 
     def frames_that_fit(self, points: int, analog: int) -> float:
-        """Return how many such frames the data section can hold."""
+        """Return the number of frames that fit."""
         stride = (4 * points + analog) * (4 if self.is_float else 2)
         return (self.size - self.data_at) / stride if stride else math.inf
 

@@ -1,4 +1,4 @@
-"""Joint hierarchies: forward kinematics, joints of the body, length unit.
+"""Joint hierarchies: forward kinematics and length unit.
 
 Vectors are columns: a child's frame is ``G_child = G_parent @ R_child`` and its origin
 ``p_child = p_parent + G_parent @ t_child``.
@@ -168,7 +168,7 @@ def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
 
 
 def begins_with_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
-    """Return whether the first frame is an added rest pose.
+    """Return whether the first frame is a rest pose.
 
     Conversions of the CMU database have one.
 
@@ -332,7 +332,7 @@ def _bone_lengths(joints: Joints) -> FloatArray:
 
 
 def skeleton_size(parents: Sequence[int], lengths: FloatArray) -> float:
-    """Return the longest path along the bones of a hierarchy.
+    """Return the longest path along the bones.
 
     It goes from one end to another and does not depend on the pose.
 

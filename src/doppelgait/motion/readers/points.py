@@ -128,7 +128,7 @@ MAX_LABEL = 400
 
 
 def check_labels(path: Path, labels: Sequence[str]) -> None:
-    """Refuse more points than any recording has, and endless names.
+    """Refuse too many points and endless names.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def check_labels(path: Path, labels: Sequence[str]) -> None:
 
 
 def unique_names(names: Sequence[str]) -> list[str]:
-    """Make names unique (T8, T8_2) and name nameless points ``point_7``."""
+    """Make names unique (T8, T8_2), ``point_7`` where missing."""
     found: list[str] = []
     taken: set[str] = set()
     numbers: dict[str, int] = {}  # the next one that may be free, by name

@@ -88,7 +88,7 @@ class Header:
 
 
 def _content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
-    """Return numbered lines (from 1) without blank and comment lines.
+    """Return numbered lines without blanks and comments.
 
     A comment starts with ``# ``.
     """

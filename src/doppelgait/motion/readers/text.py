@@ -107,7 +107,7 @@ _BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 
 def decode(raw: bytes) -> str:
-    """Decode the text of a table, UTF-8 or else Latin-1.
+    """Decode a table's text, UTF-8 or else Latin-1.
 
     A byte-order mark is removed.
     """
@@ -195,7 +195,7 @@ INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
 def rate_of_times(
     path: Path, time_s: FloatArray, lines: Sequence[int], *, digit_s: float, declared_hz: float | None = None
 ) -> float:
-    """Determine the frame rate from the times of the frames.
+    """Determine the frame rate from frame times.
 
     The declared rate if the times agree with it; else the roundest that explains all times to their last printed
     digit (times printed 0.0083, 0.0167 are 120 Hz, not 120.0008 Hz); else frames by first and last time.
@@ -251,7 +251,7 @@ def rate_of_times(
 
 
 def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
-    """Return the largest deviation of the times from even spacing.
+    """Return the largest deviation from even times.
 
     The evenly spaced frames lie as near as they can.
     """
@@ -259,12 +259,12 @@ def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
 
 
 def _rounding_s(digit_s: float, rate_hz: float) -> float:
-    """Return the deviation that rounding to the last digit explains."""
+    """Return the deviation that rounding explains."""
     return min(0.5 * digit_s * (1.0 + 1e-6), COARSEST / rate_hz)
 
 
 def last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
-    """Return the last printed digit of a time column, s.
+    """Return a time column's last digit, s.
 
     It is at least 1e-8 of the largest time.
 

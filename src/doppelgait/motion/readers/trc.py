@@ -48,7 +48,7 @@ LONGEST_NUMBER = 18
 
 
 def sniff_trc(path: Path, head: bytes) -> bool:
-    """Return whether the first word of a file is PathFileType."""
+    """Return whether a file begins with PathFileType."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
 
 

@@ -1,4 +1,4 @@
-"""Find faulty frames: repeated, blank, lost, hit by another transmitter."""
+"""Faulty frames: repeated, blank, lost, hit by transmitters."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ PERSON_M2 = 0.8
 
 
 def rescaled(radar: Radar, scale_db: float) -> Radar:
-    """Return a radar whose volts are larger by a scale.
+    """Return a radar with volts scaled up.
 
     Echoes, noise and the step of a counter go together, so that the SNR stays. ``volts_per_unit`` stays, too: it is how
     the recording's unit was read, and the other levels are in the volts that this gave.
@@ -106,7 +106,7 @@ def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
 
 
 def figure_of(radar: Radar, level_db: Estimate) -> Estimate:
-    """Return the noise figure, dB, that gives a measured level.
+    """Return the noise figure for a measured level.
 
     Found by bisection: behind a threshold counter the level is not proportional to it.
     """

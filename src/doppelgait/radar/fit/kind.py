@@ -1,4 +1,4 @@
-"""Write a kind of sensors as a preset with distributions."""
+"""Presets for a kind of sensors, with distributions."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _comment(pooled: Pooled, unit: str) -> str:
 
 
 def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
-    """Yield impairments in the order they act, each with comments."""
+    """Yield impairments in order, with comments."""
     found = kind.pooled
     table: dict[str, Any]
     apart = noise_is_apart(found)

@@ -1,4 +1,4 @@
-"""Levels of an empty room: noise floor, static clutter, leakage."""
+"""Levels of an empty room: noise, clutter, leakage."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def bin_correlation(steps: ComplexArray) -> ComplexArray:
 
 
 def _slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
-    """Fit the slope of the level in dB over range.
+    """Fit the level's slope in dB over range.
 
     Theil-Sen slope; its standard deviation is from the median absolute deviation.
     """
@@ -134,7 +134,7 @@ KNOT_EXPONENT = 1.5
 
 @dataclass(frozen=True)
 class ClutterProfile:
-    """Mean clutter level over range, linear in dB between knots.
+    """Mean clutter level, linear in dB between knots.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class ClutterProfile:
     sd_db: FloatArray
 
     def at(self, range_m: npt.ArrayLike) -> FloatArray:
-        """Return the level at any range, dB re 1 V.
+        """Return the level at a range, dB re 1 V.
 
         It is constant beyond the ends.
         """

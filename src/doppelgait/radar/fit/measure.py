@@ -257,7 +257,7 @@ def windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, Float
 
 
 def converter_of(samples: ComplexArray) -> tuple[float, float, Mask]:
-    """Return step, full scale and clipped samples of a converter.
+    """Return a converter's step, full scale and clipping.
 
     Steps show as values on a lattice, full scale as many equal values at both ends. NaN where they do not show.
     """

@@ -63,7 +63,7 @@ class Mover:
 
 @dataclass(frozen=True)
 class SensorFit:
-    """Sensor model fitted to a recording of an empty room.
+    """Sensor model fitted to an empty room.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ SHORT_S = 10.0
 
 
 def flags_of(fit: SensorFit) -> tuple[str, ...]:
-    """Return warnings about the numbers; empty when nothing is odd."""
+    """Return warnings about odd numbers."""
     flags = []
     if fit.movers:
         where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.movers)
@@ -335,7 +335,7 @@ def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
 
 
 def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
-    """Return all of a fit as plain values for JSON.
+    """Return a fit as JSON values.
 
     None stands for what is unknown.
     """
