@@ -73,7 +73,7 @@ def image_ranges(
     direct_mps: Float64Array, source: int, radar_m: float, one: int, two: int, range_m: Float64Array,
     velocity_mps: Float64Array,
 ) -> None:  # fmt: skip
-    r"""Write ranges and approach speeds of images of some scatterers into a table.
+    r"""Write ranges and approach speeds of images into a table.
 
     .. math:: g = \sqrt{R^2 + 4 h_r \max(h, 0)}, \quad -g' = (R v - 2 h_r h') / g
 

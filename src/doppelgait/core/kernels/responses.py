@@ -1,4 +1,4 @@
-"""Sums of range responses: pulses and chirps after a matched filter, sweeps after window and transform."""
+"""Sums of range responses of pulses, chirps and sweeps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Float32Array = npt.NDArray[np.float32]
 
 @kernel(fastmath=("contract",), apart=True, inline="llvm")
 def _phasors(size, turns, u, v):  # type: ignore[no-untyped-def]
-    """Compute amplitude times phasor of numbers of turns, reduced to half a turn.
+    """Compute amplitude times phasor, reduced to half a turn.
 
     Sine and cosine are polynomials on an eighth of a turn, exact to 4e-9.
     """

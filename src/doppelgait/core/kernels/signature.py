@@ -84,7 +84,7 @@ def _four_points(a, b, c, d):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=_FAST, inline="llvm")
 def _five_points(a, b, c, d, e):  # type: ignore[no-untyped-def]
-    """Transform by sums and differences of the pairs (1, 4) and (2, 3)."""
+    """Transform five values by pairs (1, 4) and (2, 3)."""
     s1, d1, s2, d2 = b + e, _rotate(b - e), c + d, _rotate(c - d)
     u, v = a + _C72 * s1 + _C144 * s2, a + _C144 * s1 + _C72 * s2
     f, g = _S72 * d1 + _S144 * d2, _S144 * d1 - _S72 * d2
@@ -102,7 +102,7 @@ def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=_FAST, inline="llvm")
 def _ten_points(a, b, c, d, e, f, g, h, i, j):  # type: ignore[no-untyped-def]
-    """Transform ten values as two by five, with no factor between (Good and Thomas)."""
+    """Transform ten values as two by five (Good and Thomas)."""
     e0, e1, e2, e3, e4 = _five_points(a, c, e, g, i)
     o0, o1, o2, o3, o4 = _five_points(f, h, j, b, d)
     return e0 + o0, e1 - o1, e2 + o2, e3 - o3, e4 + o4, e0 - o0, e1 + o1, e2 - o2, e3 + o3, e4 - o4
@@ -110,7 +110,7 @@ def _ten_points(a, b, c, d, e, f, g, h, i, j):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=_FAST, inline="llvm")
 def _twelve_points(a, b, c, d, e, f, g, h, i, j, k, m):  # type: ignore[no-untyped-def]
-    """Transform twelve values as three by four, with no factor between (Good and Thomas)."""
+    """Transform twelve values as three by four (Good and Thomas)."""
     a0, a1, a2, a3 = _four_points(a, d, g, j)
     b0, b1, b2, b3 = _four_points(e, h, k, b)
     c0, c1, c2, c3 = _four_points(i, m, c, f)
@@ -310,7 +310,7 @@ def _first_16(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
 
 @kernel(fastmath=_FAST)
 def _first_pass(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """Window the pulses and apply the first pass; pulse m of all lanes starts at place[m]."""
+    """Window the pulses, from place[m], and apply the first pass."""
     if radix == 8:
         _first_8(xr, xi, place, window, yr, yi, cos, sin)
     elif radix == 10:
@@ -329,7 +329,7 @@ def _first_pass(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore
 
 @kernel(fastmath=_FAST, apart=True)
 def _middle_4(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply a pass of radix 4 in place to every block of ``size`` runs."""
+    """Apply a radix-4 pass to blocks of ``size`` runs."""
     step, apart = cos.shape[0] // size, size // 4 * run
     for begin in range(0, yr.shape[0], size * run):
         for p in range(size // 4):
@@ -346,7 +346,7 @@ def _middle_4(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=_FAST, apart=True)
 def _middle_2(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply a pass of radix 2 in place to every block of ``size`` runs."""
+    """Apply a radix-2 pass to blocks of ``size`` runs."""
     step, apart = cos.shape[0] // size, size // 2 * run
     for begin in range(0, yr.shape[0], size * run):
         for p in range(size // 2):
@@ -364,7 +364,7 @@ def _add(power, i, weight, z):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=_FAST, apart=True)
 def _last_pass(yr, yi, run, weights, power):  # type: ignore[no-untyped-def]
-    """Transform every sixteen runs and add the squared magnitudes, by every lane's own weight."""
+    """Transform sixteen runs each and add weighted squared magnitudes."""
     for begin in range(0, power.shape[0], LAST * run):
         for first in range(0, run, LANES):
             for lane in range(LANES):
@@ -396,7 +396,7 @@ def _last_pass(yr, yi, run, weights, power):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=_FAST)
 def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
-    """Gather pulses of bin n from ``start`` on by their remainder modulo hop.
+    """Gather a bin's pulses by their remainder modulo hop.
 
     Columns then lie side by side; pulses outside the recording are zero.
     """
@@ -452,7 +452,7 @@ def _fill_signature(  # type: ignore[no-untyped-def]
 
 
 def radices_of(n_bins: int) -> tuple[int, ...]:
-    """Factorise a length into the radices of all passes but the last; empty where there are none."""
+    """Factorise a length into radices of all but the last pass."""
     rest, no_rest = divmod(n_bins, LAST)
     for first in FIRST if not no_rest else ():
         middle = rest // first
@@ -464,7 +464,7 @@ def radices_of(n_bins: int) -> tuple[int, ...]:
 
 @lru_cache(maxsize=16)
 def _tables(n_bins: int) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
-    """Compute radices, twiddle factors exp(-j 2 pi q / K), and the place of every bin in ascending order."""
+    """Compute radices, twiddle factors and places of bins."""
     first, *middle = radices_of(n_bins)
     bins, weight = np.zeros(1, dtype=np.int64), first
     for radix in middle:
