@@ -1,6 +1,6 @@
 """Adaptation of a trained model to a few own recordings.
 
-A model learnt from simulation often ranks real targets well and decides at the wrong place: its probabilities are
+A model trained on simulation often ranks real targets well and decides at the wrong place: its probabilities are
 shifted. Two numbers move that place, and a handful of recordings is enough for them; without labels one number does,
 where it is known how frequent the classes are among the recordings.
 """
@@ -28,7 +28,7 @@ REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
 """Standard deviations of the logarithm of the slope and of the shift before any recording is seen, assumed: a slope is
 within a factor of 1.6, a shift within 2 of log odds, in two of three cases. One recording then weighs about as much as
-what was learnt, twenty decide; a recording counts once, however many rows it has."""
+the training data, twenty decide; a recording counts once, however many rows it has."""
 
 
 def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
@@ -280,7 +280,7 @@ def _decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list
     if not blocked.any():
         return np.arange(len(rows)), []
     outside = {name: beyond(found, name, model.facts.conditions) for name, found in conditions_of_rows(rows).items()}
-    worst = [f"{name} outside what was learnt in {int(far.sum())}" for name, far in outside.items() if far.any()]
+    worst = [f"{name} outside the training range in {int(far.sum())}" for name, far in outside.items() if far.any()]
     words = f" ({', '.join(worst)})" if worst else ""
     return np.flatnonzero(~blocked), [
         f"{int(blocked.sum())} of {len(rows)} own rows are not used, no model would decide on them{words}"

@@ -234,7 +234,7 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         outside = model.outside(values[0])
         rank = float(model.rank(values)[0])
         if rank < model.facts.novel_below:
-            outside.append(f"unlike what was learnt: {100 * rank:.1f} % of the rows held back are as far from it")
+            outside.append(f"unlike the training data: {100 * rank:.1f} % of the held-out rows are as far from it")
         if isinstance(network, Network):
             values = join_inputs(values, pictures)
     probability = model.probability(values)[0]

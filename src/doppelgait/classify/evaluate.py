@@ -258,8 +258,8 @@ def evaluate(
         said.append(f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows")
     said += _missing_safeguards(rows, folds)
     said += [
-        f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
-        f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
+        f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside the "
+        f"training range, {span_words(*part['learnt'])}: no decision there; other scores count them"
         for name, part in outside.items()
     ]
     document = document_of(rows, folds, answers, said, seed=seed)
@@ -343,7 +343,7 @@ def _missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
         said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
     if fewest < LEAST_FAR:
         said.append(
-            f"{fewest} held rows: no model can turn anything away by its distance from what was learnt; it takes "
+            f"{fewest} held rows: no model can turn anything away by its distance from the training data; it takes "
             f"{LEAST_FAR}"
         )
     return said

@@ -187,9 +187,9 @@ def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[s
             continue
         words = span_words(*learnt[name])
         if math.isnan(found[name]):
-            said.append(f"{name} is not known; learnt was {words}")
+            said.append(f"{name} is unknown; the training range is {words}")
         elif beyond(np.array([found[name]]), name, learnt)[0]:
-            said.append(f"{name} {found[name]:.4g} is outside what was learnt, {words}")
+            said.append(f"{name} {found[name]:.4g} is outside the training range, {words}")
     return said
 
 
@@ -255,7 +255,7 @@ class Facts(FrozenModel):
     abstain_below : float
         No decision where the most likely class is less likely than this.
     novel_below : float
-        No decision where less than this share of the held-out rows is as far from what was learnt.
+        No decision where less than this share of the held-out rows is as far from the training data.
     alarm : str or None
         The class to detect, where there is one.
     alarm_threshold : float or None
@@ -364,9 +364,9 @@ class Model:
             name = self.facts.names[n]
             learnt = f"{self.lowest[n]:.3g} to {self.highest[n]:.3g}"
             if np.isnan(values[n]):
-                found.append(f"{name} is unknown, which was not learnt")
+                found.append(f"{name} is unknown, unlike in the training data")
             else:
-                found.append(f"{name} {values[n]:.3g} is outside what was learnt, {learnt}")
+                found.append(f"{name} {values[n]:.3g} is outside the training range, {learnt}")
         return found
 
 
@@ -374,7 +374,7 @@ def rests_on(facts: Facts) -> str:
     """Describe the data behind an alarm threshold; empty if unknown."""
     if facts.alarm_threshold is None or facts.alarm_people is None:
         return ""
-    return f"the alarm threshold rests on {facts.alarm_people} movers of class {facts.alarm} that were held back"
+    return f"the alarm threshold rests on {facts.alarm_people} held-out targets of class {facts.alarm}"
 
 
 def blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:

@@ -1,4 +1,4 @@
-"""Scores of abstention from kinds that were not learnt."""
+"""Scores of abstention from kinds outside the training data."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from doppelgait.dataset.open import Dataset
 
 
 def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
-    """Collect the rows of classes that were not learnt.
+    """Collect the rows of classes outside the training data.
 
     Their class numbers say nothing.
 
     Raises
     ------
     DatasetError
-        If every class of the dataset was learnt.
+        If the models are trained on every class of the dataset.
     """
     index = dataset.index[~dataset.index["label"].isin(known.classes)]
     if index.empty:
         raise DatasetError(
-            f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, which were learnt"
+            f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, "
+            "which the models are trained on"
         )
     count, place = len(index), index.index.to_numpy(dtype=np.int64)
     group = "group" if "group" in index else "subject"
@@ -65,7 +66,7 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
     Returns
     -------
     dict
-        By label: ``n``; ``auc`` of the distance from what was learnt and ``auc_of_probability`` of the lack of
+        By label: ``n``; ``auc`` of the distance from the training data and ``auc_of_probability`` of the lack of
         certainty (0.5: no better than chance; None for a model that measures no distance); ``decided`` the share called
         each class with a decision, by class.
     """

@@ -248,8 +248,8 @@ ADAPTATION_TEXT = (
     "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
-    "<h2>Kinds that were not learnt</h2>"
-    "<p>Kinds that were not learnt, which no class is right for: how well the distance from what was learnt, and the "
+    "<h2>Kinds outside the training data</h2>"
+    "<p>Kinds outside the training data, which no class is right for: how well the distance from these data, and the "
     "lack of certainty, tell them from the tested rows (area under the ROC curve, 0.5: not at all), and the share that "
     "is called a class with a decision.</p>"
 )
@@ -350,7 +350,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Learnt from {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
-        f"Nobody who is tested was learnt from. doppelgait {escape(document['doppelgait_version'])}, seed "
+        f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
         _format_table(

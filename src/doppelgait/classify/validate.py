@@ -80,7 +80,7 @@ def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
         known |= scenes.isin(scenes[known].dropna()).to_numpy(dtype=bool)
     if known.any():
         notes.append(
-            f"{int(known.sum())} of {other.size} rows of the test dataset left out: movers that are learnt from"
+            f"{int(known.sum())} of {other.size} rows of the test dataset left out: targets of the training data"
         )
     if known.all():
         raise DatasetError(f"{rows.datasets[1].directory}: all of its targets are in the training data, no row is left")

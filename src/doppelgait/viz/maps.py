@@ -1,4 +1,4 @@
-"""Maps in decibel: levels, limits, colour bar and velocity axis."""
+"""Maps in decibel: levels, limits and axes."""
 
 from __future__ import annotations
 

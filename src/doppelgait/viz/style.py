@@ -1,4 +1,4 @@
-"""Common style of figures: colours, sizes, axis labels and files."""
+"""Common style of figures, and their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of many examples: features by class, and contact sheets."""
+"""Figures of features by class, and contact sheets."""
 
 from __future__ import annotations
 

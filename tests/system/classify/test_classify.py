@@ -183,7 +183,7 @@ def test_answers_agree_with_the_scores(found):
     best = table[["six-logistic:human", "six-logistic:dog"]].max(axis=1)
     decided = table["six-logistic:decided"]
     assert (best[decided] >= 0.8).all()
-    assert ((best >= 0.8) & ~decided).sum() <= 3  # outside what was learnt
+    assert ((best >= 0.8) & ~decided).sum() <= 3  # outside the training range
 
 
 def test_shuffled_labels_give_chance():
@@ -537,9 +537,9 @@ def test_decision_and_abstentions(found):
         assert blocked.reason == f"flag {flag}"
     far = decide(a_target(feature_step_length_m=9.0), model, 0)
     assert far.abstained
-    assert far.reason.startswith("step_length_m 9 is outside what was learnt, ")
+    assert far.reason.startswith("step_length_m 9 is outside the training range, ")
     lost = decide(a_target(feature_step_length_m=2.2, feature_limb_torso_ratio=None), model, 0)
-    assert lost.reason == "limb_torso_ratio is unknown, which was not learnt"
+    assert lost.reason == "limb_torso_ratio is unknown, unlike in the training data"
     assert decide(a_target(feature_step_length_m=0.5), model, 0).alarm
     json.dumps(sure.as_dict(), allow_nan=False)
     assert (sure.quality["carrier_hz"], sure.quality["prf_hz"]) == pytest.approx((7.29e9, 1100))
@@ -646,7 +646,9 @@ def test_few_held_rows_turn_nothing_away_and_are_told():
 
 
 def test_unknown_kinds_need_a_further_class_and_one_model():
-    with pytest.raises(DatasetError, match=r"--unknown .*: has only the classes human, dog, which were learnt"):
+    with pytest.raises(
+        DatasetError, match=r"--unknown .*: has only the classes human, dog, which the models are trained on"
+    ):
         evaluate(made_up(), unknown=made_up(identity="z"), models=["six-logistic"])
     with pytest.raises(ConfigError, match="--unknown: needs one model for all rows"):
         evaluate(made_up(), unknown=made_up(identity="z", classes=("human", "cat")), n_folds=3)
@@ -657,7 +659,7 @@ def test_what_is_unlike_the_training_is_no_decision(found):
     strict = replace(model, facts=model.facts.model_copy(update={"novel_below": 1.01}))
     decision = decide(a_target(feature_step_length_m=2.2), strict, 0)
     assert decision.abstained
-    assert re.match(r"unlike what was learnt: \d+\.\d % of the rows held back are as far from it", decision.reason)
+    assert re.match(r"unlike the training data: \d+\.\d % of the held-out rows are as far from it", decision.reason)
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -670,8 +672,8 @@ def test_another_radar_is_no_decision_and_no_alarm(found, stated):
         said = decide(other, model, 0)
         assert said.abstained
         assert said.alarm is None
-        assert "carrier_hz 2.41e+10 is outside what was learnt, 7.29e+09" in said.reason
-        assert "prf_hz 3000 is outside what was learnt, 9" in said.reason
+        assert "carrier_hz 2.41e+10 is outside the training range, 7.29e+09" in said.reason
+        assert "prf_hz 3000 is outside the training range, 9" in said.reason
         assert said.as_dict()["reason"] == said.reason
     near = Seen(other.columns, a_signature(7.4e9, 1300.0, stated=stated))
     assert "is outside" not in decide(near, model, 0).reason
@@ -680,9 +682,9 @@ def test_another_radar_is_no_decision_and_no_alarm(found, stated):
 def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
     model = found.models["six-logistic"]
     short = decide(a_target(feature_step_length_m=2.2, quality_observation_s=1.5), model, 0)
-    assert short.reason == "observation_s 1.5 is outside what was learnt, 2.5"
+    assert short.reason == "observation_s 1.5 is outside the training range, 2.5"
     unknown = Seen(a_target().columns, xr.DataArray(np.ones((3, 3)), dims=("time", "doppler")))
-    assert "carrier_hz is not known; learnt was 7.29e+09" in decide(unknown, found.models["chance"], 0).reason
+    assert "carrier_hz is unknown; the training range is 7.29e+09" in decide(unknown, found.models["chance"], 0).reason
     flag = "gait_frequency:columns_do_not_overlap"
     older = replace(model, facts=model.facts.model_copy(update={"blocking": ("no_signal",)}))
     for each in (model, older):
@@ -844,7 +846,7 @@ def test_another_radar_or_analysis_is_warned_of(found, recording):
     changed = model.facts.model_copy(update={"conditions": {"prf_hz": (200.0, 300.0)}, "analysis": {"cpi_s": 0.2}})
     with pytest.warns(DoppelgaitWarning) as said:
         decisions = classify(recording, replace(model, facts=changed), gate="truth", analysis=Analysis())
-    assert "prf_hz 1300 is outside what was learnt, 200 to 300" in decisions[0].reason
+    assert "prf_hz 1300 is outside the training range, 200 to 300" in decisions[0].reason
     texts = " ".join(str(entry.message) for entry in said)
     assert "cpi_s 0.1 instead of 0.2" in texts
 

@@ -1,4 +1,4 @@
-"""Permittivity of materials; reflection and transmission of interfaces and slabs.
+"""Permittivity of materials, interfaces and slabs.
 
 Fields go as exp(j omega t), so a medium with loss has eps = eps' - j eps''. Modes: ``te`` has the electric field
 perpendicular to the plane of incidence, ``tm`` in it. Constants and equations of Recommendation ITU-R P.2040.

@@ -1,4 +1,4 @@
-"""Registration of environment effects and their names in scene files."""
+"""Registration of environment effects by name."""
 
 from __future__ import annotations
 
