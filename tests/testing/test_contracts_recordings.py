@@ -76,6 +76,12 @@ def test_every_radar_reader_keeps_its_contract(name, tmp_path):
     check_radar_reader(name, _sample_file(name, tmp_path / "data"))
 
 
+def test_a_file_in_the_current_folder_is_checked(tmp_path, monkeypatch):
+    place = _sample_file("doppelgait", tmp_path / "data")
+    monkeypatch.chdir(place.parent)
+    check_radar_reader("doppelgait", place.name)
+
+
 @pytest.mark.parametrize("name", RADAR_WRITERS)
 def test_every_radar_writer_keeps_its_contract(name):
     check_radar_writer(name, _recording(), **WRITERS[name])

@@ -85,6 +85,12 @@ def rng(seed: int) -> Streams:
     ------
     ConfigError
         If the seed is no integer or below 0.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.rng(1).generator("noise").normal() == dg.rng(1).generator("noise").normal()
+    True
     """
     return Streams(seed)
 

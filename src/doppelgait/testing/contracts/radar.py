@@ -261,12 +261,22 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     AssertionError
         If a rule is broken: registration, recognition of this and of no other file, keyword-only options, axes and
         values, the same result each time, a ``RecordingError`` at every damaged or missing file.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from pathlib import Path
+    >>> Path("walks").mkdir()
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=1.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> dg.radar.write_recording(recording, "walks/walk.h5")
+    >>> dg.testing.check_radar_reader("doppelgait", "walks/walk.h5")
     """
     from doppelgait.core.errors import RecordingError
     from doppelgait.radar.readers import RADAR_READERS, read_recording
     from doppelgait.radar.recording import Recording
 
-    place, what = Path(path), f"radar reader {name!r}"
+    place, what = Path(path).absolute(), f"radar reader {name!r}"
     require(name in RADAR_READERS, f"{what} is not registered; known are {', '.join(RADAR_READERS)}")
     reader = RADAR_READERS[name]
     sniff, suffixes = reader.facts.get("sniff"), reader.facts.get("suffixes")
