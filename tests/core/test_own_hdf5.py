@@ -7,6 +7,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import h5py
@@ -17,7 +18,7 @@ from checkout import ROOT
 from doppelgait.core import own_hdf5
 from doppelgait.core.cost import DEFAULT_MB, VARIABLE, check_cost, limit_bytes
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.core.own_hdf5 import HEAP, _endless_heaps, _heap_starts, open_hdf5, own_member
+from doppelgait.core.own_hdf5 import HEAP, _endless_heaps, _find, open_hdf5, own_member
 
 
 def plain(path: Path, **datasets: object) -> Path:
@@ -71,7 +72,7 @@ def chain_ends(content: bytes, start: int) -> bool:
 
 
 def endless(content: bytes) -> Iterator[int]:
-    return _endless_heaps(content, _heap_starts(io.BytesIO(content)))  # type: ignore[arg-type]
+    return _endless_heaps(content, (at for at, _ in _find(io.BytesIO(content), HEAP)))  # type: ignore[arg-type]
 
 
 def test_heaps_are_found_across_the_pieces_that_a_file_is_read_in(monkeypatch) -> None:
@@ -79,7 +80,7 @@ def test_heaps_are_found_across_the_pieces_that_a_file_is_read_in(monkeypatch) -
     wanted = [match.start() for match in re.finditer(re.escape(HEAP), content)]
     for piece in (1, 7, 8, 9, 100):
         monkeypatch.setattr(own_hdf5, "PIECE", piece)
-        assert list(_heap_starts(io.BytesIO(content))) == wanted
+        assert [at for at, _ in _find(io.BytesIO(content), HEAP)] == wanted
 
 
 @pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="needs a Linux kernel")
@@ -237,3 +238,52 @@ def test_the_error_names_file_amounts_and_remedy(tmp_path: Path, monkeypatch) ->
     )
     with pytest.raises(MotionError, match=words):
         check_cost(tmp_path / "a.csv", 256_000_001, MotionError)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        (np.zeros(2, [("r", "<f4"), ("i", "<f4"), ("k", "<f4")]), "compound type"),
+        (np.zeros(2, [("r", "<f4"), ("i", "<f8")]), "compound type"),
+        (np.zeros(2, [("r", "<i2"), ("i", "<i2")]), ""),
+        (np.zeros(2, "V8"), "type class"),
+        (np.zeros(2, "<f2"), ""),
+        (np.zeros(2, ">c16"), ""),
+        (np.zeros(2, bool), ""),
+        (np.zeros(2, "S5"), ""),
+    ],
+)
+@pytest.mark.parametrize("where", ["dataset", "attribute"])
+def test_only_types_that_our_files_have_are_read(tmp_path: Path, values: np.ndarray, reason: str, where: str) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["x"] = values if where == "dataset" else 1.0
+        if where == "attribute":
+            file["x"].attrs["y"] = values
+    with pytest.raises(ValueError, match=reason) if reason else nullcontext():
+        open_hdf5(path).close()
+
+
+def test_a_sequence_of_numbers_of_variable_length_is_not_read(tmp_path: Path) -> None:
+    path = plain(tmp_path / "a.h5", x=np.zeros(3))
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("y", (2,), h5py.vlen_dtype("f8"))
+    with pytest.raises(ValueError, match="type class 9"):
+        open_hdf5(path)
+
+
+def test_texts_longer_than_their_file_are_refused_and_others_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file["x"] = ["a", "bc" * 3000]
+        file["x"].attrs["y"] = "d" * 5000
+    with open_hdf5(path) as file:
+        assert [text.decode() for text in file["x"][:]] == ["a", "bc" * 3000]
+        assert file["x"].attrs["y"] == "d" * 5000
+    content = path.read_bytes()
+    for length in (6000, 5000):
+        assert content.count(struct.pack("<IQ", length, content.index(b"GCOL"))) == 1
+        at = content.index(struct.pack("<IQ", length, content.index(b"GCOL")))
+        path.write_bytes(content[:at] + struct.pack("<I", 1_000_000_000) + content[at + 4 :])
+        with pytest.raises(ValueError, match="text of 1,000,000,000 bytes"):
+            open_hdf5(path)

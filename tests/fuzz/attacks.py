@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import struct
 import zipfile
 import zlib
@@ -20,7 +21,7 @@ from readers import TARGETS, body, c3d_bytes
 
 Attack = Callable[[Path], str]
 ATTACKS: dict[str, Attack] = {}
-READ: set[str] = {"many_heaps", "platform_with_blanks", "a_long_word_among_short_ones"}
+READ: set[str] = {"many_heaps", "platform_with_blanks", "a_long_word_among_short_ones", "halves_of_characters_in_names"}
 """Those that may be read, within the limits; all others must be refused."""
 
 
@@ -456,3 +457,87 @@ def _c3d(name: str, factor: float) -> Attack:
 
 for _name, _factor in (("42_m", 25.0), ("1670_m", 1000.0), ("1.7_nm", 1e-9)):
     _c3d(_name, _factor)
+
+
+# ---- types of values and texts that make the HDF5 library write or allocate beyond measure
+
+
+def _damaged_bytes(name: str, target: str, change: Callable[[bytearray], None]) -> Attack:
+    def make(folder: Path) -> str:
+        _seed(target, folder)
+        content = bytearray((folder / "a.h5").read_bytes())
+        change(content)
+        (folder / "a.h5").write_bytes(content)
+        return target
+
+    make.__name__ = name
+    return attack(make)
+
+
+def _overlapping_parts(content: bytearray) -> None:
+    """Declare exponents of the real part that take a double: its values then overlap the imaginary part."""
+    at = content.index(b"r\0\0\0\0\0\0\0" + bytes(4)) + 56
+    assert content[at : at + 4] == struct.pack("<I", 127)
+    content[at] = 130
+
+
+def _sequence_for_a_text(content: bytearray) -> None:
+    """Declare a text of variable length as a sequence of characters."""
+    at = content.index(b"\x19\x01\x01\0\x10\0\0\0", content.index(b"units\0"))
+    content[at + 1] = 9
+
+
+def _long_text(mark: bytes, skip: int) -> Callable[[bytearray], None]:
+    def change(content: bytearray) -> None:
+        at = content.index(b"\x19\x01\x01\0\x10\0\0\0", content.index(mark)) + skip
+        content[at : at + 4] = struct.pack("<I", 1_900_000_000)
+
+    return change
+
+
+def _long_session_text(content: bytearray) -> None:
+    """A reference to a text is its length, then the place of a heap: change that of the longest."""
+    heaps = [found.start() for found in re.finditer(b"GCOL", content)]
+    places = [found.start() - 4 for heap in heaps for found in re.finditer(re.escape(struct.pack("<Q", heap)), content)]
+    _, at = max((struct.unpack_from("<I", content, place)[0], place) for place in places)
+    content[at : at + 4] = struct.pack("<I", 1_900_000_000)
+
+
+_damaged_bytes("parts_of_complex_numbers_that_overlap", "radar-own", _overlapping_parts)
+_damaged_bytes("sequence_for_a_text", "radar-own", _sequence_for_a_text)
+_damaged_bytes("text_of_gigabytes_in_an_attribute", "radar-own", _long_text(b"units\0", 32))
+_damaged_bytes("text_of_gigabytes_in_a_dataset", "radar-acconeer", _long_session_text)
+
+
+@attack
+def halves_of_characters_in_names(folder: Path) -> str:
+    _seed("motion-arrays", folder)
+    with np.load(folder / "a.npz") as seed:
+        content = dict(seed)
+    names = content["names"].tolist()
+    names[2] = "left_sh\udd6fulder"
+    np.savez(folder / "a.npz", **{**content, "names": np.array(names), "rate_hz": 10.0})
+    return "motion-arrays"
+
+
+@attack
+def matlab_axis_of_texts(folder: Path) -> str:
+    import h5py
+
+    _seed("radar-matlab", folder, 2)
+    path = next(folder.glob("*.mat"))
+
+    def change(file: Any) -> None:
+        file.pop("range_axis", None)
+        file["range_axis"] = np.full((1, file["Data_Matrix"].shape[0]), b"0.\x8b", "S3")
+        file.pop("frame_start", None)
+
+    with h5py.File(path, "r+") as file:
+        change(file)
+    return "radar-matlab"
+
+
+@attack
+def points_of_large_numbers(folder: Path) -> str:
+    (folder / "a.csv").write_text("x,y,doppler,track,time\n" + f"{'9' * 400},1,1,1,0\n0,1,1,1,1\n")
+    return "radar-points"

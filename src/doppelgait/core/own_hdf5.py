@@ -2,13 +2,15 @@
 
 HDF5 has three ways to make a file show what lies in another one: links, datasets with external storage (the bytes of
 any file become numbers) and virtual datasets. Neither our own files nor those of the vendors that are read have them.
-A damaged file can keep the library busy without end, and a small one can declare or unpack to any amount of values.
+A damaged file can keep the library busy without end, a small one can declare or unpack to any amount of values, and
+damaged types of values make the library write beyond its memory, which ends the process.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
+import re
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
@@ -35,6 +37,20 @@ FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
 """Filters by number that are read, each once in a dataset."""
 INFLATES = 1040
 """Bytes that one byte of a deflate stream can become at most."""
+FLOATS = ("IEEE_F16LE", "IEEE_F32LE", "IEEE_F64LE", "IEEE_F16BE", "IEEE_F32BE", "IEEE_F64BE")
+"""Names of the floating-point types that are read."""
+TEXT_MARK = b"\x10\x00\x00\x00"
+"""Size of what stands for a text of variable length: its length, the place of its heap, its number there."""
+TEXT = re.compile(
+    rb"\x10\x00\x00\x00"
+    rb"(?:[\x10\x20\x30].{3}\x01\x00\x00\x00.{4}(?:\x00{4})?|[\x13\x23\x33].{3}\x01\x00\x00\x00)"  # of characters
+    rb"(?:\x01\x00.{6}|\x02\x00.{2})"  # a single one
+    rb"(.{4})",
+    re.DOTALL,
+)
+"""An attribute that is a text, from its size to the length that it declares."""
+TEXT_AFTER = 32
+"""Bytes of the longest match after its mark."""
 PIECE = 1 << 20
 
 FAULTS = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
@@ -51,7 +67,8 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
         Check all links and datasets now. False where the caller reads attributes of the root only, or takes every
         member by :func:`own_member`.
     soft_links : bool
-        Allow links to other places of the same file, which vendors' files have.
+        Allow links to other places of the same file, and attributes and references of any type, which vendors' files
+        have. The caller must not read these attributes.
     **options
         Of ``h5py.File``.
 
@@ -64,8 +81,8 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
     OSError
         If it cannot be opened.
     ValueError
-        If a chain of texts has no end, a member lies in another file, or the values take more memory than
-        :func:`~doppelgait.core.cost.limit_bytes` allows.
+        If a chain of texts has no end, a member lies in another file, the values are of a type that is not read, or
+        they take more memory than :func:`~doppelgait.core.cost.limit_bytes` allows.
     """
     import h5py
 
@@ -75,6 +92,8 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
         raise ValueError(fault)
     file = h5py.File(place, "r", **options)
     try:
+        if not soft_links:
+            _check_attributes(file, "the root")
         if members:
             _check_members(file, place, soft_links)
     except BaseException:
@@ -131,6 +150,7 @@ def own_member(group: Any, name: str) -> Any:
     if group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
         raise ValueError(f"{name!r} is a link, which is not followed: it may lead to another file")
     found = group[name]
+    _check_attributes(found, name)
     n_bytes = _value_bytes(found, name, TEXT_BYTES)
     if n_bytes > limit_bytes(0):
         _check_limit(n_bytes, Path(os.fsdecode(group.file.filename)))
@@ -158,7 +178,9 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
         if kind != h5py.h5l.TYPE_HARD:
             raise ValueError(f"{name[:80]!r} is a link, which is not followed: it may lead to another file")
         member = file[name]
-        n_bytes += _value_bytes(member, name, stored_bytes)
+        if not soft_links:
+            _check_attributes(member, name)
+        n_bytes += _value_bytes(member, name, stored_bytes, references=soft_links)
         if isinstance(member, h5py.Group):
             address = h5py.h5o.get_info(member.id).addr
             if address in groups:
@@ -167,7 +189,46 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
     _check_limit(n_bytes, path)
 
 
-def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
+def _check_attributes(member: Any, name: str) -> None:
+    """Refuse attributes of types that are not read, before they are read."""
+    import h5py
+
+    for number in range(h5py.h5a.get_num_attrs(member.id)):
+        attribute = h5py.h5a.open(member.id, index=number)
+        if fault := _type_fault(attribute.get_type()):
+            text = attribute.name.decode(errors="replace")
+            raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
+
+
+def _type_fault(kind: Any, *, references: bool = False) -> str:
+    """Return why values of a type must not be read, or "".
+
+    The library converts values of a damaged type without a check of their places and sizes.
+    """
+    from h5py import h5t
+
+    class_, size = kind.get_class(), kind.get_size()
+    if class_ == h5t.ENUM:  # truth values
+        kind = kind.get_super()
+        class_, size = kind.get_class(), kind.get_size()
+    if class_ == h5t.COMPOUND:  # complex numbers: two real ones next to each other
+        if kind.get_nmembers() != 2 or [kind.get_member_offset(n) for n in (0, 1)] != [0, size // 2] or size % 2:
+            return "is of a compound type other than complex numbers"
+        first, second = kind.get_member_type(0), kind.get_member_type(1)
+        if not first.equal(second) or 2 * first.get_size() != size or first.get_class() not in (h5t.INTEGER, h5t.FLOAT):
+            return "is of a compound type other than complex numbers"
+        return _type_fault(first)
+    if class_ == h5t.INTEGER:
+        plain = size in (1, 2, 4, 8) and kind.get_precision() == 8 * size and kind.get_offset() == 0
+        return "" if plain else f"holds integers of {size} bytes with {kind.get_precision()} bits"
+    if class_ == h5t.FLOAT:
+        return "" if any(kind.equal(getattr(h5t, name)) for name in FLOATS) else "holds unusual floating-point numbers"
+    if class_ == h5t.STRING or (references and class_ == h5t.REFERENCE):
+        return ""
+    return f"is of the type class {class_}, which is not read"
+
+
+def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = False) -> int:
     """Return the size of a dataset's values, 0 for groups.
 
     ``text_bytes`` is what each text of variable length is taken to have.
@@ -184,11 +245,13 @@ def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
     if found.external or found.is_virtual:
         raise ValueError(f"the values of {name[:80]!r} lie in another file, which is not read")
     kind, properties = found.id.get_type(), found.id.get_create_plist()
+    if fault := _type_fault(kind, references=references):
+        raise ValueError(f"{name[:80]!r} {fault}")
     each: int = kind.get_size()
     count: int = found.id.get_space().get_simple_extent_npoints()
-    variable = kind.detect_class(h5py.h5t.VLEN) or (kind.get_class() == h5py.h5t.STRING and kind.is_variable_str())
-    if variable:  # several values may share one text
+    if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str():  # several values may share one text
         each += text_bytes
+        _check_lengths(found, name, count)
     if properties.get_layout() != h5py.h5d.CHUNKED:
         return each * count
     chunk_bytes, n_chunks = each, 1
@@ -203,6 +266,25 @@ def _value_bytes(found: Any, name: str, text_bytes: int) -> int:
     if 1 in filters and found.id.get_storage_size() * INFLATES > limit_bytes(0):
         _check_chunks(found, name, chunk_bytes)
     return max(each * count, chunk_bytes) + CHUNK_BYTES * n_chunks
+
+
+def _check_lengths(dataset: Any, name: str, count: int) -> None:
+    """Refuse texts that declare to be longer than their file; the library allocates what they declare."""
+    import h5py
+
+    if dataset.id.get_create_plist().get_layout() != h5py.h5d.CONTIGUOUS:
+        raise ValueError(f"the texts of {name[:80]!r} are stored in chunks, which is not read")
+    start, path = dataset.id.get_offset(), Path(os.fsdecode(dataset.file.filename))
+    if start is None or not count:  # never written
+        return
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(start)
+        stored = file.read(min(16 * count, size))
+    for at in range(0, len(stored) - 15, 16):
+        length = int.from_bytes(stored[at : at + 4], "little")
+        if length > size:
+            raise ValueError(f"{name[:80]!r} holds a text of {length:,} bytes, the file has {size:,}")
 
 
 def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
@@ -229,7 +311,8 @@ def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """Return why HDF5 must not open a file, or "".
 
     Texts lie in global heaps, chains of objects that each hold their length; the library follows a length of 0 without
-    end. Layout: "HDF5 File Format Specification", sections II.A and III.E. ``stamp`` makes the result valid for one
+    end. It allocates whatever length an attribute declares, before it looks for the text. Layout: "HDF5 File Format
+    Specification", sections II.A and III.E. ``stamp`` makes the result valid for one
     state of the file.
     """
     with path.open("rb") as file:
@@ -241,8 +324,12 @@ def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
         sizes = head[at + 13 : at + 15] if version < 2 else head[at + 9 : at + 11]
         if sizes != b"\x08\x08":
             return f"its addresses and lengths have {tuple(sizes)} bytes, not 8"
+        size = file.seek(0, os.SEEK_END)
+        for _, following in _find(file, TEXT_MARK, TEXT_AFTER):
+            if (found := TEXT.match(following)) and (length := int.from_bytes(found[1], "little")) > size:
+                return f"one of its attributes is a text of {length:,} bytes, the file has {size:,}"
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            for start in _endless_heaps(content, _heap_starts(file)):
+            for start in _endless_heaps(content, (at for at, _ in _find(file, HEAP))):
                 return f"its heap at byte {start} has no end"
     return ""
 
@@ -251,21 +338,25 @@ def _signature_at(head: bytes) -> int | None:
     return next((at for at in USER_BLOCKS if head[at : at + len(SIGNATURE)] == SIGNATURE), None)
 
 
-def _heap_starts(file: BinaryIO) -> Iterator[int]:
-    """Yield where heaps start.
+def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Yield positions of a mark, each with it and the bytes after it.
 
     The file is read in pieces: of a map that is searched every page stays in memory.
     """
-    kept, first = b"", 0
+    window, kept, first = len(mark) + after, b"", 0
     file.seek(0)
-    while piece := file.read(PIECE):
-        piece = kept + piece
-        at = piece.find(HEAP)
+    while True:
+        read = file.read(PIECE)
+        piece = kept + read
+        n_starts = max(len(piece) - (window if read else len(mark)) + 1, 0)
+        at = piece.find(mark, 0, n_starts + len(mark) - 1)
         while at >= 0:
-            yield first + at
-            at = piece.find(HEAP, at + 1)
-        kept = piece[1 - len(HEAP) :]
-        first += len(piece) - len(kept)
+            yield first + at, piece[at : at + window]
+            at = piece.find(mark, at + 1, n_starts + len(mark) - 1)
+        if not read:
+            return
+        kept = piece[n_starts:]
+        first += n_starts
 
 
 def _endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:

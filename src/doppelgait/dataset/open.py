@@ -32,6 +32,7 @@ from doppelgait.dataset.finish import SCHEMA_VERSION
 from doppelgait.dataset.query import rows_where
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import MAX_OPEN, ShardFiles, decode
+from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
 
 if TYPE_CHECKING:
@@ -105,7 +106,8 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
     ValueError
         Naming the column.
     """
-    missing = [name for name in (*TEXT_COLUMNS, "row") if name not in index]
+    measured = [f"feature_{name}" for name in FEATURE_UNITS]
+    missing = [name for name in (*TEXT_COLUMNS, "row", *measured) if name not in index]
     if missing and len(index):
         raise ValueError(f"index.parquet: has no column {missing[0]!r}")
     if not index.columns.is_unique:
@@ -117,6 +119,9 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
             raise ValueError(f"index.parquet: column {name!r} must hold a text in every row")
     if not pd.api.types.is_integer_dtype(index["row"]) or index["row"].isna().any() or (index["row"] < 0).any():
         raise ValueError("index.parquet: column 'row' must hold a whole number from 0 in every row")
+    for name in measured:
+        if not pd.api.types.is_numeric_dtype(index[name]):
+            raise ValueError(f"index.parquet: column {name!r} must hold numbers")
     for name, known in (("split", SPLITS), ("label", classes)):
         strange = sorted(set(index[name].unique()) - set(known))
         if strange:

@@ -151,7 +151,10 @@ def _read_csv(file: Path) -> dict[str, Any]:
     for key, name in found.items():
         if name is None:
             continue
-        values = pd.to_numeric(raw[name], errors="coerce")
+        try:
+            values = pd.to_numeric(raw[name], errors="coerce")
+        except OverflowError:
+            raise RecordingError(f"{file}: {name} holds a number that is too large to be read") from None
         if key == "track":
             values = values.fillna(-1)
         bad = np.flatnonzero(~np.isfinite(values.to_numpy(dtype=np.float64)))

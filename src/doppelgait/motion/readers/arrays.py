@@ -251,6 +251,8 @@ def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton
     names = content[key].tolist() if isinstance(content[key], np.ndarray) else content[key]
     if isinstance(names, list):
         names = [name.decode("utf-8", "replace") if isinstance(name, bytes) else name for name in names]
+        # half a character of an array cannot be written anywhere
+        names = [name.encode("utf-8", "replace").decode() if isinstance(name, str) else name for name in names]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or len(names) != n_points:
         count = f"{len(names)} entries" if isinstance(names, list) else "no list"
         raise MotionError(f"{path}: {key} holds {count} for {n_points} points; it must be one text each")

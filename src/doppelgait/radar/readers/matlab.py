@@ -350,6 +350,8 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
             f"{path}: {content['name']} holds {frames.dtype} values of shape {frames.shape}; RF frames are a matrix of "
             "real numbers (frames, bins). For complex baseband save it as .npz and see the reader 'arrays'."
         )
+    for fact in (fact for fact in FACTS if fact in content and content[fact].dtype.kind not in "fiub"):
+        raise RecordingError(f"{path}: {fact} holds {content[fact].dtype} values; it must hold real numbers")
     check_shape(path, frames)
     check_finite(path, frames)
     if np.any(np.asarray(content.get("baseband", 0)) != 0):
