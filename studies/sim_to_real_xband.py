@@ -147,7 +147,7 @@ RULES: dict[str, Rule] = {
     f"p < {ABSTAIN_BELOW:g}": unsure,
     f"novelty, {KEPT:.0%} kept": novel,
     "p and novelty": lambda *given: unsure(*given) | novel(*given),
-    f"{FALSE_PEOPLE:.0%} of held animals human": rarely_human,
+    f"{FALSE_PEOPLE:.0%} of held-out animals human": rarely_human,
     "that and novelty": lambda *given: rarely_human(*given) | novel(*given),
 }
 
@@ -226,7 +226,7 @@ def model_table(scored: list[Scored], labels: npt.NDArray[np.str_]) -> str:
         digits = (0, 2, 2, 0, 1, 1, 1)
         rows.append([name, *(spread(column, n) for column, n in zip(np.transpose(cells), digits, strict=True))])
     head = (
-        "model", "held synthetic, balanced %", "AUC people, dogs", "AUC people, others",
+        "model", "held-out synthetic, balanced %", "AUC people, dogs", "AUC people, others",
         "people and dogs, balanced %", f"people right of {person.sum()}", f"dogs not called human of {dog.sum()}",
         f"others called human of {other.sum()}",
     )  # fmt: skip
@@ -259,7 +259,7 @@ def rule_table(scored: list[Scored], labels: npt.NDArray[np.str_]) -> str:
     head = (
         "abstention", f"people right of {person.sum()}", "people abstained", f"dogs right of {dog.sum()}",
         "dogs called human", "dogs abstained", f"others called human of {other.sum()}", "others abstained",
-        "held synthetic decided %", *(f"{kind} called human %" for kind in kinds),
+        "held-out synthetic decided %", *(f"{kind} called human %" for kind in kinds),
     )  # fmt: skip
     return tables.markdown(head, rows)
 
