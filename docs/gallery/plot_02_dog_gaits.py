@@ -2,7 +2,7 @@
 A dog's gaits
 =============
 
-Walk, pace, trot, canter and gallop of one dog, each at a speed that is usual for it.
+Walk, pace, trot, canter and gallop of one dog, each at its usual speed.
 """
 
 # sphinx_gallery_thumbnail_number = 3
@@ -11,8 +11,8 @@ import doppelgait as dg
 from doppelgait import viz
 
 # %%
-# The model sets the legs by the gait's phases and duty factors; speeds are chosen by the Froude number v²/(g h), so
-# that the same numbers fit a terrier and a wolfhound.
+# The model moves the legs by the phases and duty factors of the gait. Speeds are set by the Froude number v²/(g h), so
+# the same numbers fit a terrier and a wolfhound.
 
 FROUDE = {"walk": 0.25, "pace": 0.6, "trot": 0.9, "canter": 1.6, "gallop": 2.2}
 radar = dg.Radar.preset("x4", prf_hz=1600)  # a galloping paw would alias at 1000 Hz
@@ -29,8 +29,8 @@ def seen(gait: str, froude: float):
 dogs = {gait: seen(gait, froude) for gait, froude in FROUDE.items()}
 
 # %%
-# Two gaits of the same animal, from the side. In a trot the diagonal legs swing together, in a gallop both hind legs
-# and then both fore legs, and the trunk pitches.
+# Two gaits of the same animal, from the side. In a trot the diagonal legs swing together. In a gallop both hind legs
+# swing, then both fore legs, and the trunk pitches.
 
 figure = viz.stick_frames(dg.motion.quadruped_gait(gait="trot", froude=0.9, withers_m=0.45), title="Trot")
 
@@ -39,7 +39,7 @@ figure = viz.stick_frames(dg.motion.quadruped_gait(gait="trot", froude=0.9, with
 figure = viz.stick_frames(dg.motion.quadruped_gait(gait="gallop", froude=2.2, withers_m=0.45), title="Gallop")
 
 # %%
-# One page, one scale.
+# All signatures on one scale.
 
 figure = viz.contact_sheet(
     [result.signature for _, result in dogs.values()],
@@ -47,8 +47,8 @@ figure = viz.contact_sheet(
 )
 
 # %%
-# A symmetric gait (walk, pace, trot) looks the same after half a stride, so the signature repeats twice a stride;
-# canter and gallop repeat once. ``gait_frequency_hz`` is that of the signature.
+# A symmetric gait (walk, pace, trot) looks the same after half a stride, so its signature repeats twice a stride.
+# Canter and gallop repeat once. ``gait_frequency_hz`` is the repetition rate of the signature.
 
 print("gait      speed   found   true    stride  step or stride length")
 for gait, (recording, result) in dogs.items():
@@ -59,6 +59,6 @@ for gait, (recording, result) in dogs.items():
     )
 
 # %%
-# **What to look at.** The bright line is the trunk. It waves twice a stride in walk and trot, once in canter and
-# gallop, which is what the gait frequency counts: ``gait_frequency_hz`` against ``stride``. The paws are weak (a
-# hundredth of the power) and quick.
+# **What to look at.** The bright line is the trunk. Its velocity oscillates twice a stride in walk and trot, once in
+# canter and gallop. The gait frequency counts these periods: compare ``found`` with ``stride``. The paws are weak (a
+# hundredth of the power) and fast.

@@ -2,7 +2,7 @@
 Person or dog: six features
 ===========================
 
-The same speed, the same radar cross section, the same place: what is left to tell a person from a dog?
+A person and a dog have the same speed, radar cross section and position. Which features still separate them?
 """
 
 import numpy as np
@@ -16,21 +16,21 @@ rng = np.random.default_rng(3)
 
 
 def look(motion, label: str, *, snr_db: float = 20.0, example: int = 0):
-    """Result of one mover that approaches at 5 m."""
+    """Result of one target that approaches at 5 m."""
     target = dg.Target(motion, label=label, range_m=5.0, rcs=dg.scene.RcsSpec(total_m2=0.5))
     recording = dg.simulate(dg.Scene(targets=[target]), radar, rng=dg.Streams(3, example), snr_db=snr_db)
     return dg.analyze(recording, gate="truth")[0]
 
 
 # %%
-# A person and a dog at 1.3 m/s. The dog's legs are shorter: it steps more often, and its paws swing less far.
+# A person and a dog at 1.3 m/s. The dog's legs are shorter: it takes more steps, and its paws swing less far.
 
 person = look(dg.motion.human_gait(speed_mps=1.3, duration_s=2.5), "human")
 dog = look(dg.motion.quadruped_gait(gait="trot", speed_mps=1.3, withers_m=0.5, duration_s=2.5), "dog")
 figure = viz.contact_sheet([person.signature, dog.signature], titles=["person", "dog"])
 
 # %%
-# The step-Doppler map shows the rhythm: which Doppler shifts repeat how often.
+# The cadence-velocity diagram shows how often each Doppler shift repeats.
 
 figure = viz.step_doppler(person.cadence_map, gait_frequency_hz=person.gait_frequency_hz, title="Person")
 
@@ -39,7 +39,7 @@ figure = viz.step_doppler(person.cadence_map, gait_frequency_hz=person.gait_freq
 figure = viz.step_doppler(dog.cadence_map, gait_frequency_hz=dog.gait_frequency_hz, title="Dog")
 
 # %%
-# Twenty of each, of all sizes and speeds.
+# Twenty of each, with random sizes and speeds.
 
 rows = []
 for _ in range(20):
@@ -53,13 +53,13 @@ table = pd.DataFrame(rows).astype({name: float for name in person.features.as_di
 figure = viz.feature_matrix(table)
 
 # %%
-# Two of them side by side.
+# Two of the features.
 
 figure = viz.feature_scatter(table, x="torso_velocity_mps", y="step_length_m")
 
 # %%
-# **What to look at.** Speed alone (horizontal) tells little. At equal speed the dog's step is the shorter one. A
-# feature that could not be determined is not a number and is counted in the legend, never guessed.
+# **What to look at.** Speed alone (horizontal) separates the classes poorly. At equal speed the dog's step is shorter.
+# A feature that could not be determined is NaN and is counted in the legend.
 
 print(
     table.groupby("label")[["step_length_m", "doppler_bandwidth_hz", "harmonic_ratio_2"]]

@@ -2,7 +2,7 @@
 Aspect angle
 ============
 
-A radar sees only the part of a velocity along its line of sight. What is left of a walk seen from the side?
+A radar measures only the velocity along its line of sight. This page shows one walk from six directions.
 """
 
 import math
@@ -16,7 +16,7 @@ ASPECTS_DEG = (0, 30, 60, 75, 90, 180)
 
 
 def seen_at(aspect_deg: float):
-    """Result of the same walk, turned; 0 approaches, 180 goes away."""
+    """Result of the same walk, turned; 0 approaches, 180 recedes."""
     target = dg.Target(walk, label="human", range_m=5.0, aspect_deg=aspect_deg)
     return dg.analyze(dg.simulate(dg.Scene(targets=[target]), radar, rng=dg.rng(0), snr_db=25), gate="truth")[0]
 
@@ -27,8 +27,9 @@ figure = viz.contact_sheet(
 )
 
 # %%
-# The torso's Doppler shift goes with the cosine. Beyond some 60 degrees the limbs no longer stand out of it, and the
-# strongest repetition may be the sway of the whole stride instead of the step: the result says so with a flag.
+# The torso's Doppler shift is proportional to the cosine of the aspect angle. Beyond about 60 degrees the limbs overlap
+# with the torso, and the strongest repetition may be the sway of the whole stride instead of the step. A flag marks
+# such results.
 
 print("aspect  torso velocity  cosine law   gait frequency  flags")
 for aspect, result in results.items():
@@ -41,8 +42,8 @@ for aspect, result in results.items():
     )
 
 # %%
-# **What to look at.** The ground speed and the aspect can still be had, from the curve of range against time: they
-# stand in ``quality`` and use nothing but the recording.
+# **What to look at.** Ground speed and aspect are still measured, from the curve of range against time. They are in
+# ``quality`` and use only the recording.
 
 for aspect, result in results.items():
     quality = result.quality

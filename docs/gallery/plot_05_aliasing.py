@@ -2,7 +2,7 @@
 Pulse rate and aliasing
 =======================
 
-A radar that looks f times a second cannot tell a Doppler shift of f/2 + x from one of -f/2 + x.
+A radar with f frames a second cannot separate a Doppler shift of f/2 + x from one of -f/2 + x.
 """
 
 import warnings
@@ -22,11 +22,11 @@ for prf_hz in (1000, 500, 250):
     print(f"{prf_hz} Hz: +-{dg.Radar.preset('x4', prf_hz=prf_hz).unambiguous_velocity_mps:.2f} m/s")
 
 # %%
-# The simulator does what the radar would do, and says what will come of it.
+# The simulator does what the radar would do, and warns of aliasing.
 
 
 def seen_with(prf_hz: float):
-    """Signature at a pulse rate; the full Doppler band is drawn."""
+    """Recording and result at a pulse rate; warnings are printed."""
     radar = dg.Radar.preset("x4", prf_hz=prf_hz)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
@@ -40,16 +40,16 @@ good, enough = seen_with(1000)
 figure = viz.signature(enough.signature, doppler_hz=(-250, 500), title="1000 frames a second")
 
 # %%
-# With 250 frames a second the feet leave the band at +125 Hz and come back at -125 Hz, where a receding target would
-# be. The lines are the true Doppler shifts.
+# With 250 frames a second the feet leave the band at +125 Hz and reappear at -125 Hz, like a receding target. The
+# lines are the true Doppler shifts.
 
 poor, folded = seen_with(250)
 truth = viz.scatterer_doppler(poor.truth[0].scatterers, wavelength_m=poor.radar.wavelength_m)
 figure = viz.signature(folded.signature, truth_doppler=truth, doppler_hz=(-125, 125), title="250 frames a second")
 
 # %%
-# **What to look at.** The torso's velocity survives, as it is inside the band; the bandwidth does not, and the flags
-# say so.
+# **What to look at.** The torso's velocity is right, because it is inside the band. The bandwidth is wrong, and a flag
+# marks it.
 
 for prf_hz, result in ((1000, enough), (250, folded)):
     features = result.features.as_dict()

@@ -2,8 +2,8 @@
 The processing interval
 =======================
 
-A long interval resolves velocity, a short one time. A walking body has both slow and quick parts, so one choice has to
-do for all.
+A long interval resolves velocity, a short one resolves time. A walking body has slow and fast parts, so one interval is
+a compromise.
 """
 
 import doppelgait as dg
@@ -15,7 +15,7 @@ recording = dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(0), snr_db=25)
 
 # %%
 # The interval T_d is ``cpi_s``. Velocity cells are about λ/(2 T_d) wide: 0.8 m/s at 25 ms, 0.2 m/s at 100 ms (the
-# default), 0.05 m/s at 400 ms. In that time a foot that swings changes its velocity by several m/s.
+# default), 0.05 m/s at 400 ms. In 400 ms a swinging foot changes its velocity by several m/s.
 
 INTERVALS_S = (0.025, 0.05, 0.1, 0.2, 0.4)
 results = {cpi_s: dg.analyze(recording, gate="truth", analysis=dg.Analysis(cpi_s=cpi_s))[0] for cpi_s in INTERVALS_S}
@@ -25,7 +25,7 @@ figure = viz.contact_sheet(
 )  # fmt: skip
 
 # %%
-# What the features make of it.
+# The features at each interval.
 
 print("interval   v_m        bandwidth  gait frequency  limb-to-torso ratio")
 for cpi_s, result in results.items():
@@ -36,7 +36,7 @@ for cpi_s, result in results.items():
     )
 
 # %%
-# **What to look at.** At 25 ms torso and limbs melt into one band; at 400 ms a step (0.55 s) is hardly longer than
-# the interval and the limbs are smeared into haze (and half an interval is missing at either end). The gait frequency
-# bears a wide range of intervals, the bandwidth and the limb-to-torso ratio do not: compare these only between
-# recordings that were analysed alike.
+# **What to look at.** At 25 ms torso and limbs merge into one band. At 400 ms a step (0.55 s) is hardly longer than the
+# interval, the limbs are blurred, and half an interval is missing at either end. The gait frequency tolerates a wide
+# range of intervals. The bandwidth and the limb-to-torso ratio do not: compare them only between recordings with the
+# same analysis.

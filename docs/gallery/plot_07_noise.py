@@ -2,7 +2,7 @@
 Noise, and what "SNR" means
 ===========================
 
-Two ratios are called signal-to-noise ratio here, one before and one after the analysis. Side by side:
+doppelgait has two signal-to-noise ratios, one before and one after the analysis.
 """
 
 import doppelgait as dg
@@ -13,17 +13,16 @@ scene = dg.Scene(targets=[dg.Target(walk, label="human", range_m=5.0)])
 radar = dg.Radar.preset("x4")
 
 # %%
-# **Of a frame**: time mean of the strongest range bin's power over the noise power in a bin. It is what ``snr_db``
-# asks for and what ``recording.snr_frame_db`` states. Without ``snr_db`` the noise is the receiver's own, from its
-# noise figure and bandwidth, and the ratio follows from power, antennas, range and cross section.
+# **SNR of a frame**: time mean of the strongest range bin's power over the noise power in a bin. ``snr_db`` sets it and
+# ``recording.snr_frame_db`` states it. Without ``snr_db`` the noise follows from the receiver's noise figure and
+# bandwidth, and the ratio from power, antennas, range and cross section.
 
 print(f"thermal noise: {dg.simulate(scene, radar, rng=dg.rng(0)).snr_frame_db:.1f} dB")
 
 # %%
-# **Of the signature**: the strongest Doppler cell of a column over the noise in a cell, as a median over time. It is
-# in ``quality["snr_mu_db"]``, measured on the data alone. Adding 100 pulses in phase lifts a steady echo by 20 dB,
-# less what the window costs; but the gate adds the noise of all its 31 range bins (15 dB), and a body is not one
-# steady echo.
+# **SNR of the signature**: the strongest Doppler cell of a column over the noise in a cell, as a median over time. It
+# is in ``quality["snr_mu_db"]``, measured on the data alone. 100 pulses added in phase raise a steady echo by 20 dB,
+# minus the loss of the window. The gate adds the noise of its 31 range bins (15 dB), and a body is not one steady echo.
 
 LEVELS_DB = (25, 15, 10, 5, 0, -5)
 results = {}
@@ -48,6 +47,6 @@ for snr_db, result in results.items():
     )
 
 # %%
-# **What to look at.** The feet's arcs go first, then the arms, and the torso's line last. The harmonics are lost
-# early, the rhythm and the torso's velocity hold down to about 0 dB; below that everything is undetermined, and
-# nothing is guessed.
+# **What to look at.** As the SNR falls, the arcs of the feet disappear first, then the arms, and the torso's line last.
+# The harmonics are lost early. The gait frequency and the torso's velocity hold down to about 0 dB. Below that all
+# features are undetermined (None).

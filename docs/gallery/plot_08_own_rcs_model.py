@@ -2,7 +2,7 @@
 Radar cross sections, built in and your own
 ===========================================
 
-How much each part of a body sends back decides what stands out in a signature.
+The share of each body part in the radar cross section determines which parts are strong in a signature.
 """
 
 from typing import Literal
@@ -20,9 +20,9 @@ walk = dg.motion.human_gait(speed_mps=1.3, duration_s=2.5)
 radar = dg.Radar.preset("x4")
 
 # %%
-# **Built in.** ``equal`` gives every point the same, as the report did, and makes the limbs too strong.
-# ``body_parts`` (the default where the points' parts are known) weighs them. ``ellipsoids`` makes one scatterer per
-# body segment, whose cross section depends on the direction from which it is seen.
+# **Built in.** ``equal`` gives every point the same share, as in the report, and makes the limbs too strong.
+# ``body_parts`` (the default if the parts of the points are known) weights them. ``ellipsoids`` makes one scatterer per
+# body segment, with a cross section that depends on the direction to the radar.
 
 
 def seen_as(rcs, *effects):
@@ -38,9 +38,9 @@ figure = viz.contact_sheet(
 )
 
 # %%
-# **Your own.** Before the radar, everything is a table: range, radial velocity, direction and cross section of every
+# **Your own.** Before the radar, a scene is a table: range, radial velocity, direction and cross section of every
 # scatterer at every pulse. A function from table to table, with its parameters, becomes an entry of
-# ``[[environment]]``. This one puts reflecting shoes on the walker.
+# ``[[environment]]``. This one adds reflectors to the walker's shoes.
 
 
 class ShinyShoes(FrozenModel):
@@ -61,9 +61,9 @@ def apply_shiny_shoes(scatterers: xr.Dataset, spec: ShinyShoes, setting: Setting
 dg.plugin("environment", parameters=ShinyShoes)(apply_shiny_shoes)
 
 # %%
-# From here on ``kind = "shiny_shoes"`` is allowed in scenes and plans of this process; a package makes it known
-# everywhere by an entry point (see the how-to). A model that depends on the direction asks for ``needs_angles`` and
-# finds ``aspect``, ``azimuth`` and ``elevation`` in the table, in radians.
+# ``kind = "shiny_shoes"`` is now allowed in scenes and plans of this process. A package registers it for all processes
+# by an entry point (see the how-to). A model that depends on the direction sets ``needs_angles``; the table then has
+# ``aspect``, ``azimuth`` and ``elevation``, in radians.
 
 plain = results["body_parts"]
 shiny = seen_as("body_parts", {"kind": "shiny_shoes", "gain_db": 15})
@@ -72,9 +72,9 @@ figure = viz.contact_sheet(
 )
 
 # %%
-# **What to look at.** The feet's arcs come up, and so does a line at 0 Hz, because a foot stands still for most of a
-# stride. A steady line is no rhythm: the limb-to-torso ratio, repeating over lasting power, falls. The gait frequency
-# hardly moves: it does not depend on which part shines how much.
+# **What to look at.** The arcs of the feet become stronger, and so does a line at 0 Hz, because a foot stands still for
+# most of a stride. This constant line does not repeat, so the limb-to-torso ratio (repeating over constant power) falls.
+# The gait frequency hardly changes: it does not depend on the level of each part.
 
 for name, result in {**results, "shiny shoes": shiny}.items():
     ratio = result.features.as_dict()["limb_torso_ratio"]

@@ -2,7 +2,7 @@
 One walk, three radars
 ======================
 
-An impulse radar at 7.3 GHz, an FMCW radar at 24 GHz and one of your own: what changes is the scale.
+An impulse radar at 7.3 GHz, an FMCW radar at 24 GHz and a radar of your own see one walk. Only the scale differs.
 """
 
 import doppelgait as dg
@@ -12,8 +12,8 @@ walk = dg.motion.human_gait(speed_mps=1.2, duration_s=3.0)
 scene = dg.Scene(targets=[dg.Target(walk, label="human", range_m=5.0)], radar_position_m=(0, 0, 1))
 
 # %%
-# A preset with single parameters changed, or a radar from nothing. Impossible combinations are refused with the
-# parameter's name.
+# A radar is a preset with some parameters changed, or has all parameters of your own. Impossible combinations raise an
+# error that names the parameter.
 
 radars = {
     "X4, 7.29 GHz, pulses": dg.Radar.preset("x4"),
@@ -30,7 +30,7 @@ for name, radar in radars.items():
     )
 
 # %%
-# The same scene through each.
+# The same scene with each radar.
 
 recordings = {name: dg.simulate(scene, radar, rng=dg.rng(0), snr_db=25) for name, radar in radars.items()}
 results = {name: dg.analyze(recording, gate="truth")[0] for name, recording in recordings.items()}
@@ -45,9 +45,8 @@ figure = viz.signature(results["24 GHz, FMCW"].signature, title="FMCW, 24 GHz")
 figure = viz.signature(results["my own, 10 GHz, FMCW"].signature, title="My own, 10 GHz")
 
 # %%
-# **What to look at.** The right axis, velocity, is the same picture each time; the left one, Doppler, goes with the
-# carrier. Features in m/s and m agree; the bandwidth in Hz does not, and is divided by the carrier before radars are
-# compared.
+# **What to look at.** On the right axis, velocity, the pictures are the same. The left axis, Doppler, scales with the
+# carrier. Features in m/s and m agree. The bandwidth in Hz does not: convert it to m/s before you compare radars.
 
 for name, result in results.items():
     features = result.features.as_dict()

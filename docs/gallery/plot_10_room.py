@@ -2,8 +2,8 @@
 A furnished room, without the truth
 ===================================
 
-Static echoes far stronger than the person, a partition, a reflecting floor, a fan, an unsteady clock, and no hint where
-the target is.
+The room has static echoes far stronger than the person, a partition, a reflecting floor, a fan and an unsteady clock.
+The analysis finds the person without the true position.
 """
 
 # sphinx_gallery_thumbnail_number = 3
@@ -21,7 +21,7 @@ fan = dg.Target(
 scene = dg.Scene(targets=[person, fan], radar_position_m=(0, 0, 1.2), radar_tilt_deg=-5)
 
 # %%
-# What stands between an ideal recording and a real one is a list of tables, the same as in a scene file.
+# Environment and impairments are lists of tables, the same as in a scene file.
 
 room = dg.pipeline.Conditions(
     environment=[
@@ -37,7 +37,7 @@ recording = dg.simulate(scene, radar, rng=dg.rng(5), conditions=room)
 figure = viz.range_time(recording.baseband, title="As recorded")
 
 # %%
-# The static echoes are all one sees. Taken off by the median of short means, the walker stands out.
+# The recording shows only the static echoes. With clutter removal (the median of short means) the walker is visible.
 
 cleared = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="median"))
 found = dg.analyze(recording, gate="track")
@@ -46,13 +46,13 @@ figure = viz.range_time(
 )
 
 # %%
-# The signature of the longest track. Nothing in it knows the truth, not even how many targets there are.
+# The signature of the first target found. The tracking does not use the truth, not even the number of targets.
 
 figure = viz.signature(found[0].signature, main_line_hz=found[0].main_line_hz)
 
 # %%
-# **What to look at.** What was found against what is true, which only the last column uses. The furniture is gone
-# from the picture; what is left of it is a little noise below 1 m, the jitter of the clock on the strongest echoes.
+# **What to look at.** Compare the tracked features with those of the true gate; only the last column uses the truth. The
+# furniture is removed from the picture. A little noise remains below 1 m: the jitter of the clock on the strongest echoes.
 
 truth = dg.analyze(recording, gate="truth", analysis=dg.Analysis(clutter="median"))[0]
 print(f"targets found: {len(found)}")

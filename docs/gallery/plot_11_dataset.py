@@ -2,7 +2,7 @@
 A dataset and a classifier
 ==========================
 
-A plan, a folder of labelled examples, a classifier: in one page.
+A plan, a folder of labelled examples and a classifier, on one page.
 """
 
 import tempfile
@@ -12,8 +12,8 @@ import doppelgait as dg
 from doppelgait import viz
 
 # %%
-# **The plan** is a scene file with distributions instead of numbers. Whatever is not the class is drawn by one law
-# for all of them.
+# **The plan** is a scene file with distributions instead of numbers. All other parameters have the same distributions
+# in every class.
 
 PLAN = """
 [dataset]
@@ -50,7 +50,8 @@ folder = Path(tempfile.mkdtemp())
 plan, _ = dg.dataset.load_plan(folder / "plan.toml")
 
 # %%
-# **Built** on all processors by ``doppelgait dataset build``; here in this process. Nobody is in two splits.
+# **Build.** ``doppelgait dataset build`` uses all processors; here the dataset is built in this process. No subject is
+# in two splits.
 
 report = dg.dataset.build_dataset(plan, folder / "garden-gate", executor="serial")
 dataset = dg.open_dataset(folder / "garden-gate")
@@ -58,13 +59,13 @@ print(f"{len(dataset)} examples, {report.bytes / 1e6:.1f} MB")
 print(dataset.index.groupby(["split", "label"]).size().unstack())
 
 # %%
-# **A look** at some: labelled arrays, as ``analyze`` returns them.
+# **Examples** are labelled arrays, as ``analyze`` returns them.
 
 shown = [dataset[name] for name in ("human-000000", "human-000001", "dog-000000", "dog-000001")]
 figure = viz.contact_sheet([example.signature for example in shown], titles=[example.id for example in shown])
 
 # %%
-# **A classifier** from scikit-learn, which takes undetermined features as they are.
+# **A classifier** from scikit-learn. It accepts undetermined features (NaN).
 
 from sklearn.ensemble import HistGradientBoostingClassifier  # noqa: E402
 from sklearn.metrics import balanced_accuracy_score, confusion_matrix  # noqa: E402
@@ -76,8 +77,8 @@ print("balanced accuracy", round(balanced_accuracy_score(y_test, model.predict(X
 print(confusion_matrix(y_test, model.predict(X_test), labels=["human", "dog"]))
 
 # %%
-# **What to look at.** How little so few rows prove, drawn from the same models as those learnt from. ``doppelgait
-# evaluate`` states intervals, compares with chance and with what the plan could give away, and draws the report.
+# **What to look at.** So few rows, from the same models as the training data, prove little. ``doppelgait evaluate``
+# states intervals, compares with chance and with a leakage test, and writes a report.
 
 table = dataset.index.rename(columns=lambda name: name.removeprefix("feature_"))
 figure = viz.feature_scatter(table, x="torso_velocity_mps", y="step_length_m")

@@ -2,7 +2,8 @@
 A feature of your own
 =====================
 
-Beside the six, 26 features come with the package. One more is a function, a unit and the place it comes from.
+doppelgait computes the six features and 27 extended ones. To add a feature, write a function and state its unit and
+source.
 """
 
 # sphinx_gallery_thumbnail_number = 2
@@ -15,23 +16,23 @@ from doppelgait import viz
 from doppelgait.features import Observed
 
 # %%
-# The function gets one target's processed signature (:class:`doppelgait.features.observed.Observed`), with what
-# several features share already made. It is called only where what it ``needs`` is known; None means undetermined.
-# This one: for which share of the time is something quicker than twice the torso?
+# The function takes one target's processed signature (:class:`doppelgait.features.observed.Observed`), with the
+# quantities that several features share. It is called only where everything that it ``needs`` is known. None means
+# undetermined. This feature is the share of the time in which a limb is faster than twice the torso.
 
 
 @dg.plugin(
     "feature", "quick_time_share", unit="1", source="ours: time with quick limbs", needs=("direction", "envelope")
 )
 def quick_time_share(observed: Observed) -> float | None:
-    """Share of the columns whose leading envelope is beyond twice the torso's velocity."""
+    """Share of the columns with a forward envelope beyond twice the torso's velocity."""
     torso_mps = abs(float(observed.line_mps.mean()))
     return float(np.mean(observed.forward_mps > torso_mps))  # envelope, relative to the torso's line
 
 
 # %%
-# It is now computed with every analysis, is stored in every dataset (column ``extended_quick_time_share``) and is
-# seen by the classifiers ``extended-*``.
+# Every analysis now computes the feature. Every dataset stores it (column ``extended_quick_time_share``), and the
+# classifiers ``extended-*`` use it.
 
 rng = np.random.default_rng(4)
 radar = dg.Radar.preset("x4", prf_hz=1300)
@@ -47,9 +48,9 @@ table = pd.DataFrame(rows)
 figure = viz.feature_scatter(table, x="torso_velocity_mps", y="quick_time_share", title="Time with quick limbs")
 
 # %%
-# **What to look at.** Whether it tells the classes apart better than what is there already. Drawn beside its rivals:
-# it does not, ``limb_share`` does (whose distance rests on the radar cross sections that the models assume). So this
-# one may go again, as most features do.
+# **What to look at.** Does the new feature separate the classes better than the existing ones? It does not;
+# ``limb_share`` does (but its separation depends on the radar cross sections that the models assume). Most new features
+# are not worth keeping.
 
 figure = viz.feature_matrix(table, features=["quick_time_share", "limb_share", "far_limb_share"])
 print(table.groupby("label")["quick_time_share"].describe()[["count", "mean", "std"]].round(3))
