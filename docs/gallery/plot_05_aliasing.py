@@ -48,8 +48,8 @@ truth = viz.scatterer_doppler(poor.truth[0].scatterers, wavelength_m=poor.radar.
 figure = viz.signature(folded.signature, truth_doppler=truth, doppler_hz=(-125, 125), title="250 frames a second")
 
 # %%
-# **What to look at.** The torso's velocity is right, because it is inside the band. The bandwidth is wrong, and a flag
-# marks it.
+# **What to look at.** The torso's velocity changes by 3 %, because it is inside the band. The bandwidth is wrong, and a
+# flag marks it.
 
 for prf_hz, result in ((1000, enough), (250, folded)):
     features = result.features.as_dict()

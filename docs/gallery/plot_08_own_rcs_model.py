@@ -73,8 +73,8 @@ figure = viz.contact_sheet(
 
 # %%
 # **What to look at.** The arcs of the feet become stronger, and so does a line at 0 Hz, because a foot stands still for
-# most of a stride. This constant line does not repeat, so the limb-to-torso ratio (repeating over constant power) falls.
-# The gait frequency hardly changes: it does not depend on the level of each part.
+# most of a stride. This constant line does not repeat, so the limb-to-torso ratio (repeating over constant power)
+# falls. The gait frequency hardly changes: it does not depend on the level of each part.
 
 for name, result in {**results, "shiny shoes": shiny}.items():
     ratio = result.features.as_dict()["limb_torso_ratio"]

@@ -51,8 +51,9 @@ figure = viz.range_time(
 figure = viz.signature(found[0].signature, main_line_hz=found[0].main_line_hz)
 
 # %%
-# **What to look at.** Compare the tracked features with those of the true gate; only the last column uses the truth. The
-# furniture is removed from the picture. A little noise remains below 1 m: the jitter of the clock on the strongest echoes.
+# **What to look at.** Compare the tracked features with those of the true gate; only the last column uses the truth.
+# The furniture is removed from the picture. A little noise remains below 1 m: the jitter of the clock on the strongest
+# echoes.
 
 truth = dg.analyze(recording, gate="truth", analysis=dg.Analysis(clutter="median"))[0]
 print(f"targets found: {len(found)}")
