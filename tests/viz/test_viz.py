@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +17,7 @@ from matplotlib.figure import Figure
 
 import processes
 from doppelgait import motion, viz
-from doppelgait.core.errors import AnalysisError, OutputError
+from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
 from doppelgait.core.labels import (
     BASEBAND,
     CADENCE_MAP,
@@ -603,8 +606,61 @@ def test_failed_save_leaves_the_old_file(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     with pytest.raises(OutputError, match="cannot be written"):
         viz.save_figure(viz.signature(make_signature()), tmp_path / "nowhere" / "a.png")
-    with pytest.raises(AnalysisError, match=r"end the name in \.png"):
+    with pytest.raises(AnalysisError, match=r"in \.png, \.svg or \.pdf"):
         viz.save_figure(viz.signature(make_signature()), tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize(("suffix", "head"), [(".svg", b"<?xml"), (".PDF", b"%PDF")])
+def test_vector_files_keep_the_axes_words_and_their_bytes(tmp_path: Path, suffix: str, head: bytes) -> None:
+    files = [viz.save_figure(viz.signature(make_signature()), tmp_path / f"{n}{suffix}") for n in range(2)]
+    assert files[0].read_bytes().startswith(head)
+    assert files[0].read_bytes() == files[1].read_bytes()
+    assert b"Date" not in files[0].read_bytes()
+
+
+# axes of the user ----------------------------------------------------------------------------------------------------
+
+
+def single_panels() -> dict[str, Callable[..., Figure]]:
+    return {
+        "signature": partial(viz.signature, make_signature(), main_line_hz=80.0),
+        "range_time": partial(viz.range_time, make_baseband(), tracks=make_gate()),
+        "range_doppler_map": partial(viz.range_doppler_map, make_range_doppler(), gate=make_gate()),
+        "step_doppler": partial(viz.step_doppler, make_cadence_map()),
+        "cadence_spectrum": partial(viz.cadence_spectrum, make_spectrum()),
+        "mean_doppler_spectrum": partial(
+            viz.mean_doppler_spectrum, np.ones(64), doppler_hz=DOPPLER_HZ, wavelength_m=WAVELENGTH_M
+        ),
+        "range_lines": partial(viz.range_lines, make_scatterers()),
+        "doppler_lines": partial(viz.doppler_lines, make_scatterers(), wavelength_m=WAVELENGTH_M),
+        "feature_scatter": partial(viz.feature_scatter, make_table(), x="torso_velocity_mps", y="step_length_m"),
+    }
+
+
+@pytest.mark.parametrize("name", single_panels())
+def test_single_panels_take_the_axes_of_a_figure_of_the_user(name: str) -> None:
+    figure = Figure(layout="constrained")
+    left, right = figure.subplots(1, 2)
+    plot = single_panels()[name]
+    assert plot(ax=right) is figure
+    assert not left.has_data()
+    alone = plot().axes[0]
+    assert (right.get_title(loc="left"), right.get_ylabel()) == (alone.get_title(loc="left"), alone.get_ylabel())
+    assert len(right.lines) == len(alone.lines) > 0 or len(right.images) + len(right.collections) > 0
+    assert not figure.legends, "a legend of the figure would cover the user's other panels"
+    words = alone.get_legend_handles_labels()[1]
+    assert [
+        text.get_text() for text in (right.get_legend().get_texts() if words and right.get_legend() else [])
+    ] == words
+    with pytest.raises(ConfigError, match=r"ax: int is not allowed; make axes with matplotlib\.pyplot\.subplots"):
+        plot(ax=3)
+
+
+def test_every_plot_function_of_one_panel_takes_axes() -> None:
+    several = {"contact_sheet", "feature_matrix", "overview", "signature_normalisation", "stick_frames"}
+    plots = {name for name in viz.__all__ if name not in several | {"save_figure", "scatterer_doppler"}}
+    assert plots == set(single_panels())
+    assert all("ax" in inspect.signature(getattr(viz, name)).parameters for name in plots)
 
 
 # errors --------------------------------------------------------------------------------------------------------------

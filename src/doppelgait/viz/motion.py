@@ -216,7 +216,7 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     return doppler_hz
 
 
-def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scatterer") -> Figure:
+def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scatterer", ax: Axes | None = None) -> Figure:
     """Plot the range of every scatterer over time.
 
     Lines are coloured by body part (the report's Fig. 2.13).
@@ -226,6 +226,8 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     scatterers : Dataset (slow_time, scatterer)
         With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is dashed.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -247,15 +249,19 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     True
     """
     lines = part_lines(_variable(scatterers, "range"))
-    figure, axes = new_axes()
+    figure, axes = new_axes(ax)
     draw_part_lines(axes, lines)
     _finish_lines(axes, lines.time_s, title=title, y="range (m)")
-    legend_below(figure, axes)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
 def doppler_lines(
-    scatterers: xr.Dataset, *, wavelength_m: float, title: str = "True Doppler of every scatterer"
+    scatterers: xr.Dataset,
+    *,
+    wavelength_m: float,
+    title: str = "True Doppler of every scatterer",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot the true Doppler shift of every scatterer over time.
 
@@ -268,6 +274,8 @@ def doppler_lines(
     wavelength_m : float
         Positive.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -288,13 +296,13 @@ def doppler_lines(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes()
+    figure, axes = new_axes(ax)
     velocity_axis(axes, wavelength_m)
     lines = part_lines(scatterer_doppler(scatterers, wavelength_m=wavelength_m))
     draw_part_lines(axes, lines)
     axes.axhline(0.0, color="black", lw=0.6, zorder=0)
     _finish_lines(axes, lines.time_s, title=title, y=DOPPLER_LABEL)
-    legend_below(figure, axes)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 

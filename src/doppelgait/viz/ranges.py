@@ -53,6 +53,7 @@ def range_time(
     tracks: xr.Dataset | Mapping[str, xr.Dataset] | None = None,
     db_range: float | None = None,
     title: str = "Range against time",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot the data matrix, dB (report's Fig. 3.14b, 3.15).
 
@@ -65,6 +66,8 @@ def range_time(
     db_range : float, optional
         Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -86,11 +89,11 @@ def range_time(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes()
+    figure, axes = new_axes(ax)
     image = draw_range_time(axes, baseband, tracks=tracks, db_range=db_range)
     name_axes(axes, title=title, x="time (s)", y="range (m)")
     colour_bar(image, axes, quantity="magnitude", reference="1 V")
-    legend_below(figure, axes)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
@@ -133,6 +136,7 @@ def range_doppler_map(
     gate: xr.Dataset | None = None,
     db_range: float | None = None,
     title: str = "Range-Doppler map",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot a range-Doppler map with gate (report's Fig. 4.5).
 
@@ -146,6 +150,8 @@ def range_doppler_map(
     db_range : float, optional
         Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -169,7 +175,7 @@ def range_doppler_map(
     True
     """
     checked(power, ONE_MAP)
-    figure, axes = new_axes()
+    figure, axes = new_axes(ax)
     level_db = level_db_of(power.values)
     image = draw_map(
         axes,
@@ -202,7 +208,7 @@ def range_doppler_map(
         )
     velocity_axis(axes, wavelength_m(power))
     colour_bar(image, axes, quantity="power", reference="1 V²")
-    legend_below(figure, axes)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 

@@ -47,6 +47,7 @@ def signature(
     db_range: float | None = None,
     doppler_hz: Limits | None = None,
     title: str = "Micro-Doppler signature",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot a signature, dB (report's Fig. 4.10, 4.11).
 
@@ -64,6 +65,8 @@ def signature(
     doppler_hz : (float, float), optional
         Doppler limits; by default the part of the axis that is occupied, 0 Hz and a margin.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -86,7 +89,7 @@ def signature(
     True
     """
     wavelength = wavelength_m(checked_signature(signature))
-    figure, axes = new_axes()
+    figure, axes = new_axes(ax)
     image = draw_signature(
         axes,
         signature,
@@ -98,7 +101,7 @@ def signature(
     name_axes(axes, title=title, x="time (s)", y=DOPPLER_LABEL)
     velocity_axis(axes, wavelength)
     colour_bar(image, axes, quantity="power", reference=reference_of(signature))
-    legend_below(figure, axes)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 

@@ -45,6 +45,7 @@ def cadence_spectrum(
     db_range: float = 40.0,
     amplitude: bool = False,
     title: str = "Cadence spectrum",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot a cadence spectrum in dB below its peak.
 
@@ -65,6 +66,8 @@ def cadence_spectrum(
     amplitude : bool
         Whether the values are amplitudes (20 log10) and not powers (10 log10).
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -86,7 +89,7 @@ def cadence_spectrum(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes(height_in=4.6)
+    figure, axes = new_axes(ax, height_in=4.6)
     draw_cadence_spectrum(
         axes, spectrum, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
         max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude,
@@ -157,6 +160,7 @@ def mean_doppler_spectrum(
     threshold: float | None = None,
     db_range: float = 40.0,
     title: str = "Mean Doppler spectrum",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot the mean Doppler spectrum below its peak, dB.
 
@@ -180,6 +184,8 @@ def mean_doppler_spectrum(
     db_range : float
         Range of the level axis, dB.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -207,7 +213,7 @@ def mean_doppler_spectrum(
         )
     if threshold is not None and not 0 < threshold < 1:
         raise AnalysisError(f"threshold is {threshold}; it is relative to the maximum, between 0 and 1")
-    figure, axes = new_axes(height_in=4.6)
+    figure, axes = new_axes(ax, height_in=4.6)
     level_db = levels_below_peak_db(power, db_range, amplitude=False)
     axes.plot(axis_hz, level_db, color=LINE, lw=1.3)
     axes.grid(color="#e0e0e0", lw=0.6)
@@ -267,6 +273,7 @@ def step_doppler(
     max_cadence_hz: float | None = None,
     db_range: float | None = None,
     title: str = "Step-Doppler map",
+    ax: Axes | None = None,
 ) -> Figure:
     """Plot a cadence-velocity diagram in dB (the report's Fig. 4.12).
 
@@ -281,6 +288,8 @@ def step_doppler(
     db_range : float, optional
         Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
     title : str
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -302,7 +311,7 @@ def step_doppler(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes()
+    figure, axes = new_axes(ax)
     image = draw_step_doppler(
         axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=max_cadence_hz, db_range=db_range
     )

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
+from threading import Lock
 from typing import Literal
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.files import atomic_path
 
 DPI = 110
+FIGURE_FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
+"""Formats of figure files, and what would change their bytes with day and version: it is left out."""
+_SETTINGS_LOCK = Lock()
 MAP_COLOURS = "magma"
 """Perceptually uniform; starts at black, so an empty room is dark."""
 OVERLAY_COLOURS = "gray"
@@ -79,8 +86,16 @@ def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bo
     return figure
 
 
-def new_axes(*, width_in: float = 10.5, height_in: float = 5.5) -> tuple[Figure, Axes]:
-    """Make a figure with one pair of axes."""
+def new_axes(
+    ax: Axes | None = None, *, width_in: float = 10.5, height_in: float = 5.5
+) -> tuple[Figure, Axes]:  # fmt: skip
+    """Make a figure with one pair of axes.
+
+    With ``ax``, these axes and their figure are returned.
+    """
+    if ax is not None:
+        check_type(ax, Axes, "ax", "make axes with matplotlib.pyplot.subplots()")
+        return ax.get_figure(root=True) or ax.figure, ax  # type: ignore[return-value]
     figure = new_figure(width_in=width_in, height_in=height_in)
     return figure, figure.add_subplot()
 
@@ -93,20 +108,24 @@ def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
     axes.tick_params(labelsize=9)
 
 
-def legend_below(figure: Figure, axes: Axes, *, columns: int = 6) -> None:
-    """Put a legend below the axes.
+def legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
+    """Put a legend below the axes, or inside them.
 
-    Without labelled artists there is none.
+    Without labelled artists there is none. Below, it needs a figure whose layout makes room.
     """
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+        legend = (
+            axes.legend(handles, labels, loc="best", fontsize=8)
+            if inside
+            else figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+        )
         for line in legend.get_lines():
             line.set(linewidth=max(line.get_linewidth(), 1.5), alpha=1.0)
 
 
 def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:
-    """Write a figure as PNG, complete or not at all.
+    """Write a figure as PNG, SVG or PDF, atomically.
 
     The same input gives the same bytes.
 
@@ -116,7 +135,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     ----------
     figure : Figure
     path : str or Path
-        Must end in ``.png``; the folder must exist.
+        Must end in ``.png``, ``.svg`` or ``.pdf``; the folder must exist.
     dpi : float, optional
         Pixels per inch; the figure's own by default.
 
@@ -128,7 +147,7 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     Raises
     ------
     AnalysisError
-        If the name does not end in ``.png``.
+        If the name has another ending.
     OutputError
         If the file cannot be written; an older file of that name is then untouched.
 
@@ -143,10 +162,13 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     'signature.png'
     """
     target = Path(path)
-    if target.suffix.lower() != ".png":
-        raise AnalysisError(f"{target}: figures are written as PNG; end the name in .png")
+    form = target.suffix.lower().removeprefix(".")
+    if form not in FIGURE_FORMATS:
+        raise AnalysisError(f"{target}: end the name of a figure in .png, .svg or .pdf")
     image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=dpi or figure.dpi, metadata={"Software": None})
+    names = rc_context({"svg.hashsalt": "doppelgait"}) if form == "svg" else nullcontext()  # otherwise random
+    with _SETTINGS_LOCK if form == "svg" else nullcontext(), names:
+        figure.savefig(image, format=form, dpi=dpi or figure.dpi, metadata=dict.fromkeys(FIGURE_FORMATS[form]))
     with atomic_path(target) as partial:
         partial.write_bytes(image.getvalue())
     return target

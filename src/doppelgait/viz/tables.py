@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
@@ -63,7 +64,9 @@ def _count(name: str, known: BoolArray, members: BoolArray) -> str:
     return f"{name} (n = {int((members & known).sum())}" + (f", {left_out} left out)" if left_out else ")")
 
 
-def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", title: str | None = None) -> Figure:
+def feature_scatter(
+    table: pd.DataFrame, *, x: str, y: str, by: str = "label", title: str | None = None, ax: Axes | None = None
+) -> Figure:
     """Plot one feature against another by class (report's Fig. 5.8).
 
     Parameters
@@ -76,6 +79,8 @@ def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", t
     by : str
         Column of the class.
     title : str, optional
+    ax : Axes, optional
+        Where to plot; a figure of its own by default.
 
     Returns
     -------
@@ -99,7 +104,7 @@ def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", t
     """
     values, classes = _columns(table, (x, y), by)
     known = np.isfinite(values[x]) & np.isfinite(values[y])
-    figure, axes = new_axes(width_in=9.5, height_in=6.0)
+    figure, axes = new_axes(ax, width_in=9.5, height_in=6.0)
     size = float(np.clip(4000.0 / len(classes), 5.0, 26.0))
     for name, colour in class_colours(classes.tolist()).items():
         members = classes == name
@@ -113,7 +118,7 @@ def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", t
     x_label, y_label = quantity_label(x), quantity_label(y)
     words = f"{y_label.rpartition(' (')[0]} against {x_label.rpartition(' (')[0]}"
     name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
-    legend_below(figure, axes)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
