@@ -1,5 +1,8 @@
 """Configuration: every fault is one ConfigError that names key, line, value and what is allowed."""
 
+import re
+from importlib import import_module
+
 import pytest
 from pydantic import Field, model_validator
 
@@ -14,10 +17,12 @@ from doppelgait.core.config import (
     validate,
 )
 from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.core.plugins import plugin_groups
+from doppelgait.dataset.config import PlanConfig
 from doppelgait.pipeline import Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, preset_names
-from doppelgait.scene import Scene
+from doppelgait.scene import Scene, Target
 
 SCENE = """\
 seed = 3
@@ -156,6 +161,82 @@ def test_a_motion_needs_a_kind_that_exists(scene_file):
         Run.from_toml(scene_file("speed_mps = 1.1", "speed_mps = 11"))
 
 
+# --- Python -------------------------------------------------------------------------------------------------------
+
+
+def every_model() -> list[type[FrozenModel]]:
+    """All parameter models of doppelgait, with those of the plug-ins."""
+    for group in plugin_groups().values():
+        group.values()
+    for module in ("dataset.config", "dataset.motions", "classify.alarm", "pipeline.pictures", "motion.hybrid"):
+        import_module(f"doppelgait.{module}")
+    found, queue = set(), [FrozenModel]
+    while queue:
+        below = queue.pop().__subclasses__()
+        found.update(below)
+        queue += below
+    ours = [model for model in found if model.__module__.startswith("doppelgait.")]
+    return sorted(ours, key=lambda model: f"{model.__module__}.{model.__name__}")
+
+
+WRONG = ("x", -1, float("nan"), None, {}, [1], {"a": 1}, (1, "x", {}), True, object())
+LEAKS = re.compile(
+    r"pydantic|Input should|\[type=|function-|valid dictionary|instance of|\[key\]|\.(list|dict|tuple)\["
+)
+"""What only somebody who knows pydantic can read."""
+
+
+def test_no_wrong_value_of_any_key_leaks_the_library_that_checks_it() -> None:
+    models = every_model()
+    assert len(models) > 80
+    said = []
+    for model in models:
+        for change in ({}, {"T_d": 1}, *({key: value} for key in model.model_fields for value in WRONG)):
+            said += [refusal(lambda: model(**change)), refusal(lambda: model.model_validate(change))]  # noqa: B023
+    assert sum(bool(text) for text in said) > 5000
+    assert not [text for text in said if LEAKS.search(text)]
+
+
+def refusal(build) -> str:
+    """The message of a ConfigError; any other error fails the test."""
+    try:
+        build()
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def test_an_unknown_parameter_is_refused_with_what_is_allowed() -> None:
+    with pytest.raises(ConfigError, match=r"^Analysis: T_d: unknown key; allowed are .*cpi_s"):
+        Analysis(T_d=0.2)
+    with pytest.raises(ConfigError, match=r"^Analysis: cpi_s: -1 is not allowed: must be greater than 0$"):
+        Analysis.model_validate({"cpi_s": -1})
+    with pytest.raises(ConfigError, match=r"^Analysis: .*JSON"):
+        Analysis.model_validate_json("{")
+    with pytest.raises(TypeError, match=r"Analysis takes 0 positional arguments, not 1: name the parameters"):
+        Analysis(0.2)
+
+
+def test_the_members_of_a_union_are_one_fault() -> None:
+    wanted = r"companions: 3 is not allowed: must be a list or a table$"
+    with pytest.raises(ConfigError, match=wanted):
+        PlanConfig(dataset={"name": "a", "examples_per_class": 3}, classes=[{"label": "a"}], companions=3)
+
+
+def test_a_model_in_a_model_keeps_its_place() -> None:
+    with pytest.raises(ConfigError, match=r"^Target: rcs\.foo: unknown key; allowed are .*fluctuation"):
+        Target({"kind": "boulic"}, rcs={"kind": "ellipsoids", "foo": 1})
+
+
+def test_a_parameter_cannot_be_changed_in_place() -> None:
+    with pytest.raises(
+        ConfigError, match=r"Analysis\.cpi_s: is frozen; make a changed copy with \.replace\(cpi_s=\.\.\."
+    ):
+        Analysis().cpi_s = 0.1
+    with pytest.raises(ConfigError, match="is frozen"):
+        del Analysis().cpi_s
+
+
 # --- Overrides ----------------------------------------------------------------------------------------------------
 
 
@@ -261,7 +342,7 @@ class Outer(FrozenModel):
 
 def test_models_are_frozen_and_forbid_unknown_keys():
     model = validate(Outer, {"inner": {"size_m": 2.0}})
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(ConfigError, match="frozen"):
         model.inner = Inner(size_m=3.0)
     with pytest.raises(ConfigError, match=r"Outer: inner\.colour: unknown key; allowed are size_m"):
         Outer(inner={"size_m": 2.0, "colour": 1})

@@ -74,7 +74,7 @@ def test_a_scene_is_checked_as_strictly_as_a_scene_file(walk, options, says):
 
 
 def test_a_scene_holds_targets_only(walk):
-    with pytest.raises(ConfigError, match=r"targets\.0: .*instance of Target"):
+    with pytest.raises(ConfigError, match=r"targets\.0: .*must be a table, or Target"):
         Scene([walk])
     with pytest.raises(ConfigError, match=r"targets: .*must be a list of Target"):
         Scene(Target(walk))

@@ -114,7 +114,7 @@ def test_a_motion_in_memory_has_no_toml_form():
 
 def test_models_are_frozen_and_changed_ones_are_checked():
     scene = Scene([Target({"kind": "boulic"}, range_m=4.0)], duration_s=1.0)
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(ConfigError, match="frozen"):
         scene.duration_s = 2.0
     assert scene.replace(duration_s=2.0).targets == scene.targets
     with pytest.raises(ConfigError, match=r"Target: range_m: -1\.0 is not allowed"):

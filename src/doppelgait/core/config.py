@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from tomllib import TOMLDecodeError
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, get_args
@@ -32,7 +32,11 @@ else:
 
         def __call__(cls, *values: Any, **data: Any) -> Any:
             if len(values) > len(cls.POSITIONAL):
-                raise TypeError(f"{cls.__name__} takes {len(cls.POSITIONAL)} positional arguments, not {len(values)}")
+                named = next((name for name in cls.model_fields if name not in cls.POSITIONAL), "name")
+                raise TypeError(
+                    f"{cls.__name__} takes {len(cls.POSITIONAL)} positional arguments, not {len(values)}: "
+                    f"name the parameters, for example {cls.__name__}({named}=...)"
+                )
             for name, value in zip(cls.POSITIONAL, values, strict=False):
                 if name in data:
                     raise TypeError(f"{cls.__name__} got {name} twice")
@@ -40,7 +44,7 @@ else:
             try:
                 return super().__call__(**data)
             except ValidationError as error:
-                raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls)}") from None
+                raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls, data)}") from None
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
@@ -57,6 +61,47 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     def replace(self, **changes: Any) -> Self:
         """Return a copy with some fields changed and checked."""
         return type(self)(**{name: getattr(self, name) for name in self.model_fields_set} | changes)
+
+    @classmethod
+    def model_validate(cls, obj: Any, **settings: Any) -> Self:
+        """Build the model from a mapping, or return a model of this class.
+
+        Raises
+        ------
+        ConfigError
+            Naming the key, its value and what is allowed.
+        """
+        try:
+            return super().model_validate(obj, **settings)
+        except ValidationError as error:
+            raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls, obj)}") from None
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **settings: Any) -> Self:
+        """Build the model from JSON text.
+
+        Raises
+        ------
+        ConfigError
+            As :meth:`model_validate`.
+        """
+        try:
+            return super().model_validate_json(json_data, **settings)
+        except ValidationError as error:
+            raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls, None)}") from None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._refuse_change(name, lambda: super(FrozenModel, self).__setattr__(name, value))
+
+    def __delattr__(self, name: str) -> None:
+        self._refuse_change(name, lambda: super(FrozenModel, self).__delattr__(name))
+
+    def _refuse_change(self, name: str, change: Callable[[], None]) -> None:
+        try:
+            change()
+        except ValidationError:
+            kind = type(self).__name__
+            raise ConfigError(f"{kind}.{name}: is frozen; make a changed copy with .replace({name}=...)") from None
 
     @field_validator("*", mode="before")
     @classmethod
@@ -134,20 +179,66 @@ def validate(
         Where ``data`` stands in that text, when it is not the whole of it.
     """
     try:
-        return model.model_validate(dict(data))
+        return BaseModel.model_validate.__func__(model, dict(data))  # type: ignore[attr-defined,no-any-return]
     except ValidationError as error:
         prefix = f"{where}: " if where else ""
-        raise ConfigError(prefix + _list_faults(error, model, text, section)) from None
+        raise ConfigError(prefix + _list_faults(error, model, data, text, section)) from None
 
 
 def _list_faults(
-    error: ValidationError, model: type[BaseModel], text: str = "", section: tuple[str, ...] = ()
-) -> str:  # fmt: skip
-    faults = _drop_derived_faults(error.errors())
-    said = [_describe(fault, model, text, section) for fault in faults[:SHOWN_FAULTS]]
-    if len(faults) > SHOWN_FAULTS:
-        said.append(f"and {len(faults) - SHOWN_FAULTS} more")
-    return "; ".join(said)
+    error: ValidationError, model: type[BaseModel], data: Any, text: str = "", section: tuple[str, ...] = ()
+) -> str:
+    faults = [{**fault, "loc": _place_in(data, fault["loc"])} for fault in _drop_derived_faults(error.errors())]
+    said: dict[str, str] = {}
+    for fault in faults:
+        start, message = _describe(fault, model, text, section)
+        if start in said and said[start] != message:  # what each member of a union allows
+            message = f"{said[start]} or {message.removeprefix('must be ')}"
+        said[start] = message
+    shown = [start + message for start, message in said.items()]
+    return "; ".join(shown[:SHOWN_FAULTS] + [f"and {len(shown) - SHOWN_FAULTS} more"] * (len(shown) > SHOWN_FAULTS))
+
+
+_TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
+"""Pydantic's own names in the place of a fault: the member of a union, the key of a mapping."""
+
+
+def _place_in(data: Any, location: Sequence[str | int]) -> tuple[str | int, ...]:
+    """Return a fault's place in the data, without pydantic's own names."""
+    place: list[str | int] = []
+    current = data
+    for part in location:
+        try:
+            current = getattr(current, str(part)) if isinstance(current, BaseModel) else current[part]
+        except (TypeError, KeyError, IndexError, AttributeError):  # not in the data: a missing key, or such a name
+            if isinstance(part, str) and _TAG.fullmatch(part):
+                continue
+        place.append(part)
+    return tuple(place)
+
+
+_WORDS = (
+    (r"^Value error, ", ""),
+    (r"^Input should be ", "must be "),
+    (r"^must be a valid dictionary or instance of (\w+)$", r"must be a table, or \1(...) in Python"),
+    (r"^must be a valid (dictionary|dict|mapping)\b.*", "must be a table"),
+    (r"^must be a valid (tuple|list|set|sequence).*", "must be a list"),
+    (r"^must be a valid boolean.*", "must be true or false"),
+    (r"^must be a valid integer, got a number with a fractional part", "must be an integer"),
+    (r"^must be a valid integer.*", "must be an integer"),
+    (r"^must be a valid string", "must be text"),
+    (r"^must be a valid ", "must be a "),
+    (r"^must be an instance of (\w+)", r"must be a \1"),
+    (r"^(?:Tuple|List|Value|Dictionary|String) should have (.*) after validation(.*)", r"must have \1\2"),
+    (r"^(?:String|Value) should (match|have) ", r"must \1 "),
+)
+"""Pydantic's messages in the words of configuration files."""
+
+
+def _reword(message: str) -> str:
+    for pattern, words in _WORDS:
+        message = re.sub(pattern, words, message)
+    return message
 
 
 def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
@@ -164,21 +255,22 @@ def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
     ]
 
 
-def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> str:
+def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> tuple[str, str]:
+    """Return the place and value of a fault, and what is allowed."""
     location = (*section, *fault["loc"])
     key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
     place = key + line_note(text, location)
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))
-        return f"{place}: unknown key" + (f"; allowed are {allowed}" if allowed else "")
+        return f"{place}: ", "unknown key" + (f"; allowed are {allowed}" if allowed else "")
     if fault["type"] == "missing":
-        return f"{place}: is required"
+        return f"{place}: ", "is required"
     value = fault.get("input")
     shown = repr(value) if not isinstance(value, dict) and len(repr(value)) < 80 else "this value"
-    message = fault["msg"].removeprefix("Value error, ")
+    message = _reword(fault["msg"])
     if not fault["loc"]:  # a check across keys names them itself
-        return f"{place}: {message}" if key else message
-    return f"{place}: {shown} is not allowed: {message}"
+        return f"{place}: " if key else "", message
+    return f"{place}: {shown} is not allowed: ", message
 
 
 def _fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:

@@ -55,7 +55,12 @@ def _parse_rcs(value: Any) -> Any:
     if not isinstance(table, Mapping) or (kind := table.get("kind")) is None or kind not in RCS:
         return table
     model = RCS[kind].parameters or RcsSpec
-    return table if model is RcsSpec else model.model_validate(table)
+    if model is RcsSpec:
+        return table
+    try:
+        return validate(model, table, where=f"kind {kind!r}")
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
 
 
 class Target(FrozenModel):
