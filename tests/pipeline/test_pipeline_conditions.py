@@ -271,8 +271,8 @@ def test_arguments_of_another_type_are_one_clear_error():
     assert analyze(made, gate="1.2:6.8")[0].features == analyze(made, gate=[1.2, 6.8])[0].features
     with pytest.raises(ConfigError, match=r"gate: 'trak' is not allowed; it must be track, truth or FROM:TO in m"):
         analyze(made, gate="trak")
-    with pytest.raises(ConfigError, match=r"recording: str is not allowed; read a file with doppelgait.radar.read_rec"):
-        analyze("walk.h5")
+    with pytest.raises(ConfigError, match=r"recording: int is not allowed; give a path, or doppelgait.radar.read_rec"):
+        analyze(3)
     with pytest.raises(ConfigError, match=r"analysis: dict is not allowed"):
         analyze(made, analysis={"hop": 4})
     with pytest.raises(ConfigError, match=r"tracking: dict is not allowed"):
@@ -284,8 +284,8 @@ def test_arguments_of_another_type_are_one_clear_error():
         simulate(Scene([Target(WALK)]), RADAR, snr_db=float("-inf"), rng=rng(1))
     with pytest.raises(ConfigError, match=r"scene: dict is not allowed; make one with doppelgait.Scene"):
         simulate(SCENE, RADAR)
-    with pytest.raises(ConfigError, match=r"radar: str is not allowed"):
-        simulate(Scene([Target(WALK)]), "x4")
+    with pytest.raises(ConfigError, match=r"radar: dict is not allowed"):
+        simulate(Scene([Target(WALK)]), {"preset": "x4"})
     with pytest.raises(ConfigError, match=r"snr_db: str is not allowed; give a number of dB"):
         simulate(Scene([Target(WALK)]), RADAR, snr_db="20", rng=rng(1))
 

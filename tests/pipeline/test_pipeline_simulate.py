@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from doppelgait.core.errors import ConfigError, MotionError, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
-from doppelgait.pipeline import analyze, simulate
+from doppelgait.pipeline import Conditions, analyze, parse_run, run_simulation, simulate
 from doppelgait.processing import Analysis
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, write_recording
 from doppelgait.scene import Scene, Target
 
 WALK = boulic_walk(speed_mps=1.3, height_m=1.7, duration_s=3.0)
@@ -56,8 +59,6 @@ def test_two_recordings_share_no_memory_and_cannot_be_changed():
 
 
 def test_a_data_matrix_that_cannot_fit_is_refused():
-    from doppelgait.core.errors import ConfigError
-
     radar = Radar.preset("x4-long", range_stop_m=5000.0, prf_hz=9000)
     with pytest.raises(ConfigError, match=r"more than 2e\+09 samples"):
         simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)
@@ -126,3 +127,52 @@ def test_a_body_that_is_never_in_the_frame_has_no_snr():
     with pytest.warns(match="outside the frame"):
         recording = simulate(SCENES["one"], radar, rng=rng(0))
     assert recording.snr_frame_db == -np.inf
+
+
+def test_a_radar_by_name_is_that_of_the_command(tmp_path, monkeypatch):
+    own = tmp_path / "own.toml"
+    own.write_text('preset = "x4"\nprf_hz = { uniform = [600, 640] }\n[[impairments]]\nkind = "adc"\nbits = 8\n')
+    scene = {"duration_s": 0.5, "seed": 7, "targets": [{"motion": {"kind": "boulic"}, "range_m": 4.0}]}
+    expected = run_simulation(parse_run({**scene, "radar": {"preset": str(own)}}), angles=False)
+    placed = parse_run(scene).scene
+    for radar in (own, str(own)):
+        found = simulate(placed, radar, rng=rng(7), angles=False)
+        assert found.radar == expected.radar
+        assert found.baseband.values.tobytes() == expected.baseband.values.tobytes()
+    assert expected.radar.prf_hz not in (600.0, 620.0), "the rate was not drawn"
+    plain = simulate(placed, own, rng=rng(7), conditions=Conditions(), angles=False)
+    assert plain.baseband.values.tobytes() != expected.baseband.values.tobytes()
+    assert simulate(SCENES["one"], "x4", angles=False).radar == X4
+
+
+@pytest.mark.parametrize(
+    ("radar", "message"),
+    [
+        ("x5", r"^radar\.preset x5: unknown radar preset 'x5'; known are: .*x4-long.*or give the path of a file"),
+        ("none.toml", r"^radar\.preset none\.toml: none\.toml: cannot be read: No such file"),
+        (7, r'^radar: int is not allowed; name a preset \("x4"\), or make one'),
+    ],
+)
+def test_a_wrong_radar_is_one_error(radar, message):
+    with pytest.raises(ConfigError, match=message):
+        simulate(SCENES["one"], radar)
+
+
+def test_a_recording_by_path_is_read(tmp_path):
+    recording = simulate(SCENES["one"], Radar.preset("x4", prf_hz=640.0), angles=False)
+    write_recording(recording, tmp_path / "walk.h5")
+    expected = analyze(recording, gate="truth")
+    for path in (tmp_path / "walk.h5", str(tmp_path / "walk.h5")):
+        assert analyze(path, gate="truth") == expected
+    with pytest.raises(RecordingError, match=r"^nothing\.h5: no such file$"):
+        analyze("nothing.h5")
+    with pytest.raises(ConfigError, match=r"^recording: Radar is not allowed; give a path"):
+        analyze(X4)
+
+
+def test_a_motion_by_path_is_that_of_the_table():
+    assert Target("walk.c3d").motion == Target({"kind": "file", "path": "walk.c3d"}).motion
+    assert Target(Path("walks") / "walk.c3d").motion["path"] == str(Path("walks") / "walk.c3d")
+    assert Target("boulic").motion == {"kind": "boulic"}
+    with pytest.raises(MotionError, match=r"walk\.c3d"):
+        simulate(Scene([Target("walk.c3d", range_m=3.0)], duration_s=1.0), X4)

@@ -94,3 +94,14 @@ def test_a_parameter_of_an_effect_can_be_changed_alone(path):
 def test_what_a_kind_does_not_have_is_named(path, change, message):
     with pytest.raises(ConfigError, match=message):
         Run.from_toml(path, overrides=[change])
+
+
+def test_the_radar_of_a_run_is_a_name_or_a_file(tmp_path):
+    scene = dg.Scene(duration_s=0.5)
+    assert Run(scene=scene, radar="x4-255fps").radar == dg.Radar.preset("x4-255fps")
+    (tmp_path / "own.toml").write_text('preset = "x4"\n[[impairments]]\nkind = "adc"\n')
+    run = Run(scene=scene, radar=str(tmp_path / "own.toml"), seed=2)
+    assert [entry.kind for entry in run.impairments] == ["adc"]
+    assert Run(scene=scene, radar=str(tmp_path / "own.toml"), impairments=()).impairments == ()
+    with pytest.raises(ConfigError, match=r"^Run: radar\.preset x5: unknown radar preset 'x5'; known are"):
+        Run(scene=scene, radar="x5")

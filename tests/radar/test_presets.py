@@ -202,6 +202,50 @@ def test_faults_of_a_file_name_it(tmp_path):
         preset_table("x9")
 
 
+def test_a_file_starts_from_a_preset_or_a_file_and_changes_values(tmp_path):
+    (tmp_path / "mine").mkdir()
+    own, later = tmp_path / "mine" / "own.toml", tmp_path / "later.toml"
+    own.write_text('preset = "x4"\nprf_hz = 500\npulse_sigma_s = 3e-10\n[[impairments]]\nkind = "adc"\n')
+    assert Radar.preset(own) == Radar.preset("x4", prf_hz=500.0, pulse_sigma_s=3e-10)
+    later.write_text('preset = "mine/own.toml"\ntx_power_dbm = 3\nrange_stop_m = { uniform = [4.0, 6.0] }\n')
+    assert Radar.preset(later) == Radar.preset(own, tx_power_dbm=3.0, range_stop_m=5.0)
+    assert preset_table(later)["impairments"] == [{"kind": "adc"}]
+    assert "preset" not in preset_table(later)
+    assert Radar.preset("x4").prf_hz == 1000.0, "the built-in preset was changed"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('preset = "x44"', r"mine\.toml: preset \(line 1\): unknown radar preset 'x44'; known are"),
+        ('prf_hz = 3\npreset = "mine.toml"', r"preset \(line 2\): .*the file starts from itself"),
+        ("preset = 4", r"preset \(line 1\): its value: int is not allowed; name a preset or a file"),
+        ('preset = "x4"\nprf = 3', r"mine\.toml\): prf: unknown key; allowed are .*prf_hz"),
+    ],
+)
+def test_faults_of_a_file_that_starts_from_another(tmp_path, text, message):
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        Radar.preset(tmp_path / "mine.toml")
+
+
+def test_the_command_prints_a_radar_file_that_reads_back(tmp_path):
+    from doppelgait.cli.radar import app
+
+    (tmp_path / "my-x4.toml").write_text(TWIN)
+    for name in (*preset_names(), str(tmp_path / "my-x4.toml")):
+        again = tmp_path / "again.toml"
+        again.write_text(CliRunner().invoke(app, ["show", name, "--toml"]).stdout)
+        assert Radar.preset(again) == Radar.preset(name)
+        assert parse_lists(again) == parse_lists(name)
+    again.write_text(CliRunner().invoke(app, ["show", "x4", "--toml", "--set", "prf_hz=600"]).stdout)
+    assert Radar.preset(again) == Radar.preset("x4", prf_hz=600.0)
+
+
+def parse_lists(name):
+    return {key: preset_table(name).get(key) for key in ("environment", "impairments")}
+
+
 def test_the_command_shows_every_preset_and_a_file(tmp_path):
     from doppelgait.cli.radar import app
 

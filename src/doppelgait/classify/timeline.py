@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
+from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.recorded import TOLERANCE, cut
 from doppelgait.pipeline import Result, Tracking, analyze
 from doppelgait.processing import Analysis
-from doppelgait.radar import Recording
+from doppelgait.radar import Recording, read_recording
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -356,14 +357,15 @@ class Tracks:
 
 
 def classify_over_time(
-    recording: Recording, model: Model | None = None, *, window_s: float | None = None, hop_s: float | None = None,
-    gate: Any = "track", analysis: Analysis | None = None, tracking: Tracking | None = None,
+    recording: Recording | str | FilePath, model: Model | None = None, *, window_s: float | None = None,
+    hop_s: float | None = None, gate: Any = "track", analysis: Analysis | None = None, tracking: Tracking | None = None,
 ) -> list[TrackDecision]:  # fmt: skip
     """Classify a recording's targets in windows, fused per track.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording, str or Path
+        A path is read as by :func:`doppelgait.radar.read_recording`.
     model : Model, optional
         By default the one that comes with doppelgait and fits the radar.
     window_s : float, optional
@@ -400,6 +402,8 @@ def classify_over_time(
     >>> len(decisions) > 0
     True
     """
+    if isinstance(recording, str | FilePath):
+        recording = read_recording(recording)
     model = model or model_for(recording)
     window_s, hop_s = check_window(window_s, hop_s, model)
     settings, tracks = analysis or analysis_of(model), Tracks(model)

@@ -341,12 +341,15 @@ def show(
         list[str] | None, typer.Option("--set", help="Change a parameter, KEY=VALUE; may be repeated.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_toml: Annotated[bool, typer.Option("--toml", help="Print a radar file, to be changed and used.")] = False,
 ) -> None:
     """Show a preset's parameters, derived quantities and effects.
 
     Examples: doppelgait radar show x4 --set prf_hz=600; doppelgait radar show my-radar.toml
+
+    Example: doppelgait radar show x4 --toml > my-radar.toml
     """
-    from doppelgait.core.config import apply_overrides
+    from doppelgait.core.config import apply_overrides, as_table, write_toml
     from doppelgait.radar import Radar, derived_quantities, preset_table
     from doppelgait.radar.effects import describe_effects
 
@@ -354,6 +357,9 @@ def show(
     parameters = radar.model_dump(mode="json")
     table = preset_table(preset)
     conditions = {key: table[key] for key in ("environment", "impairments") if key in table}
+    if as_toml:
+        print(write_toml(as_table(radar) | conditions), end="")
+        return
     kinds = {str(entry.get("kind")) for entry in conditions.get("impairments", ()) if isinstance(entry, dict)}
     effects = describe_effects(radar, kinds)
     if as_json:

@@ -25,8 +25,8 @@ from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard_files import axis_name, decode
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline.radar_table import parse_radar
 from doppelgait.pipeline.result import Result
-from doppelgait.pipeline.run import parse_radar
 from doppelgait.processing import Analysis
 from doppelgait.radar.parameters import Radar
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait import __version__
-from doppelgait.core.config import canonical_json, read_toml, validate
+from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path, file_sha256, write_atomically
@@ -21,6 +21,7 @@ from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig,
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.radar.presets import read_preset
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +56,7 @@ def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
     """
     tables = [plan.model_dump(mode="json")]
     for path in _preset_files(plan.radar):
-        tables.append(read_toml(folder / path)[0])
+        tables.append(read_preset(folder / path))
     return identify_plugins(tables, {"motion_reader": [folder / path for path in _motion_files(plan)]})
 
 
@@ -84,7 +85,7 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
     for path in _preset_files(plan.radar):  # a comment in a sensor's file changes nothing
-        plain = json.dumps(read_toml(folder / path)[0], sort_keys=True, default=str)
+        plain = json.dumps(read_preset(folder / path), sort_keys=True, default=str)
         contents[path] = hashlib.sha256(plain.encode()).digest()
     table = plan.model_dump(mode="json")
     table["radar"] = _name_by_content(table["radar"], contents)  # a sensor's file may be moved or renamed

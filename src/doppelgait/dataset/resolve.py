@@ -24,7 +24,7 @@ from doppelgait.dataset.motions import (
     subject_of,
 )
 from doppelgait.pipeline import Run, parse_run
-from doppelgait.pipeline.run import FITTED_KEYS
+from doppelgait.pipeline.radar_table import FITTED_KEYS
 
 UNSEEN_M2 = 1e-30
 """Radar cross section of the body that the gate of an empty scene follows: 300 dB below a person."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -21,20 +22,22 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import cut_out, signature_in_tiles, signature_of_planes
+from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
 
 __all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_signatures"]
 
 
 def analyze(
-    recording: Recording, *, gate: GateChoice | Gate | str = "track",
+    recording: Recording | str | Path, *, gate: GateChoice | Gate | str = "track",
     analysis: Analysis | None = None, tracking: Tracking | None = None, gate_error_m: float = 0.0,
 ) -> TargetList:  # fmt: skip
     """Analyse a recording, simulated or measured.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recording, str or Path
+        A path is read as by :func:`doppelgait.radar.read_recording`.
     gate : {"track", "truth"}, (float, float), text such as ``"1.2:2.8"``, or Gate
         ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
         stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged.
@@ -59,6 +62,8 @@ def analyze(
         If the recording has no truth for the gate, or is too short.
     ConfigError
         If an argument is not allowed.
+    RecordingError
+        If the file cannot be read.
 
     Examples
     --------
@@ -69,7 +74,9 @@ def analyze(
     >>> round(result.features.torso_velocity_mps, 1)
     1.2
     """
-    check_type(recording, Recording, "recording", "read a file with doppelgait.radar.read_recording(PATH)")
+    if isinstance(recording, str | Path):
+        recording = read_recording(recording)
+    check_type(recording, Recording, "recording", "give a path, or doppelgait.radar.read_recording(PATH)")
     check_type(analysis, (Analysis, type(None)), "analysis", "make one with doppelgait.Analysis(...)")
     if not isinstance(gate, Gate):
         gate = Gate.parse(gate, where="gate")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from doppelgait.core.config import (
     FrozenModel,
@@ -18,21 +17,18 @@ from doppelgait.core.config import (
     validate,
     write_toml,
 )
-from doppelgait.core.draws import CYCLE, DISTRIBUTIONS, resolve
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline.conditions import Conditions, Noise
+from doppelgait.pipeline.radar_table import FITTED_KEYS, parse_radar
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.presets import changed_preset, read_preset
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene, place
 from doppelgait.scene.environment import Environment
 from doppelgait.scene.scene import with_file_paths
-
-AUTO_PRF_START_HZ = 1000.0
 
 
 class Run(FrozenModel):
@@ -41,7 +37,8 @@ class Run(FrozenModel):
     Parameters
     ----------
     scene : Scene
-    radar : Radar
+    radar : Radar or str
+        A string names a preset or the ``.toml`` file of a radar.
     auto_prf : bool
         Take the lowest frame rate at which nothing aliases (``prf_hz = "auto"``); for reproducing the report only.
     noise : Noise
@@ -73,6 +70,23 @@ class Run(FrozenModel):
     analysis: Analysis = Analysis()
     seed: int = Field(default=0, ge=0)
     example: int = Field(default=0, ge=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_radar(cls, data: Any) -> Any:
+        """Take the name of a preset for a radar, and what its file states."""
+        if isinstance(data, Mapping) and isinstance(data.get("radar"), str):
+            seed, example = (
+                n if isinstance(n := data.get(key, 0), int) and n >= 0 else 0 for key in ("seed", "example")
+            )
+            try:
+                return {
+                    **parse_radar(data["radar"], where="", seed=seed, example=example),
+                    **{key: value for key, value in data.items() if key != "radar"},
+                }
+            except ConfigError as error:
+                raise ValueError(str(error)) from None
+        return data
 
     @classmethod
     def from_toml(cls, path: str | Path, *, overrides: Sequence[str] = ()) -> Run:
@@ -117,7 +131,6 @@ class Run(FrozenModel):
 
 
 SCENE_KEYS = tuple(Scene.model_fields)
-FITTED_KEYS = ("environment", "impairments")
 SECTIONS = ("seed", "example", *SCENE_KEYS, "radar", "noise", *FITTED_KEYS, "analysis")
 
 
@@ -157,59 +170,6 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     rest = {key: table[key] for key in ("noise", *FITTED_KEYS, "analysis", "seed", "example") if key in table}
     parsed = validate(Scene, scene, where=where, text=text)
     return validate(Run, {"scene": parsed, **radar, **rest}, where=where, text=text)
-
-
-def parse_radar(
-    table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None, seed: int = 0, example: int = 0
-) -> dict[str, Any]:
-    """Parse the ``[radar]`` table of a run.
-
-    Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
-    here, each from a stream of its own that seed, example and key name.
-
-    Examples
-    --------
-    >>> from doppelgait.pipeline import parse_radar
-    >>> sorted(parse_radar({"preset": "x4"}))
-    ['auto_prf', 'radar']
-    """
-    if isinstance(table, str):
-        table = {"preset": table}
-    if not isinstance(table, Mapping):
-        raise ConfigError(f"{where}: radar must be a preset's name or a table, not {table!r}")
-    values = dict(table)
-    preset = values.pop("preset", None)
-    auto_prf = values.get("prf_hz") == "auto"
-    if auto_prf:
-        del values["prf_hz"]
-        values |= {} if preset is not None else {"prf_hz": AUTO_PRF_START_HZ}
-    lists = {}
-    if preset is not None:
-        try:
-            source = str(preset)
-            if source.endswith(".toml"):  # a file, seen from the folder of the scene file
-                source = str((folder or Path()) / source)
-            found = resolve(read_preset(source), seed=seed, example=example, key="preset")
-            _check_preset(found)
-            values = changed_preset(source, values, sampled=found)
-            lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
-        except ConfigError as error:
-            place = f"{where + ': ' if where else ''}radar.preset {preset}{line_note(text, ['radar', 'preset'])}"
-            raise ConfigError(f"{place}: {str(error).removeprefix('preset.')}") from None
-    radar = validate(Radar, values, where=where, text=text, section=("radar",))
-    return {"radar": radar, "auto_prf": auto_prf, **lists}
-
-
-def _check_preset(table: Mapping[str, Any]) -> None:
-    """Refuse a preset's unknown keys and misplaced tables."""
-    known = {*Radar.model_fields, *FITTED_KEYS}
-    for key, value in table.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            raise ConfigError(f"{key}: unknown key{'; did you mean ' + near[0] + '?' if near else ''}")
-        if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
-            laws = ", ".join((*DISTRIBUTIONS, CYCLE))
-            raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")
 
 
 def run_simulation(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from doppelgait.core.samples import Factor, Matrix, Samples
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.radar_table import read_radar
 from doppelgait.pipeline.room import through_room
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, pulse_times
@@ -43,6 +45,10 @@ from doppelgait.scene.placement import as_placed
 
 FloatArray = npt.NDArray[np.float64]
 
+SCENE_REMEDY = (
+    "make one with doppelgait.Scene(targets=[...]), or simulate a scene file with "
+    "doppelgait.pipeline.run_simulation(doppelgait.Run.from_toml(PATH))"
+)
 MAX_SAMPLES = 2e9
 """Largest data matrix: 16 GB of complex64."""
 BODY_RATE_HZ = 60.0
@@ -53,7 +59,7 @@ PROBE_RATE_HZ = 500.0
 
 def simulate(
     scene: Scene | PlacedScene,
-    radar: Radar,
+    radar: Radar | str | Path,
     *,
     rng: Streams | None = None,
     conditions: Conditions | None = None,
@@ -67,13 +73,15 @@ def simulate(
     ----------
     scene : Scene or PlacedScene
         A scene is placed first, with these streams.
-    radar : Radar
+    radar : Radar, str or Path
+        A string or path names a preset or the ``.toml`` file of a radar, as ``--radar`` of the command does.
     rng : Streams, optional
         Random streams, for example ``dg.rng(2018)``: the recording is then that of ``seed = 2018`` in a scene file.
         Without them the recording is noise-free, and nothing random is allowed.
     conditions : Conditions, optional
-        Receiver noise, environment and impairments; thermal noise alone (E-18) by default. Receiver noise comes before
-        the impairments; a ``thermal_noise`` among them takes its place.
+        Receiver noise, environment and impairments; by default thermal noise (E-18) and, with a radar by name, the
+        environment and impairments that its file states. Receiver noise comes before the impairments; a
+        ``thermal_noise`` among them takes its place.
     snr_db : float, optional
         Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
         in dB; ``inf`` for no noise. The power is that of the targets: no ghosts, background bodies or clutter.
@@ -92,7 +100,7 @@ def simulate(
     Raises
     ------
     ConfigError
-        If ``snr_db`` or impairments have no source of random numbers.
+        If ``snr_db`` or impairments have no source of random numbers, or an argument is not allowed.
 
     Warns
     -----
@@ -106,13 +114,19 @@ def simulate(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0), rng=dg.rng(1), snr_db=10.0)
     >>> recording.n_pulses
     1920
+    >>> dg.simulate(scene, "x4-255fps").radar.prf_hz
+    255.0
     """
-    check_type(scene, (Scene, PlacedScene), "scene", "make one with doppelgait.Scene(targets=[...])")
-    check_type(radar, Radar, "radar", 'make one with doppelgait.Radar.preset("x4")')
+    check_type(scene, (Scene, PlacedScene), "scene", SCENE_REMEDY)
+    check_type(rng, (Streams, type(None)), "rng", "pass rng=doppelgait.rng(SEED)")
+    if isinstance(radar, str | Path):
+        streams = rng or Streams(0)
+        radar, stated = read_radar(radar, seed=streams.seed, example=streams.example)
+        conditions = stated if conditions is None else conditions
+    check_type(radar, Radar, "radar", 'name a preset ("x4"), or make one with doppelgait.Radar.preset("x4")')
     conditions = conditions if conditions is not None else Conditions()
     check_type(conditions, Conditions, "conditions", "make them with doppelgait.Conditions(impairments=[...])")
     check_type(snr_db, (float, int, type(None)), "snr_db", "give a number of dB")
-    check_type(rng, (Streams, type(None)), "rng", "pass rng=doppelgait.rng(SEED)")
     snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)

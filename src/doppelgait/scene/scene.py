@@ -25,8 +25,9 @@ def _parse_motion(value: Any) -> Any:
     """
     if isinstance(value, Motion):
         return value
-    if isinstance(value, str):
-        value = {"kind": value}
+    if isinstance(value, str | FilePath):
+        file = isinstance(value, FilePath) or "." in value
+        value = {"kind": "file", "path": str(value)} if file else {"kind": value}
     if isinstance(value, FrozenModel):
         value = as_table(value)
     if not isinstance(value, Mapping):
@@ -68,10 +69,10 @@ class Target(FrozenModel):
 
     Parameters
     ----------
-    motion : Motion or table
+    motion : Motion, table, str or Path
         A cleaned recording or a model's motion, or the table of a scene file: ``kind`` names a motion model, whose
         parameters are the other keys; ``kind = "file"`` takes ``path`` (relative to the scene file) and the options of
-        its reader, such as ``start_s`` and ``stop_s``.
+        its reader, such as ``start_s`` and ``stop_s``. A text is the name of a model or the path of a file.
     label : str
         Class of the target, for example ``"human"`` or ``"dog"``.
     rcs : RcsSpec or str

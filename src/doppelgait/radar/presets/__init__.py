@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import read_toml
+from doppelgait.core.config import check_type, line_note, read_toml
 from doppelgait.core.draws import middle
 from doppelgait.core.errors import ConfigError
 
@@ -47,7 +47,11 @@ def changed_preset(
         found = middle(read_preset(name)) if sampled is None else sampled
     except ConfigError as error:
         raise ConfigError(f"preset {name}: {error}") from None
-    table = {key: value for key, value in found.items() if key not in CONDITIONS}
+    return _change({key: value for key, value in found.items() if key not in CONDITIONS}, changes)
+
+
+def _change(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Change the table of a preset by the rules of :func:`changed_preset`."""
     before = table.get("waveform", "impulse")
     table.update(changes)
     waveform = table.get("waveform", "impulse")
@@ -65,7 +69,8 @@ def changed_preset(
 def preset_table(name: str | Path) -> dict[str, Any]:
     """Return everything that a preset's file states.
 
-    Lists of environment and impairments are among it.
+    Lists of environment and impairments are among it. A file may start from another: ``preset = "x4"`` and what
+    differs.
 
     Parameters
     ----------
@@ -92,13 +97,34 @@ def read_preset(name: str | Path) -> dict[str, Any]:
     That of a built-in one is shared.
     """
     if str(name).lower().endswith(".toml"):
-        return read_toml(name)[0]
+        return _read_file(Path(name))
     if str(name) not in preset_names():
         raise ConfigError(
             f"unknown radar preset {str(name)!r}; known are: {', '.join(preset_names())}; or give the path of a file "
             "that ends in .toml"
         )
     return _built_in(str(name))
+
+
+def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Read a radar file; one with the key ``preset`` changes that preset.
+
+    The path of a preset file starts from the folder of the file that names it.
+    """
+    table, text = read_toml(path)
+    if "preset" not in table:
+        return table
+    changes = {key: value for key, value in table.items() if key != "preset"}
+    name = table["preset"]
+    try:
+        check_type(name, str, "its value", "name a preset or a file that ends in .toml")
+        if path.resolve() in above:
+            raise ConfigError("the file starts from itself")
+        within = name.lower().endswith(".toml")
+        start = _read_file(path.parent / name, (*above, path.resolve())) if within else read_preset(name)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: preset{line_note(text, ['preset'])}: {error}") from None
+    return _change(dict(start), changes)
 
 
 @lru_cache(maxsize=64)

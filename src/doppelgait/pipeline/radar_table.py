@@ -1,0 +1,77 @@
+"""Radar of a run: a preset or file, changes, and the lists of a calibrated one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from doppelgait.core.config import line_note, validate
+from doppelgait.core.draws import CYCLE, DISTRIBUTIONS, resolve
+from doppelgait.core.errors import ConfigError
+from doppelgait.pipeline.conditions import Conditions
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.presets import changed_preset, read_preset
+
+AUTO_PRF_START_HZ = 1000.0
+FITTED_KEYS = ("environment", "impairments")
+
+
+def parse_radar(
+    table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None, seed: int = 0, example: int = 0
+) -> dict[str, Any]:
+    """Parse the ``[radar]`` table of a run.
+
+    Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
+    here, each from a stream of its own that seed, example and key name.
+
+    Examples
+    --------
+    >>> from doppelgait.pipeline import parse_radar
+    >>> sorted(parse_radar({"preset": "x4"}))
+    ['auto_prf', 'radar']
+    """
+    if isinstance(table, str):
+        table = {"preset": table}
+    if not isinstance(table, Mapping):
+        raise ConfigError(f"{where}: radar must be a preset's name or a table, not {table!r}")
+    values = dict(table)
+    preset = values.pop("preset", None)
+    auto_prf = values.get("prf_hz") == "auto"
+    if auto_prf:
+        del values["prf_hz"]
+        values |= {} if preset is not None else {"prf_hz": AUTO_PRF_START_HZ}
+    lists = {}
+    if preset is not None:
+        try:
+            source = str(preset)
+            if source.endswith(".toml"):  # a file, seen from the folder of the scene file
+                source = str((folder or Path()) / source)
+            found = resolve(read_preset(source), seed=seed, example=example, key="preset")
+            _check_preset(found)
+            values = changed_preset(source, values, sampled=found)
+            lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
+        except ConfigError as error:
+            place = f"{where + ': ' if where else ''}radar.preset {preset}{line_note(text, ['radar', 'preset'])}"
+            raise ConfigError(f"{place}: {str(error).removeprefix('preset.')}") from None
+    radar = validate(Radar, values, where=where, text=text, section=("radar",))
+    return {"radar": radar, "auto_prf": auto_prf, **lists}
+
+
+def _check_preset(table: Mapping[str, Any]) -> None:
+    """Refuse a preset's unknown keys and misplaced tables."""
+    known = {*Radar.model_fields, *FITTED_KEYS}
+    for key, value in table.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            raise ConfigError(f"{key}: unknown key{'; did you mean ' + near[0] + '?' if near else ''}")
+        if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
+            laws = ", ".join((*DISTRIBUTIONS, CYCLE))
+            raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")
+
+
+def read_radar(radar: str | Path, *, seed: int = 0, example: int = 0) -> tuple[Radar, Conditions]:
+    """Read a radar preset or file, and the conditions it states."""
+    found = parse_radar(str(radar), where="", seed=seed, example=example)
+    return found["radar"], Conditions(**{key: found[key] for key in FITTED_KEYS if key in found})
