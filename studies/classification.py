@@ -30,7 +30,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from recorded_motion import Clip, is_tuning
 
-from doppelgait.classify.evaluate import Evaluation, evaluate
+from doppelgait.classify.evaluation import Evaluation, evaluate
 from doppelgait.classify.scores import (
     CONDITIONS,
     balanced_accuracy,

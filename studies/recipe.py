@@ -33,7 +33,7 @@ from sklearn.preprocessing import StandardScaler
 
 from doppelgait.classify.adapt import adaptation_curve
 from doppelgait.classify.data import Rows, rows_of, table_of
-from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import Linear
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.network import Training, train_network

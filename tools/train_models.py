@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait.classify.data import rows_of, table_of, take_rows
-from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.model_file import save_model
 from doppelgait.core.config import validate
 from doppelgait.dataset import build_dataset, load_plan, open_dataset

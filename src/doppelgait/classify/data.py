@@ -28,10 +28,13 @@ from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.verify.contents import Contents, plan_of
 from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, rounded
 
-VELOCITY, SPEED = "torso_velocity_mps", "torso_speed_mps"
+VELOCITY = "torso_velocity_mps"
+SPEED = "torso_speed_mps"
 """Models use the magnitude of the torso velocity, so approaching and receding targets are equivalent."""
-BANDWIDTH, WIDTH = "doppler_bandwidth_hz", "doppler_bandwidth_mps"
-ENVELOPE, ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_hz", "extended_doppler_bandwidth_envelope_mps"
+BANDWIDTH = "doppler_bandwidth_hz"
+WIDTH = "doppler_bandwidth_mps"
+ENVELOPE = "extended_doppler_bandwidth_envelope_hz"
+ENVELOPE_WIDTH = "extended_doppler_bandwidth_envelope_mps"
 """Models use Doppler bandwidths as radial velocities, independent of the carrier."""
 
 

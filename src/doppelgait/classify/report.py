@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.classify.alarm import day_table, episode_table
-from doppelgait.classify.evaluate import Evaluation
+from doppelgait.classify.evaluation import Evaluation
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_axes, new_figure, quantity_label
 

@@ -274,7 +274,7 @@ def evaluate(
     or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.alarm import day_table, episode_table, read_day
-    from doppelgait.classify.evaluate import evaluate as run_evaluation
+    from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import (
         adaptation_table,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, model_validator
 
@@ -70,6 +70,10 @@ class Run(FrozenModel):
     analysis: Analysis = Analysis()
     seed: int = Field(default=0, ge=0)
     example: int = Field(default=0, ge=0)
+
+    if TYPE_CHECKING:  # a type checker would take no short form
+
+        def __init__(self, *, scene: Scene, radar: Radar | str, **parameters: Any) -> None: ...
 
     @model_validator(mode="before")
     @classmethod

@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, rows_of, table_of
 from doppelgait.classify.decide import Seen, classify, decide
-from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import Part
 from doppelgait.classify.model import class_weights
 from doppelgait.classify.model_file import load_model, save_model

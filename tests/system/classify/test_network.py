@@ -16,7 +16,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 
 from doppelgait.classify import network as nets  # noqa: E402
 from doppelgait.classify.decide import Seen, decide  # noqa: E402
-from doppelgait.classify.evaluate import evaluate  # noqa: E402
+from doppelgait.classify.evaluation import evaluate  # noqa: E402
 from doppelgait.dataset import open_dataset  # noqa: E402
 from doppelgait.testing import check_classifier  # noqa: E402
 

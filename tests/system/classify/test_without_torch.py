@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify import network
-from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import Part
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import open_dataset

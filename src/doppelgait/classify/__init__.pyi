@@ -1,0 +1,23 @@
+"""What type checkers and editors know of ``doppelgait.classify``: the names that are imported on first use."""
+
+from doppelgait.classify.decide import Decision as Decision
+from doppelgait.classify.decide import classify as classify
+from doppelgait.classify.evaluation import Evaluation as Evaluation
+from doppelgait.classify.evaluation import evaluate as evaluate
+from doppelgait.classify.export.write import CSettings as CSettings
+from doppelgait.classify.export.write import export_model as export_model
+from doppelgait.classify.model import Model as Model
+from doppelgait.classify.model_file import load_model as load_model
+from doppelgait.classify.model_file import save_model as save_model
+from doppelgait.classify.network import train_network as train_network
+from doppelgait.classify.patches import Patch as Patch
+from doppelgait.classify.patches import levels as levels
+from doppelgait.classify.patches import patch as patch
+from doppelgait.classify.report import write_report as write_report
+from doppelgait.classify.shipped import fitting_model as fitting_model
+from doppelgait.classify.shipped import model_cards as model_cards
+from doppelgait.classify.shipped import open_model as open_model
+from doppelgait.classify.shipped import shipped_model as shipped_model
+from doppelgait.classify.timeline import TrackDecision as TrackDecision
+from doppelgait.classify.timeline import classify_over_time as classify_over_time
+from doppelgait.classify.timeline import decision_spans as decision_spans
