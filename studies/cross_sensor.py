@@ -54,7 +54,6 @@ from doppelgait.classify.learned import (
 )
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
-from doppelgait.classify.patches import Patch, levels
 from doppelgait.classify.scores import auc, balanced_accuracy
 from doppelgait.classify.training import MEMBERS, fit, kind_of
 from doppelgait.core.config import validate
@@ -62,6 +61,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset import load_plan, stream_examples
 from doppelgait.dataset.config import PlanConfig
+from doppelgait.processing.patches import Patch, levels
 from doppelgait.radar import Radar
 
 SENSORS: dict[str, dict[str, Any]] = {

@@ -18,9 +18,9 @@ from xband_measures import FloatArray
 
 from doppelgait.classify import levels
 from doppelgait.classify.data import feature_values
-from doppelgait.classify.patches import Levels, Patch
 from doppelgait.core.files import atomic_path
 from doppelgait.pipeline import Result
+from doppelgait.processing.patches import Levels, Patch
 
 Arrays = dict[str, npt.NDArray[Any]]
 SIX = (

@@ -19,9 +19,9 @@ from doppelgait.classify.learned import Inputs as Values
 from doppelgait.classify.learned import Learned, Linear, Network, Part, join_inputs, standardise
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
-from doppelgait.classify.patches import Patch
 from doppelgait.classify.scores import auc, balanced_accuracy
 from doppelgait.classify.training import Kind, fit, join
+from doppelgait.processing.patches import Patch
 
 Bools = npt.NDArray[np.bool_]
 

@@ -27,13 +27,13 @@ import xband_twin as twin
 from scipy.interpolate import CubicSpline
 from xband_measures import FloatArray
 
-from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.spectrogram import gate_of_levels
+from doppelgait.processing.patches import Patch
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
 

@@ -9,7 +9,7 @@ from sklearn import metrics
 
 from doppelgait.classify import scores
 from doppelgait.classify.learned import log_softmax
-from doppelgait.classify.model import calibrate, class_weights, detection_threshold
+from doppelgait.classify.model import calibrate, detection_threshold, row_weights
 
 
 def test_balanced_accuracy_and_confusion_by_hand():
@@ -144,7 +144,7 @@ def test_three_classes_are_calibrated_too():
 
 
 def test_class_weights():
-    weights = class_weights(np.array([0, 0, 0, 2]), 3)
+    weights = row_weights(np.array([0, 0, 0, 2]), 3)
     assert weights.tolist() == pytest.approx([2 / 3, 2 / 3, 2 / 3, 2.0])
 
 

@@ -8,7 +8,6 @@ from doppelgait.classify.learned import Constant, Network, Part, features_in, jo
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.network import CHANNELS
-from doppelgait.classify.patches import Patch
 from doppelgait.classify.training import (
     BASELINES,
     BUILT_IN,
@@ -22,6 +21,7 @@ from doppelgait.classify.training import (
 )
 from doppelgait.core import plugins
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.processing.patches import Patch
 from doppelgait.testing import check_classifier
 
 

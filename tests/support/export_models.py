@@ -14,9 +14,9 @@ from doppelgait.classify.export.device import Device
 from doppelgait.classify.export.examples import levels_of_samples, walk_samples
 from doppelgait.classify.learned import Ensemble, Network, Part, join_inputs
 from doppelgait.classify.model import Calibration, Facts, Model
-from doppelgait.classify.patches import Patch, covering
 from doppelgait.classify.training import train_boosting, train_logistic, train_svm
 from doppelgait.processing.config import Analysis, plan_transform
+from doppelgait.processing.patches import Patch, covering
 
 NAMES = (
     "torso_speed_mps", "doppler_bandwidth_mps", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3",

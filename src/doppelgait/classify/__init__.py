@@ -7,27 +7,27 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "CSettings": "export.write",
-    "Decision": "decide",
-    "Evaluation": "evaluation",
-    "Model": "model",
-    "Patch": "patches",
-    "TrackDecision": "timeline",
-    "classify": "decide",
-    "classify_over_time": "timeline",
-    "evaluate": "evaluation",
-    "export_model": "export.write",
-    "fitting_model": "shipped",
-    "levels": "patches",
-    "load_model": "model_file",
-    "model_cards": "shipped",
-    "open_model": "shipped",
-    "patch": "patches",
-    "save_model": "model_file",
-    "shipped_model": "shipped",
-    "decision_spans": "timeline",
-    "train_network": "network",
-    "write_report": "report",
+    "CSettings": ".export.write",
+    "Decision": ".decide",
+    "Evaluation": ".evaluation",
+    "Model": ".model",
+    "Patch": "..processing.patches",
+    "TrackDecision": ".timeline",
+    "classify": ".decide",
+    "classify_over_time": ".timeline",
+    "evaluate": ".evaluation",
+    "export_model": ".export.write",
+    "fitting_model": ".shipped",
+    "levels": "..processing.patches",
+    "load_model": ".model_file",
+    "model_cards": ".shipped",
+    "open_model": ".shipped",
+    "patch": "..processing.patches",
+    "save_model": ".model_file",
+    "shipped_model": ".shipped",
+    "decision_spans": ".timeline",
+    "train_network": ".network",
+    "write_report": ".report",
 }
 
 __all__ = sorted(_HOME)
@@ -35,7 +35,7 @@ __all__ = sorted(_HOME)
 
 def __getattr__(name: str) -> Any:
     if name in _HOME:
-        return getattr(import_module(f"doppelgait.classify.{_HOME[name]}"), name)
+        return getattr(import_module(_HOME[name], "doppelgait.classify"), name)
     raise AttributeError(f"module 'doppelgait.classify' has no attribute {name!r}")
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from doppelgait.classify.data import Rows, take_rows
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, log_softmax
-from doppelgait.classify.model import Calibration, Model, beyond, class_weights, conditions_of_rows
+from doppelgait.classify.model import Calibration, Model, beyond, conditions_of_rows, row_weights
 from doppelgait.classify.open_set import blocked_rows
 from doppelgait.classify.scores import balanced_accuracy, expected_calibration_error, reliability
 from doppelgait.core.errors import DatasetError
@@ -223,7 +223,7 @@ def adaptation_curve(
                            np.unique(rows.groups[scored]).size])  # fmt: skip
             sure.append(probability.max(axis=1))
             hits.append(right[0])
-            shares.append(class_weights(labels, count))
+            shares.append(row_weights(labels, count))
         accuracy, before, unlabelled, movers = np.mean(scores, axis=0)
         low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
         bins = reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)

@@ -7,26 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-import xarray as xr
 
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, join_inputs
-from doppelgait.classify.patches import Levels, Patch, levels
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import carrier_of, feature_columns, label_arrays
+from doppelgait.dataset.example import carrier_of, feature_columns
+from doppelgait.dataset.learning import read_signature
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.verify.contents import Contents, plan_of
 from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, rounded
+from doppelgait.processing.patches import Patch, levels_of
 
 VELOCITY = "torso_velocity_mps"
 SPEED = "torso_speed_mps"
@@ -163,7 +162,7 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
         pictures = np.empty(len(rows), dtype=object)
         for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
             raise_if_stopped()
-            pictures[number] = levels_of(signature_of(rows.datasets[origin], place), patch or Patch())
+            pictures[number] = levels_of(read_signature(rows.datasets[origin], place), patch or Patch())
         return Table(pictures, ())
     if features == "extended+signature":
         both = [table_of(rows, part, patch=patch) for part in features.split("+")]
@@ -229,19 +228,6 @@ def wavelengths_m(rows: Rows) -> FloatArray:
     ]
     first = np.cumsum([0, *(len(part) for part in carriers[:-1])])  # rows may be a part of their datasets
     return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers)[first[rows.origin] + rows.place], dtype=np.float64)
-
-
-def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:
-    """Read a row's signature alone, None if absent."""
-    row = json_value(dataset.index.iloc[number].to_dict())
-    facts = {"signature": dataset.description["fields"]["signature"]}
-    carrier_hz = carrier_of(dataset.description, row)
-    return label_arrays(facts, row, partial(dataset.stored, number), carrier_hz=carrier_hz).get("signature")
-
-
-def levels_of(signature: xr.DataArray | None, patch: Patch) -> Levels | None:
-    """Return the levels of a signature; None below two columns."""
-    return None if signature is None or signature.sizes["time"] < 2 else levels(signature, patch)
 
 
 def nuisances_of(rows: Rows, motion_folder: Path) -> Table:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, feature_values, levels_of
+from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, feature_values
 from doppelgait.classify.learned import Ensemble, Inputs, Network, join_inputs
 from doppelgait.classify.model import (
     BLOCKING,
@@ -29,6 +29,7 @@ from doppelgait.dataset.example import feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
 from doppelgait.pipeline.result import is_result_file
 from doppelgait.processing import Analysis
+from doppelgait.processing.patches import levels_of
 from doppelgait.radar import Recording, read_recording
 
 Columns = tuple[dict[str, Any], xr.DataArray]

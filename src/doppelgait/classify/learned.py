@@ -12,8 +12,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.patches import Levels, Patch, covering
 from doppelgait.core.worker import one_blas_thread
+from doppelgait.processing.patches import Levels, Patch, covering
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -19,6 +19,7 @@ from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, f
 from doppelgait.classify.novelty import NOVEL_BELOW, Novelty
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.dataset.learning import balanced_weights
 
 LEAST_ROWS = 5
 """Of every class; with fewer nothing is fitted."""
@@ -48,10 +49,9 @@ class Calibration:
         return np.asarray(np.exp(log_softmax(self.slope * log_probability + self.shift)))
 
 
-def class_weights(labels: IntArray, n_classes: int) -> FloatArray:
+def row_weights(labels: IntArray, n_classes: int) -> FloatArray:
     """Return row weights that balance the present classes; mean 1."""
-    counts = np.bincount(labels, minlength=n_classes)
-    return np.asarray(labels.size / ((counts > 0).sum() * counts[labels]), dtype=np.float64)
+    return balanced_weights(np.bincount(labels, minlength=n_classes))[labels]
 
 
 def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
@@ -79,7 +79,7 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
         return Calibration(1.0, np.zeros(n_classes), 0)
     targets = np.tile(1.0 / (counts[labels] + n_classes)[:, None], (1, n_classes))
     targets[np.arange(labels.size), labels] += counts[labels] / (counts[labels] + n_classes)
-    weights = class_weights(labels, n_classes)[:, None] / labels.size
+    weights = row_weights(labels, n_classes)[:, None] / labels.size
 
     def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
         shift = np.concatenate([[0.0], parameters[1:]])

@@ -17,12 +17,12 @@ from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY,
 from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.novelty import Novelty
-from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.processing.patches import Patch
 
 FORMAT = "doppelgait-model"
 FORMAT_VERSION = 3

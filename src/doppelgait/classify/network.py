@@ -14,12 +14,12 @@ import numpy as np
 from pydantic import Field
 
 from doppelgait.classify.learned import FloatArray, Inputs, Network, Part
-from doppelgait.classify.model import class_weights
-from doppelgait.classify.patches import Levels, Patch, cut
+from doppelgait.classify.model import row_weights
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import plugin
+from doppelgait.processing.patches import Levels, Patch, cut
 
 NO_TORCH = "torch is not installed, which signature-network needs to train: pip install 'doppelgait[torch]'"
 CHANNELS = (8, 16, 32, 64)
@@ -113,7 +113,7 @@ def train_network(
     if not train.labels.size:
         raise DatasetError("no training row has a signature")
     rng = np.random.default_rng(seed)
-    weights = class_weights(train.labels, n_classes)
+    weights = row_weights(train.labels, n_classes)
     with _deterministic(torch, seed):
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         model = build_model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
@@ -233,7 +233,7 @@ def _held_loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, 
     Of the middle of each of them.
     """
     model.eval()
-    weights, total = class_weights(held.labels, n_classes), 0.0
+    weights, total = row_weights(held.labels, n_classes), 0.0
     for first in range(0, held.labels.size, AT_A_TIME):
         rows = slice(first, first + AT_A_TIME)
         pictures = np.stack([cut(whole, (whole.shape[1] - spec.n_time) // 2, spec) for whole in held.values[rows]])

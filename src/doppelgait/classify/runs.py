@@ -17,10 +17,10 @@ from doppelgait.classify.model import (
     Facts,
     Model,
     calibrate,
-    class_weights,
     conditions_of_rows,
     detection_threshold,
     learnt_conditions,
+    row_weights,
 )
 from doppelgait.classify.novelty import learn_novelty
 from doppelgait.classify.open_set import blocked_rows
@@ -193,7 +193,7 @@ def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -
     Mean of 5 shuffles among the test rows; largest first.
     """
     values, labels = table.values[fold.test], rows.labels[fold.test]
-    weights = class_weights(labels, len(rows.classes))
+    weights = row_weights(labels, len(rows.classes))
 
     def loss(inputs: Any) -> float:
         found = model.probability(inputs)[np.arange(labels.size), labels]

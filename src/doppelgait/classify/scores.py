@@ -15,7 +15,7 @@ import pandas as pd
 
 from doppelgait.classify.data import ALARM_CLASS
 from doppelgait.classify.learned import FloatArray, IntArray
-from doppelgait.classify.model import class_weights
+from doppelgait.classify.model import row_weights
 
 Groups = npt.NDArray[np.str_]
 Bools = npt.NDArray[np.bool_]
@@ -267,7 +267,7 @@ def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
         Of the bootstrap.
     """
     n_classes = len(answers.classes)
-    weights = class_weights(answers.labels, n_classes)
+    weights = row_weights(answers.labels, n_classes)
     bins = reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
     detected = answers.classes
     if n_classes <= 2:  # one curve: of the class to detect if it is there

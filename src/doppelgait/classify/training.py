@@ -23,7 +23,7 @@ from doppelgait.classify.learned import (
     levels_in,
     log_from,
 )
-from doppelgait.classify.model import calibrate, class_weights
+from doppelgait.classify.model import calibrate, row_weights
 from doppelgait.core.errors import ConfigError, DatasetError, warn_caller
 from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import one_blas_thread
@@ -188,7 +188,7 @@ def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Lin
 
     median, told, mean, scale, floor, columns = standard_columns(train.values)
     model = LogisticRegression(max_iter=2000)
-    model.fit(columns, train.labels, sample_weight=class_weights(train.labels, n_classes))
+    model.fit(columns, train.labels, sample_weight=row_weights(train.labels, n_classes))
     weight, bias = model.coef_, model.intercept_
     if n_classes == 2:
         weight, bias = np.vstack([np.zeros_like(weight), weight]), np.array([0.0, bias[0]])
@@ -217,7 +217,7 @@ def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
         train = Part(train.values[chosen], train.labels[chosen])
     median, told, mean, scale, floor, columns = standard_columns(train.values)
     gamma = SVM_GAMMA / max(columns.shape[1], 1)
-    weights = class_weights(train.labels, n_classes)
+    weights = row_weights(train.labels, n_classes)
     weight, bias, used = [], [], np.zeros(train.labels.size, dtype=bool)
     for number in range(n_classes) if n_classes > 2 else (1,):
         model = SVC(C=SVM_C, gamma=gamma, cache_size=1000).fit(columns, train.labels == number, sample_weight=weights)
@@ -261,7 +261,7 @@ def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Lea
         return train_majority(train, held, n_classes=n_classes, seed=seed)
     model, values = HistGradientBoostingClassifier(**BOOSTING, random_state=seed), train.values[:, known]
     with one_blas_thread():  # of some thousand rows, threads that wait for each other take longer than one
-        model.fit(values, train.labels, sample_weight=class_weights(train.labels, n_classes))
+        model.fit(values, train.labels, sample_weight=row_weights(train.labels, n_classes))
         expected = model.predict_proba(values)
     # A model is kept as plain arrays, but scikit-learn has no public access to these trees. Its private attributes are
     # read here and nowhere else; a version that stores other ones gives one clear error, here or by the comparison.

@@ -21,7 +21,8 @@ from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.plugins import plugin
 from doppelgait.dataset.example import radar_of, unit_of
 from doppelgait.dataset.export import arrays_of, file_name, flat_index, splits_of
-from doppelgait.dataset.open import Dataset, stack
+from doppelgait.dataset.learning import stack
+from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.shard_files import AXIS_UNITS, axis_name
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth

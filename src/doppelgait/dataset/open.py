@@ -16,7 +16,7 @@ from doppelgait.core.config import json_value, validate
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DatasetError
-from doppelgait.core.rng import RandomSource, as_generator
+from doppelgait.core.rng import RandomSource
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.example import (
     Example,
@@ -29,14 +29,23 @@ from doppelgait.dataset.example import (
     simulated_number,
 )
 from doppelgait.dataset.finish import SCHEMA_VERSION
+from doppelgait.dataset.learning import (
+    AXIS_COLUMNS,
+    As,
+    LabelledArrays,
+    balanced_weights,
+    batches_of,
+    collect_arrays,
+    picture_format,
+)
 from doppelgait.dataset.query import rows_where
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
-from doppelgait.dataset.shard_files import MAX_OPEN, ShardFiles, decode
+from doppelgait.dataset.shard_files import ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
 
 if TYPE_CHECKING:
-    from doppelgait.dataset.torch_data import TorchExamples
+    from doppelgait.dataset.torch_data import IterableExamples, TorchExamples
 
 
 TEXT_COLUMNS = ("id", "label", "split", "shard")
@@ -126,73 +135,6 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
         strange = sorted(set(index[name].unique()) - set(known))
         if strange:
             raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
-
-
-POOL_SHARDS = MAX_OPEN // 2
-"""Number of shards that are shuffled together."""
-
-
-def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """Shuffle rows so that shard files open once.
-
-    The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together. A
-    dataset of that many shards or fewer is shuffled as a whole. Shards hold all classes in turn, so a pool is mixed.
-
-    Parameters
-    ----------
-    index : DataFrame
-    rng : Generator
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-    """
-    codes, shards = pd.factorize(index["shard"])
-    place_of_shard = rng.permutation(len(shards))
-    pool = place_of_shard[codes] // POOL_SHARDS
-    order = rng.permutation(len(index))
-    return order[np.argsort(pool[order], kind="stable")]
-
-
-def batches_of(
-    dataset: Dataset, fields: Sequence[str], batch_size: int, rng: RandomSource | None, *, shuffle: bool
-) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    """Yield batches; see :meth:`doppelgait.dataset.Dataset.batches`."""
-    dataset.check_fields(fields)
-    if batch_size < 1:
-        raise DatasetError(f"batch_size: {batch_size} is not allowed; it must be 1 or larger")
-    if shuffle and rng is None:
-        raise DatasetError("batches: shuffling needs rng, for example doppelgait.rng(1); or shuffle=False")
-    rows = np.arange(len(dataset))
-    if shuffle and rng is not None:
-        rows = shuffled_rows(dataset.index, as_generator(rng, "batches"))
-    return _read(dataset, fields, batch_size, rows)
-
-
-def _read(
-    dataset: Dataset, fields: Sequence[str], batch_size: int, rows: npt.NDArray[np.int64]
-) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    numbers = dataset.class_numbers()
-    for first in range(0, len(rows), batch_size):
-        part = rows[first : first + batch_size]
-        arrays = {name: stack(dataset, name, part) for name in fields}
-        yield {**arrays, "label": numbers[part], "number": part}
-
-
-def stack(dataset: Dataset, field: str, rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-    """Stack the arrays of rows as one, (row, ...).
-
-    Different shapes are a :class:`DatasetError`.
-    """
-    values = [dataset.array(field, int(row)) for row in rows]
-    for row, value in zip(rows, values, strict=True):
-        if value.shape != values[0].shape:
-            first, other = (dataset.index["id"].iloc[int(place)] for place in (rows[0], row))
-            raise DatasetError(
-                f"{field}: {first} has the shape {values[0].shape}, {other} {value.shape}; select examples of one "
-                "shape, or read them one by one"
-            )
-    return np.stack(values)
 
 
 Array = npt.NDArray[Any]
@@ -393,9 +335,49 @@ class Dataset:
         """Return the class number of every row, as in ``dataset.json``."""
         return self.index["label"].map(self.description["classes"]).to_numpy(dtype=np.int64)
 
+    def class_weights(self) -> dict[str, float]:
+        """Return a weight of every class that balances them.
+
+        Returns
+        -------
+        dict
+            By label, in the order of the class numbers: n / (number of classes with rows * rows of the class), as
+            scikit-learn's ``class_weight="balanced"``; 0 for a class without rows here.
+            ``torch.tensor([*weights.values()])`` is the ``weight`` of a loss in torch.
+        """
+        classes: Mapping[str, int] = self.description["classes"]
+        counts = np.bincount(self.class_numbers(), minlength=1 + max(classes.values(), default=-1))
+        weights = balanced_weights(counts)
+        return {label: float(weights[number]) for label, number in sorted(classes.items(), key=lambda one: one[1])}
+
+    def arrays(self, field: str, *, as_: As = "array", memory_mb: float = 2000.0) -> LabelledArrays:
+        """Return a field of all rows, with labels and groups.
+
+        ``values, y, groups = dataset.arrays("signature")`` unpacks them, as those of :meth:`features`.
+
+        Parameters
+        ----------
+        field : str
+        as_ : {"array", "picture"} or Patch
+            As of :meth:`batches`.
+        memory_mb : float
+            What the arrays may take, MB (1 MB is 1,000,000 bytes). This is checked before they are read.
+
+        Returns
+        -------
+        LabelledArrays
+            Its values are one array (n, ...) where the shapes of the rows agree, as those of pictures do, else a list.
+
+        Raises
+        ------
+        DatasetError
+            If the field is not kept or has no picture, or the arrays would take more than ``memory_mb``.
+        """
+        return collect_arrays(self, field, as_, memory_mb)
+
     def batches(
         self, fields: Sequence[str] = ("signature",), batch_size: int = 32, rng: RandomSource | None = None,
-        *, shuffle: bool = True,
+        *, shuffle: bool = True, as_: As = "array",
     ) -> Iterator[dict[str, Array]]:  # fmt: skip
         """Yield batches of arrays, each example once.
 
@@ -407,24 +389,29 @@ class Dataset:
         rng : Streams or numpy.random.Generator, optional
             For the order; needed to shuffle.
         shuffle : bool
-            In a random order (:func:`doppelgait.dataset.open.shuffled_rows`), else in that of the index.
+            In a random order (:func:`doppelgait.dataset.learning.shuffled_rows`), else in that of the index.
+        as_ : {"array", "picture"} or Patch
+            ``array``: in linear units, on the grid that it is stored on. ``picture``: signatures in dB over their noise
+            floor, clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k is the radial velocity
+            from -6.4 + 0.2 k m/s to 0.2 m/s more (approaching positive), a column is 1/32 s. The picture is the middle
+            2 s of the signature; a shorter one has 0 around it. Pulse rate, carrier, duration and gain do not change
+            the format. :class:`doppelgait.classify.Patch` sets another one, for example ``Patch(n_time=128)``.
 
         Yields
         ------
         dict
-            For each field an array (batch, ...) in linear units, ``label`` (class numbers) and ``number`` (rows of this
-            part).
+            For each field an array (batch, ...), ``label`` (class numbers) and ``number`` (rows of this part).
 
         Raises
         ------
         DatasetError
-            If a field is not kept, ``rng`` is missing, or arrays of a batch differ in shape.
+            If a field is not kept or has no picture, ``rng`` is missing, or arrays of a batch differ in shape.
         """
-        return batches_of(self, fields, batch_size, rng, shuffle=shuffle)
+        return batches_of(self, fields, batch_size, rng, shuffle=shuffle, as_=as_)
 
     def torch(
-        self, fields: Sequence[str] = ("signature",), *, transform: Callable[[Any], Any] | None = None,
-        target: Literal["label", "index"] = "label",
+        self, fields: Sequence[str] = ("signature",), *, as_: As = "array",
+        transform: Callable[[Any], Any] | None = None, target: Literal["label", "index"] = "label",
     ) -> TorchExamples:  # fmt: skip
         """Return the examples as a ``torch.utils.data.Dataset``.
 
@@ -433,6 +420,8 @@ class Dataset:
         Parameters
         ----------
         fields : sequence of str
+        as_ : {"array", "picture"} or Patch
+            As of :meth:`batches`. Pictures have no channel axis; ``transform=lambda x: x[None]`` adds one.
         transform : callable, optional
             Applied to what is returned for the fields.
         target : {"label", "index"}
@@ -446,14 +435,48 @@ class Dataset:
         Raises
         ------
         DatasetError
-            If torch is not installed, or a field is not kept.
+            If torch is not installed, or a field is not kept or has no picture.
         """
         from doppelgait.dataset.torch_data import TorchExamples
 
         self.check_fields(fields)
         # workers get no more than reading the arrays needs
-        slim = Dataset(self.directory, self.description, self.index[["id", "label", "shard", "row"]], self.files)
-        return TorchExamples(slim, tuple(fields), transform, target)
+        columns = [name for name in ("id", "label", "shard", "row", *AXIS_COLUMNS) if name in self.index]
+        slim = Dataset(self.directory, self.description, self.index[columns], self.files)
+        return TorchExamples(slim, tuple(fields), picture_format(as_, fields), transform, target)
+
+    def torch_iterable(
+        self, fields: Sequence[str] = ("signature",), *, seed: int | None, as_: As = "array",
+        transform: Callable[[Any], Any] | None = None, target: Literal["label", "index"] = "label",
+    ) -> IterableExamples:  # fmt: skip
+        """Return the examples as a ``torch.utils.data.IterableDataset``.
+
+        The workers of a loader share the examples: each one comes once per epoch, whatever their number. Shard files
+        are read one group after another, which suits datasets that are larger than memory.
+
+        Parameters
+        ----------
+        seed : int or None
+            Of the order, which depends on nothing but the seed and the epoch; None for that of the index. Call
+            ``set_epoch(n)`` before every epoch for another order; this holds for persistent workers, too.
+        fields, as_, transform, target
+            As of :meth:`torch`.
+
+        Returns
+        -------
+        torch.utils.data.IterableDataset
+            Items as those of :meth:`torch`.
+
+        Raises
+        ------
+        DatasetError
+            If torch is not installed, or a field is not kept or has no picture.
+        ConfigError
+            If the seed or an epoch is no integer or below 0.
+        """
+        from doppelgait.dataset.torch_data import IterableExamples
+
+        return IterableExamples(self.torch(fields, as_=as_, transform=transform, target=target), seed)
 
 
 def open_dataset(directory: str | Path) -> Dataset:

@@ -12,6 +12,7 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, w
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
+from doppelgait.dataset.learning import As, picture_format
 from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan
 from doppelgait.dataset.resolve import resolve_example
@@ -113,8 +114,8 @@ class ExampleStream:
         return replace(self, start=self.start + number * self.step, step=self.step * count)
 
     def torch(
-        self, fields: Sequence[str] = ("signature",), *, transform: Callable[[Any], Any] | None = None,
-        target: Literal["label", "index"] = "label",
+        self, fields: Sequence[str] = ("signature",), *, as_: As = "array",
+        transform: Callable[[Any], Any] | None = None, target: Literal["label", "index"] = "label",
     ) -> TorchStream:  # fmt: skip
         """Return the stream as a ``torch.utils.data.IterableDataset``.
 
@@ -123,6 +124,8 @@ class ExampleStream:
         Parameters
         ----------
         fields : sequence of str
+        as_ : {"array", "picture"} or Patch
+            As of :meth:`doppelgait.dataset.Dataset.batches`.
         transform : callable, optional
             Applied to what is returned for the fields.
         target : {"label", "index"}
@@ -136,7 +139,7 @@ class ExampleStream:
         Raises
         ------
         DatasetError
-            If torch is not installed, or the plan does not keep a field.
+            If torch is not installed, or the plan does not keep a field, or it has no picture.
         """
         known = [spec.name for spec in self.config.dataset.fields]
         for name in fields:
@@ -144,7 +147,7 @@ class ExampleStream:
                 raise DatasetError(f"fields: the plan keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
         from doppelgait.dataset.torch_data import TorchStream
 
-        return TorchStream(self, tuple(fields), transform, target)
+        return TorchStream(self, tuple(fields), picture_format(as_, fields), transform, target)
 
 
 def stream_examples(

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.rng import Streams
+from doppelgait.dataset.learning import StoredExamples, epoch_rows, make_picture, read_fields
+from doppelgait.processing.patches import Patch
 
 try:
     import torch
@@ -22,20 +25,6 @@ if TYPE_CHECKING:
 
 Transform = Callable[[Any], Any]
 Item = tuple[Any, int]
-
-
-class StoredExamples(Protocol):
-    """Interface that :class:`TorchExamples` needs of :class:`doppelgait.dataset.Dataset`."""
-
-    def __len__(self) -> int: ...
-
-    def array(self, field: str, number: int) -> npt.NDArray[Any]:
-        """Read a stored array of a row."""
-        ...
-
-    def class_numbers(self) -> npt.NDArray[np.int64]:
-        """Return the class of every row."""
-        ...
 
 
 class NumberedExamples(Protocol):
@@ -82,11 +71,12 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
         self,
         dataset: StoredExamples,
         fields: tuple[str, ...],
+        patch: Patch | None,
         transform: Transform | None,
         target: Literal["label", "index"],
     ) -> None:
         check_request(fields, target)
-        self.dataset, self.fields, self.transform = dataset, fields, transform
+        self.dataset, self.fields, self.patch, self.transform = dataset, fields, patch, transform
         self.targets = dataset.class_numbers() if target == "label" else np.arange(len(dataset))
 
     def __len__(self) -> int:
@@ -95,8 +85,35 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
     def __getitem__(self, number: int) -> Item:
         if not -len(self) <= number < len(self):
             raise IndexError(number)
-        arrays = {name: self.dataset.array(name, number) for name in self.fields}
+        arrays = read_fields(self.dataset, self.fields, number, self.patch)
         return as_item(arrays, self.transform, int(self.targets[number]))
+
+
+class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
+    """Dataset whose rows a loader's workers share.
+
+    See :meth:`doppelgait.dataset.Dataset.torch_iterable`.
+    """
+
+    def __init__(self, examples: TorchExamples, seed: int | None) -> None:
+        Streams(0 if seed is None else seed)  # checked here, not in a worker
+        self.examples, self.seed = examples, seed
+        self.epoch = torch.zeros((), dtype=torch.int64).share_memory_()  # persistent workers see it change
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch, 0 or larger, of the next iteration."""
+        if not isinstance(epoch, int) or epoch < 0:
+            raise ConfigError(f"epoch: {epoch!r} is not allowed; it must be an integer, 0 or larger")
+        self.epoch.fill_(epoch)
+
+    def __len__(self) -> int:
+        return len(self.examples)
+
+    def __iter__(self) -> Iterator[Item]:
+        info = get_worker_info()
+        worker, workers = (0, 1) if info is None else (info.id, info.num_workers)
+        for number in epoch_rows(self.examples.dataset.index, self.seed, int(self.epoch), worker, workers).tolist():
+            yield self.examples[number]
 
 
 class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
@@ -106,16 +123,21 @@ class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  
     """
 
     def __init__(
-        self, stream: NumberedExamples, fields: tuple[str, ...], transform: Transform | None,
+        self, stream: NumberedExamples, fields: tuple[str, ...], patch: Patch | None, transform: Transform | None,
         target: Literal["label", "index"],
     ) -> None:  # fmt: skip
         check_request(fields, target)
-        self.stream, self.fields, self.transform, self.target = stream, fields, transform, target
+        self.stream, self.fields, self.patch = stream, fields, patch
+        self.transform, self.target = transform, target
 
     def __iter__(self) -> Iterator[Item]:
         info = get_worker_info()
         stream = self.stream if info is None else self.stream.part(info.id, info.num_workers)
         for number, example in stream.numbered():
-            arrays = {name: example.arrays[name].values for name in self.fields}
+            arrays: dict[str, npt.NDArray[Any]]
+            if self.patch is None:
+                arrays = {name: example.arrays[name].values for name in self.fields}
+            else:
+                arrays = {name: make_picture(example.arrays.get(name), self.patch) for name in self.fields}
             target = number if self.target == "index" else self.stream.class_number(example.label)
             yield as_item(arrays, self.transform, target)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from doppelgait.classify import patches
 from doppelgait.classify.export.device import plan_device
 from doppelgait.classify.export.examples import feature_rows, levels_of_samples, walk_samples, without_still
-from doppelgait.classify.patches import Patch, covering
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, Gate, signature
+from doppelgait.processing import Analysis, Gate, patches, signature
+from doppelgait.processing.patches import Patch, covering
 from export_models import export_model_of
 
 

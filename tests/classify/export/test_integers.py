@@ -4,7 +4,7 @@ import numpy as np
 
 from doppelgait.classify.export.integers import quantise
 from doppelgait.classify.learned import log_softmax
-from doppelgait.classify.patches import Patch, covering
+from doppelgait.processing.patches import Patch, covering
 from export_models import random_levels, random_network
 
 

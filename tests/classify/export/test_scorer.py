@@ -5,16 +5,15 @@ import ast
 import numpy as np
 import pytest
 
-from doppelgait.classify import patches
 from doppelgait.classify.export import scorer
 from doppelgait.classify.export.scorer import Scorer
 from doppelgait.classify.export.write import export_model
 from doppelgait.classify.learned import Constant
 from doppelgait.classify.model_file import FORMAT_VERSION
-from doppelgait.classify.patches import Patch
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import doppler_to_velocity_mps
-from doppelgait.processing import Analysis, Gate, signature
+from doppelgait.processing import Analysis, Gate, patches, signature
+from doppelgait.processing.patches import Patch
 from export_models import KINDS, export_model_of, inputs_of
 
 

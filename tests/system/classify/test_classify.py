@@ -25,7 +25,7 @@ from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, rows_of, table_of
 from doppelgait.classify.decide import Seen, classify, decide
 from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import Part
-from doppelgait.classify.model import class_weights
+from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import adaptation_table, unknown_table, write_report
 from doppelgait.classify.runs import learn
@@ -123,7 +123,7 @@ def test_plain_form_answers_as_sklearn_does(classes):
     values[0] = np.nan
     values[:, 3] = np.nan  # never known
     train, nobody = Part(values[:150], labels[:150]), Part(values[:0], labels[:0])
-    weights = class_weights(train.labels, len(classes))
+    weights = row_weights(train.labels, len(classes))
     boosting = HistGradientBoostingClassifier(**BOOSTING, random_state=4)
     known = [0, 1, 2, 4, 5]
     with threadpool_limits(1):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.classify import patches
 from doppelgait.classify.export.device import network_part, parts_of, plan_device
 from doppelgait.classify.export.examples import (
     dataset_levels,
@@ -19,8 +18,9 @@ from doppelgait.classify.export.examples import (
 )
 from doppelgait.classify.export.write import CSettings, export_model
 from doppelgait.classify.learned import Constant, Network, join_inputs
-from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import ConfigError
+from doppelgait.processing import patches
+from doppelgait.processing.patches import Patch
 from export_models import KINDS, export_model_of, inputs_of
 from processes import run
 

@@ -8,8 +8,8 @@ import pytest
 from doppelgait.classify.data import rows_of, table_of
 from doppelgait.classify.learned import Part
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import DatasetError
+from doppelgait.processing.patches import Patch
 from tiny_dataset import built, tiny_plan
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'doppelgait[torch]'")

@@ -23,7 +23,7 @@ from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
 from doppelgait.dataset import Example, open_dataset, plan_dataset, shard_files
 from doppelgait.dataset.example import carrier_of, label_arrays, radar_of, unit_of
-from doppelgait.dataset.open import POOL_SHARDS, shuffled_rows
+from doppelgait.dataset.learning import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.features.extended import feature_table
 from tiny_dataset import built, mixed_plan, sum_signatures, tiny_plan
@@ -456,6 +456,8 @@ def test_without_torch_one_error(dataset, monkeypatch):
     monkeypatch.delitem(sys.modules, "doppelgait.dataset.torch_data", raising=False)
     with pytest.raises(DatasetError, match="torch is not installed"):
         dataset.torch()
+    with pytest.raises(DatasetError, match="torch is not installed"):
+        dataset.torch_iterable(seed=1)
 
 
 def test_specification_of_an_example_is_that_of_its_plan(dataset, mixed, tmp_path):

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.stream import stream_examples
 from tiny_dataset import built, mixed_plan, tiny_plan
@@ -65,7 +65,7 @@ def test_can_be_pickled_without_the_index(dataset):
     data = dataset.torch()
     copy = pickle.loads(pickle.dumps(data))
     assert torch.equal(copy[7][0], data[7][0])
-    assert list(data.dataset.index.columns) == ["id", "label", "shard", "row"]
+    assert set(data.dataset.index.columns) == {"id", "label", "shard", "row", "scene_id", "prf_hz", "carrier_hz"}
 
 
 def test_wrong_requests(dataset):
@@ -102,3 +102,74 @@ def test_stream_of_several_targets(tmp_path_factory):
     assert [number for _, number in items] == [0, 0, 1, 1]
     for number, (tensor, _) in enumerate(items):
         assert np.array_equal(tensor.numpy(), dataset.array("signature", number))
+
+
+# ---- pictures, and examples that a loader's workers share
+
+
+def loaded(data, workers, **options):
+    """Items of a loader as (number, tensor), in their order."""
+    loader = torch.utils.data.DataLoader(data, num_workers=workers, **{"batch_size": None, **options})
+    return [(int(number), tensor) for tensor, number in loader]
+
+
+def test_pictures_have_one_shape(tmp_path_factory):
+    mixed = open_dataset(built(tmp_path_factory, mixed_plan()))
+    data = mixed.torch(as_="picture")
+    ((batch, labels),) = torch.utils.data.DataLoader(data, batch_size=8, num_workers=1)
+    assert batch.shape == (8, 64, 64)
+    assert batch.dtype == torch.float32
+    assert torch.equal(batch, torch.from_numpy(mixed.arrays("signature", as_="picture").values))
+    assert labels.tolist() == mixed.class_numbers().tolist()
+    with pytest.raises(DatasetError, match="only the field signature has a picture"):
+        mixed.torch(["baseband"], as_="picture")
+    stream = stream_examples(mixed_plan(), start=0).torch(as_="picture", target="index")
+    pictures = [picture for picture, _ in islice(stream, 4)]
+    assert torch.allclose(torch.stack(pictures), batch[:4], atol=0.2)  # the dataset keeps them in half precision
+
+
+@pytest.mark.parametrize("workers", [0, 1, 2, 3])
+@pytest.mark.parametrize("seed", [None, 11])
+def test_workers_share_the_examples(dataset, workers, seed):
+    data = dataset.torch_iterable(seed=seed, target="index")
+    assert isinstance(data, torch.utils.data.IterableDataset)
+    assert len(data) == 12
+    items = loaded(data, workers)
+    order = [number for number, _ in items]
+    assert sorted(order) == list(range(12))
+    assert order == [number for number, _ in loaded(data, 0)]  # the same order, whatever the workers
+    assert (order == list(range(12))) == (seed is None)
+    for number, tensor in items:
+        assert np.array_equal(tensor.numpy(), dataset.array("signature", number))
+
+
+@pytest.mark.parametrize("workers", [0, 3])
+def test_batches_of_a_loader_hold_every_example_once(dataset, workers):
+    loader = torch.utils.data.DataLoader(
+        dataset.torch_iterable(seed=1, as_="picture", target="index"), batch_size=5, num_workers=workers
+    )
+    numbers = [number for _, batch in loader for number in batch.tolist()]
+    assert sorted(numbers) == list(range(12))
+
+
+@pytest.mark.parametrize("options", [{}, {"persistent_workers": True}, {"multiprocessing_context": "spawn"}])
+def test_epochs_have_orders_of_their_own(dataset, options):
+    data = dataset.torch_iterable(seed=11, target="index")
+    loader = torch.utils.data.DataLoader(data, batch_size=None, num_workers=2, **options)
+
+    def order(epoch):
+        data.set_epoch(epoch)
+        return [int(number) for _, number in loader]
+
+    first, second, again = order(0), order(1), order(0)
+    assert first == again != second
+    assert sorted(second) == list(range(12))
+    data.set_epoch(1)
+    assert [number for number, _ in loaded(data, 0)] == second
+
+
+def test_wrong_seeds_and_epochs(dataset):
+    with pytest.raises(ConfigError, match="seed: -1 is not allowed"):
+        dataset.torch_iterable(seed=-1)
+    with pytest.raises(ConfigError, match=r"epoch: 1\.5 is not allowed"):
+        dataset.torch_iterable(seed=1).set_epoch(1.5)

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from doppelgait.classify.learned import Ensemble, Network
 from doppelgait.classify.model import Calibration, Model
-from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing import Analysis
 from doppelgait.processing.config import plan_transform
+from doppelgait.processing.patches import Patch
 
 SAME = 1.01
 """A condition with this ratio of its ends or less is one number."""

@@ -13,7 +13,7 @@ from doppelgait.classify.export import scorer
 from doppelgait.classify.export.device import Device, network_part, parts_of
 from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inputs
 from doppelgait.classify.model import Model
-from doppelgait.classify.patches import Levels, Patch
+from doppelgait.processing.patches import Levels, Patch, levels_of
 
 Complex = npt.NDArray[np.complex64]
 
@@ -81,7 +81,7 @@ def dataset_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> lis
 
     Of all rows where none were held out.
     """
-    from doppelgait.classify.data import levels_of, signature_of
+    from doppelgait.dataset.learning import read_signature
     from doppelgait.dataset.open import open_dataset
 
     dataset = open_dataset(folder)
@@ -91,7 +91,7 @@ def dataset_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> lis
     chosen = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).round().astype(int)]
     found = []
     for number in chosen.tolist():
-        whole = levels_of(signature_of(dataset, number), patch)
+        whole = levels_of(read_signature(dataset, number), patch)
         if whole is not None:
             first = max(0, (whole.shape[1] - n_columns) // 2)
             part = whole[:, first : first + n_columns]

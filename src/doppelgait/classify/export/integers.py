@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.learned import PICTURES_AT_A_TIME, FloatArray, IntArray, Network, log_softmax
-from doppelgait.classify.patches import Levels, covering
+from doppelgait.processing.patches import Levels, covering
 
 LARGEST = 127
 MULTIPLIER_BITS = 30

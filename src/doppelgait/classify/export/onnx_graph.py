@@ -23,8 +23,8 @@ def onnx_model(model: Model) -> Any:
     """Build the ONNX graph of a model.
 
     Inputs are ``features`` (n, d), float32, NaN for unknown, and ``pictures`` (n, m, n_velocity, n_time), float32: m
-    pictures of every signature (:func:`doppelgait.classify.patches.covering`), NaN where there is no signature. Each is
-    there only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of features and
+    pictures of every signature (:func:`doppelgait.processing.patches.covering`), NaN where there is no signature. Each
+    is there only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of features and
     everything after a member are computed in double precision.
 
     Parameters

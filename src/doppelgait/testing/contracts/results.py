@@ -165,7 +165,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
 def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> Any:
     """Make rows of well-separated classes, a few with missing values."""
     from doppelgait.classify.learned import Part
-    from doppelgait.classify.patches import Patch
+    from doppelgait.processing.patches import Patch
 
     rng = np.random.default_rng([seed, n_classes, count])
     labels = np.arange(count, dtype=np.int64) % n_classes

@@ -146,6 +146,11 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     return np.asarray(np.clip(level_db / spec.range_db, 0.0, 1.0), dtype=np.float32)
 
 
+def levels_of(signature: xr.DataArray | None, spec: Patch) -> Levels | None:
+    """Return the levels of a signature; None below two columns."""
+    return None if signature is None or signature.sizes["time"] < 2 else levels(signature, spec)
+
+
 def cut(whole: Levels, start: int, spec: Patch) -> Levels:
     """Cut columns from ``start`` out of levels, shape (n_velocity, n_time).
 

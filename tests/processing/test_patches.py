@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doppelgait.classify.patches import Patch, covering, cut, levels, patch
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, make_array
+from doppelgait.processing.patches import Patch, covering, cut, levels, patch
 
 SPEC = Patch()
 
