@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -95,12 +96,35 @@ def link(package: Distribution, place: Path) -> None:
             (place / top).symlink_to(Path(str(package.locate_file(top))))
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="needs links")
-def test_the_wheel_works_in_an_environment_of_its_own(built, tmp_path):
-    """Beside what it asks for and nothing else; pip would fetch and unpack the same again."""
+PLAN = """
+[dataset]
+name = "tiny"
+examples_per_class = 2
+fractions = { train = 0.5, test = 0.5 }
+[scene]
+duration_s = 1.0
+[target]
+range_m = 4.0
+[[classes]]
+label = "human"
+motion = { kind = "boulic", speed_mps = { uniform = [0.8, 1.6] } }
+[[classes]]
+label = "dog"
+motion = { kind = "quadruped", gait = "trot" }
+"""
+
+
+@pytest.fixture(scope="module")
+def run(built, tmp_path_factory):
+    """Run a command of an environment that has the wheel and what it asks for, nothing else and not this checkout.
+
+    pip would fetch and unpack the same again; the folder is that in which all of them run.
+    """
+    if os.name == "nt":
+        pytest.skip("needs links")
     wheel, _ = built
-    environment = tmp_path / "env"
+    folder = tmp_path_factory.mktemp("alone")
+    environment = folder / "env"
     venv.create(environment, symlinks=True)
     packages = environment / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
     needed = closure(wheel)
@@ -112,7 +136,7 @@ def test_the_wheel_works_in_an_environment_of_its_own(built, tmp_path):
         outside = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
         outside["NUMBA_OPT"] = "0"  # compiled once and thrown away
         done = processes.run(
-            [str(environment / "bin" / command[0]), *command[1:]], cwd=tmp_path, env=outside, check=False,
+            [str(environment / "bin" / command[0]), *command[1:]], cwd=folder, env=outside, check=False,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=SLOW_S,
         )  # fmt: skip
         assert done.returncode == code, done.stdout
@@ -122,11 +146,33 @@ def test_the_wheel_works_in_an_environment_of_its_own(built, tmp_path):
     alone = ["--no-deps", "--no-index", "--no-compile", "--disable-pip-version-check", str(wheel)]
     installed = processes.run([*pip, *alone], capture_output=True, text=True, check=False, timeout=SLOW_S)
     assert installed.returncode == 0, installed.stdout + installed.stderr
-    assert run("doppelgait", "--version").strip() == doppelgait.__version__
     place = run("python", "-c", "import doppelgait; print(doppelgait.__file__)")
     assert Path(place.strip()).is_relative_to(environment)
+    run.folder = folder
+    return run
+
+
+@pytest.mark.slow
+def test_the_wheel_works_in_an_environment_of_its_own(run):
+    assert run("doppelgait", "--version").strip() == doppelgait.__version__
     assert "No module named 'uvicorn'" in run("python", "-c", "import uvicorn", code=1)
-    run("doppelgait", "simulate", "--motion", "boulic", "--label", "human", "--duration", "2", "-o", "walk.h5")
-    assert (tmp_path / "walk.h5").stat().st_size > 1_000_000
-    assert "7.29" in run("doppelgait", "radar", "show", "x4")
-    assert "doppelgait[viewer]" in run("doppelgait", "view", "walk.h5", "--no-browser", code=2)
+    assert "7.29" in run("doppelgait", "radar", "list")
+    run("doppelgait", "demo", "-o", "shown")
+    assert (run.folder / "shown" / "recording.h5").stat().st_size > 1_000_000
+    assert len(list((run.folder / "shown").glob("*.png"))) > 10
+    assert "doppelgait[viewer]" in run("doppelgait", "view", "shown/recording.h5", "--no-browser", code=2)
+
+
+@pytest.mark.slow
+def test_the_wheel_builds_a_dataset_and_decides_with_its_models(run):
+    (run.folder / "plan.toml").write_text(PLAN)
+    run("doppelgait", "dataset", "build", "plan.toml", "-o", "tiny", "--executor", "serial")
+    assert "passed" in run("doppelgait", "dataset", "verify", "tiny")
+    code = "import doppelgait as dg; print(dg.open_dataset('tiny').arrays('signature', as_='picture').values.shape)"
+    assert run("python", "-c", code).strip() == "(4, 64, 64)"
+    person = ["--motion", "human", "--label", "human", "--range", "4", "--speed", "1.3", "--set", "radar.prf_hz=640"]
+    run("doppelgait", "simulate", *person, "--duration", "4", "-o", "person.h5")
+    out = run("doppelgait", "classify", "person.h5", "--json")
+    decided = json.loads(out[out.index("{") : out.rindex("}") + 1])  # notes are before or behind it
+    assert decided["model"]["dataset"] == "shipped-x4"
+    assert [target["label"] for target in decided["targets"]] == ["human"]
