@@ -7,7 +7,7 @@ doppelgait`` and ``doppelgait --help`` stay fast.
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _LAZY = {
     "motion": "doppelgait.motion",

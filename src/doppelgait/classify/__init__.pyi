@@ -10,9 +10,9 @@ from doppelgait.classify.model import Model as Model
 from doppelgait.classify.model_file import load_model as load_model
 from doppelgait.classify.model_file import save_model as save_model
 from doppelgait.classify.network import train_network as train_network
-from doppelgait.classify.patches import Patch as Patch
-from doppelgait.classify.patches import levels as levels
-from doppelgait.classify.patches import patch as patch
+from doppelgait.processing.patches import Patch as Patch
+from doppelgait.processing.patches import levels as levels
+from doppelgait.processing.patches import patch as patch
 from doppelgait.classify.report import write_report as write_report
 from doppelgait.classify.shipped import fitting_model as fitting_model
 from doppelgait.classify.shipped import model_cards as model_cards
