@@ -421,7 +421,7 @@ class Dataset:
         ----------
         fields : sequence of str
         as_ : {"array", "picture"} or Patch
-            As of :meth:`batches`. Pictures have no channel axis; ``transform=lambda x: x[None]`` adds one.
+            As of :meth:`batches`. Pictures have no channel axis; ``batch[:, None]`` adds one.
         transform : callable, optional
             Applied to what is returned for the fields.
         target : {"label", "index"}
