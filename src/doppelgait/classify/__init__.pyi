@@ -10,9 +10,6 @@ from doppelgait.classify.model import Model as Model
 from doppelgait.classify.model_file import load_model as load_model
 from doppelgait.classify.model_file import save_model as save_model
 from doppelgait.classify.network import train_network as train_network
-from doppelgait.processing.patches import Patch as Patch
-from doppelgait.processing.patches import levels as levels
-from doppelgait.processing.patches import patch as patch
 from doppelgait.classify.report import write_report as write_report
 from doppelgait.classify.shipped import fitting_model as fitting_model
 from doppelgait.classify.shipped import model_cards as model_cards
@@ -21,3 +18,6 @@ from doppelgait.classify.shipped import shipped_model as shipped_model
 from doppelgait.classify.timeline import TrackDecision as TrackDecision
 from doppelgait.classify.timeline import classify_over_time as classify_over_time
 from doppelgait.classify.timeline import decision_spans as decision_spans
+from doppelgait.processing.patches import Patch as Patch
+from doppelgait.processing.patches import levels as levels
+from doppelgait.processing.patches import patch as patch
