@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import ks_2samp
 
@@ -20,7 +21,7 @@ from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, l
 from doppelgait.dataset.finish import dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset, spread
 from doppelgait.dataset.splits import assign_splits, groups_of
-from doppelgait.dataset.verify.leakage import refuse_leaks, warn_of_leaks
+from doppelgait.dataset.verify.leakage import guess_classes, refuse_leaks, warn_of_leaks
 
 
 def draw(value, example=0, key="k"):
@@ -558,6 +559,26 @@ def test_a_leaky_plan_is_refused_with_the_parameters_names():
     near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
     with pytest.raises(DatasetError, match=r"told by nuisance parameters alone.*target\.range_m"):
         leaky(target=honest, companions=[near])
+
+
+def test_a_tiny_plan_with_the_default_seed_is_not_refused_by_chance():
+    """The gate errors of this plan happen to differ by class: balanced accuracy 0.83 with p = 0.0008."""
+    config = plan(dataset={"name": "x", "examples_per_class": 20}, target={"range_m": {"uniform": [3, 6]}})
+    assert config.dataset.seed == 2018
+    drawn = examples_of(config)
+    refuse_leaks(drawn, np.random.default_rng(0))
+    errors_m = pd.DataFrame([{"label": e.label, "group": e.group, "gate_error_m": e.gate_error_m} for e in drawn])
+    found = guess_classes(errors_m, np.random.default_rng(0))
+    assert found.accuracy > 0.75
+    assert not found.leaks
+
+
+def test_a_leak_of_a_tiny_plan_is_refused_and_the_gate_error_is_not_named():
+    near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": 2.5}
+    config = plan(dataset={"name": "x", "examples_per_class": 20}, target={"range_m": 5.0}, companions=[near])
+    with pytest.raises(DatasetError, match=r"target\.range_m") as refused:
+        refuse_leaks(examples_of(config), np.random.default_rng(0))
+    assert "gate_error_m" not in str(refused.value)
 
 
 def test_a_leaky_plan_is_built_with_a_warning(tmp_path):

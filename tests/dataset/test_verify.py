@@ -247,8 +247,9 @@ def test_a_value_that_only_one_class_has_is_found():
     assert found.telling[0][0] == "wall"
 
 
-def test_rows_of_one_group_are_one_observation():
+def test_rows_of_one_group_are_one_observation(monkeypatch):
     """Each group has values of its own: rows of a group in two folds would give its class away."""
+    monkeypatch.setattr(leakage, "MOST_PERMUTATIONS", leakage.PERMUTATIONS)  # the accuracy is looked at
     together, apart = [], []
     for seed in range(6):
         values = np.random.default_rng(seed).normal(size=(2, 20)).repeat(6, axis=1)
@@ -336,6 +337,7 @@ def test_bins_are_quantiles_and_missing_values_have_their_own():
 def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
     """P-values of tables without a leak are uniform or, for ties, larger."""
     monkeypatch.setattr(leakage, "PERMUTATIONS", 49)
+    monkeypatch.setattr(leakage, "MOST_PERMUTATIONS", 49)
     p = np.array([leakage.guess_classes(parameters(50, seed=n), np.random.default_rng(n)).p_value for n in range(200)])
     assert np.mean(p <= 0.1) < 0.17  # 0.1 + 3.3 standard deviations
     assert np.mean(p <= 0.5) < 0.62

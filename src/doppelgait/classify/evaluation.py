@@ -18,6 +18,7 @@ from doppelgait.classify.learned import join_inputs
 from doppelgait.classify.model import (
     LEAST_ROWS,
     Model,
+    accepted_range,
     conditions_of_rows,
     conditions_outside,
     span_words,
@@ -259,7 +260,8 @@ def evaluate(
     said += _missing_safeguards(rows, folds)
     said += [
         f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside the "
-        f"training range, {span_words(*part['learnt'])}: no decision there; other scores count them"
+        f"accepted range, {span_words(*accepted_range(name, *part['learnt']))} (training range "
+        f"{span_words(*part['learnt'])}): no decision there; other scores count them"
         for name, part in outside.items()
     ]
     document = document_of(rows, folds, answers, said, seed=seed)

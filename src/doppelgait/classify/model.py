@@ -175,8 +175,14 @@ def beyond(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.
     """
     if name not in learnt:
         return np.zeros(np.shape(values), dtype=bool)
-    (low, high), (less, more) = learnt[name], TOLERANCE[name]
-    return np.asarray((values < low * less) | (values > high * more))
+    low, high = accepted_range(name, *learnt[name])
+    return np.asarray((values < low) | (values > high))
+
+
+def accepted_range(name: str, low: float, high: float) -> tuple[float, float]:
+    """Return the limits of a condition: the training range with its tolerance."""
+    less, more = TOLERANCE[name]
+    return low * less, high * more
 
 
 def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
@@ -189,7 +195,8 @@ def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[s
         if math.isnan(found[name]):
             said.append(f"{name} is unknown; the training range is {words}")
         elif beyond(np.array([found[name]]), name, learnt)[0]:
-            said.append(f"{name} {found[name]:.4g} is outside the training range, {words}")
+            accepted = span_words(*accepted_range(name, *learnt[name]))
+            said.append(f"{name} {found[name]:.4g} is outside the accepted range, {accepted} (training range {words})")
     return said
 
 
@@ -353,21 +360,28 @@ class Model:
         if not self.facts.names:
             return np.zeros((len(values), 0), dtype=bool)
         values = features_in(values)
-        spare = OUTSIDE * (self.highest - self.lowest)
-        far = (values < self.lowest - spare) | (values > self.highest + spare)
+        low, high = self._accepted
+        far = (values < low) | (values > high)
         return np.asarray(far | (np.isnan(values) & (self.unknown < RARELY)))
 
     def outside(self, row: Inputs) -> list[str]:
         """Describe features of one row outside the training range."""
         found, values = [], features_in(row[None])[0]
+        low, high = self._accepted
         for n in np.flatnonzero(self.beyond(row[None])[0]):
             name = self.facts.names[n]
-            learnt = f"{self.lowest[n]:.3g} to {self.highest[n]:.3g}"
+            accepted = f"{low[n]:.3g} to {high[n]:.3g} (training range {self.lowest[n]:.3g} to {self.highest[n]:.3g})"
             if np.isnan(values[n]):
                 found.append(f"{name} is unknown, unlike in the training data")
             else:
-                found.append(f"{name} {values[n]:.3g} is outside the training range, {learnt}")
+                found.append(f"{name} {values[n]:.3g} is outside the accepted range, {accepted}")
         return found
+
+    @property
+    def _accepted(self) -> tuple[FloatArray, FloatArray]:
+        """Limits of every feature: the training range with its tolerance."""
+        spare = OUTSIDE * (self.highest - self.lowest)
+        return self.lowest - spare, self.highest + spare
 
 
 def rests_on(facts: Facts) -> str:

@@ -537,9 +537,13 @@ def test_decision_and_abstentions(found):
         assert blocked.reason == f"flag {flag}"
     far = decide(a_target(feature_step_length_m=9.0), model, 0)
     assert far.abstained
-    assert far.reason.startswith("step_length_m 9 is outside the training range, ")
+    assert far.reason.startswith("step_length_m 9 is outside the accepted range, ")
     lost = decide(a_target(feature_step_length_m=2.2, feature_limb_torso_ratio=None), model, 0)
     assert lost.reason == "limb_torso_ratio is unknown, unlike in the training data"
+    low, high = (float(text) for text in re.findall(r"accepted range, (.+) to (.+) \(", far.reason)[0])
+    for value, is_far in ((0.99 * high, False), (1.01 * high, True)):
+        assert ("step_length_m" in decide(a_target(feature_step_length_m=value), model, 0).reason) is is_far
+    assert low < 0.5 < high
     assert decide(a_target(feature_step_length_m=0.5), model, 0).alarm
     json.dumps(sure.as_dict(), allow_nan=False)
     assert (sure.quality["carrier_hz"], sure.quality["prf_hz"]) == pytest.approx((7.29e9, 1100))
@@ -672,8 +676,11 @@ def test_another_radar_is_no_decision_and_no_alarm(found, stated):
         said = decide(other, model, 0)
         assert said.abstained
         assert said.alarm is None
-        assert "carrier_hz 2.41e+10 is outside the training range, 7.29e+09" in said.reason
-        assert "prf_hz 3000 is outside the training range, 9" in said.reason
+        assert (
+            "carrier_hz 2.41e+10 is outside the accepted range, 6.561e+09 to 8.019e+09 (training range 7.29e+09)"
+            in said.reason
+        )
+        assert "prf_hz 3000 is outside the accepted range, " in said.reason
         assert said.as_dict()["reason"] == said.reason
     near = Seen(other.columns, a_signature(7.4e9, 1300.0, stated=stated))
     assert "is outside" not in decide(near, model, 0).reason
@@ -682,7 +689,15 @@ def test_another_radar_is_no_decision_and_no_alarm(found, stated):
 def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
     model = found.models["six-logistic"]
     short = decide(a_target(feature_step_length_m=2.2, quality_observation_s=1.5), model, 0)
-    assert short.reason == "observation_s 1.5 is outside the training range, 2.5"
+    assert short.reason == "observation_s 1.5 is outside the accepted range, 2 to 10 (training range 2.5)"
+    for seconds, far in (
+        (1.99, True),
+        (2.01, False),
+        (9.9, False),
+        (10.1, True),
+    ):
+        seen = a_target(feature_step_length_m=2.2, quality_observation_s=seconds)
+        assert ("observation_s" in decide(seen, model, 0).reason) is far
     unknown = Seen(a_target().columns, xr.DataArray(np.ones((3, 3)), dims=("time", "doppler")))
     assert "carrier_hz is unknown; the training range is 7.29e+09" in decide(unknown, found.models["chance"], 0).reason
     flag = "gait_frequency:columns_do_not_overlap"
@@ -846,7 +861,7 @@ def test_another_radar_or_analysis_is_warned_of(found, recording):
     changed = model.facts.model_copy(update={"conditions": {"prf_hz": (200.0, 300.0)}, "analysis": {"cpi_s": 0.2}})
     with pytest.warns(DoppelgaitWarning) as said:
         decisions = classify(recording, replace(model, facts=changed), gate="truth", analysis=Analysis())
-    assert "prf_hz 1300 is outside the training range, 200 to 300" in decisions[0].reason
+    assert "prf_hz 1300 is outside the accepted range, 180 to 330 (training range 200 to 300)" in decisions[0].reason
     texts = " ".join(str(entry.message) for entry in said)
     assert "cpi_s 0.1 instead of 0.2" in texts
 
