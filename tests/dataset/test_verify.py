@@ -33,7 +33,7 @@ def walkers(n=40, **changes):
         "truth_gait_frequency_hz": 1.0 + speed,
         "gait_frequency_hz": 1.01 * (1.0 + speed),
         "quality_snr_mu_db": np.full(n, 15.0),
-        "flags": [""] * n,
+        "quality_flags": [""] * n,
         "source": ["model"] * n,
     }
     return pd.DataFrame({**table, **changes})
@@ -65,10 +65,10 @@ def test_single_wrong_estimates_do_not_fail_a_class():
 
 
 def test_flagged_and_noisy_gait_frequencies_are_not_judged():
-    table = walkers(gait_frequency_hz=np.full(40, 9.0), flags=["x;low_confidence"] * 40)
+    table = walkers(gait_frequency_hz=np.full(40, 9.0), quality_flags=["x;low_confidence"] * 40)
     assert truth.check_gait_frequency(table).status == "not applicable"
-    assert truth.check_gait_frequency(table.assign(flags="", quality_snr_mu_db=9.9)).status == "not applicable"
-    assert truth.check_gait_frequency(table.assign(flags="")).status == "failed"
+    assert truth.check_gait_frequency(table.assign(quality_flags="", quality_snr_mu_db=9.9)).status == "not applicable"
+    assert truth.check_gait_frequency(table.assign(quality_flags="")).status == "failed"
 
 
 @pytest.mark.parametrize(("hits", "rows", "off"), [(0, 6, False), (0, 7, True), (20, 40, False), (15, 40, True)])

@@ -208,6 +208,8 @@ def test_every_result_comes_back_exactly(result, recording, tmp_path_factory):
     assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
     row = Result.from_row({"id": "other column", **result.to_row()}, result.analysis, label=result.label)
     assert row == replace(result, arrays={}, gate_limits=None, segments=())
+    columns = {"quality_flags" if name == "flags" else name: value for name, value in result.to_row().items()}
+    assert Result.from_row(columns, result.analysis, label=result.label) == row  # as in the index of a dataset
 
 
 @given(first=any_results(), second=any_results())

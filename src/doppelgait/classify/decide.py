@@ -111,7 +111,8 @@ class Seen:
     @property
     def flags(self) -> tuple[str, ...]:
         """Flags of its analysis."""
-        return tuple(flag for flag in str(self.columns.get("flags") or "").split(";") if flag)
+        texts = self.columns.get("quality_flags", self.columns.get("flags"))  # of an index, of Result.to_row
+        return tuple(flag for flag in str(texts or "").split(";") if flag)
 
     @property
     def conditions(self) -> dict[str, float]:

@@ -43,7 +43,7 @@ def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Mo
 
     A blocking flag, or features, conditions or distance outside what the model was trained on.
     """
-    texts = rows.index["flags"].iloc[part].fillna("").tolist()
+    texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
     flagged = [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
     blocked = np.array(flagged, dtype=bool) | model.beyond(values).any(axis=1)
     blocked |= model.rank(values) < model.facts.novel_below

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +26,8 @@ MotionFolder = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 LEAKS_LOOKED_AT = 1000
 """Number of examples of the leakage test of a plan."""
+FEASIBILITY_LOOKED_AT = 500
+"""Number of examples whose ranges and speeds are compared with the radar's limits."""
 ALL_CHECKED = 20_000
 """Most examples that ``dataset plan`` samples in full; those of a larger plan are evenly spread."""
 
@@ -54,36 +57,46 @@ def plan_command(
 ) -> None:
     """Check a plan and estimate its size and duration.
 
-    The numbers of examples, subjects and files are printed.
+    The numbers of examples, subjects and files are printed, and how many rows alias in Doppler, leave the frame of the
+    radar or lose a part of their gate.
 
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
     import numpy as np
 
+    from doppelgait.dataset.feasibility import assess
     from doppelgait.dataset.finish import dataset_id
-    from doppelgait.dataset.plan import check_examples, plan_dataset, spread
+    from doppelgait.dataset.plan import check_examples, plan_dataset, spread, spread_count
     from doppelgait.dataset.summary import summarise, write_specs
     from doppelgait.dataset.verify.leakage import refuse_leaks
 
     loaded, folder = _load(plan, changes, motion_folder)
     with progress("reading motion files", quiet=as_json) as on_progress:
         planned = plan_dataset(loaded, folder=folder, on_progress=on_progress)
-    checked = check_examples(planned, most=ALL_CHECKED)
+    with progress("drawing examples", quiet=as_json) as on_progress:
+        checked = check_examples(planned, most=ALL_CHECKED, on_progress=on_progress)
     refuse_leaks(list(spread(planned, LEAKS_LOOKED_AT)), np.random.default_rng(0), leaks=loaded.dataset.leaks)
+    with progress("checking ranges and speeds", quiet=as_json) as on_progress:
+        feasibility = assess(
+            spread(planned, FEASIBILITY_LOOKED_AT), folder, gate=loaded.dataset.gate, on_progress=on_progress,
+            count=spread_count(planned, FEASIBILITY_LOOKED_AT),
+        )  # fmt: skip
     summary = summarise(planned, dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(planned, specs)
         say(f"{specs}: {summary.n_examples} resolved examples")
     if as_json:
-        print_json(summary.as_dict())
+        print_json({**summary.as_dict(), "feasibility": asdict(feasibility)})
         return
     print_table(summary.counts)
     print()
     print_table(summary.subjects)
-    if summary.files:
+    for table in ([summary.files] if summary.files else []) + feasibility.tables():
         print()
-        print_table(summary.files)
+        print_table(table)
     print()
+    if feasibility.n_examples < summary.n_examples:
+        print(f"limits of the radar: found in {feasibility.n_examples} of {summary.n_examples} examples")
     print(
         f"{summary.name}: {summary.n_examples} examples in {summary.n_shards} shards, id {summary.dataset_id}; "
         f"{summary.n_checked} were sampled in full, their values are allowed and do not predict the class"
@@ -121,6 +134,7 @@ def build(
     """
     from doppelgait.dataset import build_dataset, open_dataset
     from doppelgait.dataset.card import counts_table, feature_table
+    from doppelgait.dataset.feasibility import LIMITS, limits_of_index
 
     loaded, folder = _load(plan, changes, motion_folder)
     target = output or Path(loaded.dataset.name)
@@ -130,8 +144,10 @@ def build(
             max_failed_share=max_failed, on_progress=on_progress,
         )  # fmt: skip
     counts: list[dict[str, Any]] = []
+    limits: list[dict[str, Any]] = []
     if report.missing == 0:
         index = open_dataset(target).index
+        limits = limits_of_index(index)
         counts = [{str(k): v for k, v in row.items()} for row in counts_table(index).to_dict("records")]
         if not as_json:
             print_table(counts)
@@ -149,6 +165,9 @@ def build(
         else:
             size = f"{report.n_examples} examples, {report.bytes / 1e6:.1f} MB"
             print(f"{target}: {size}, id {report.dataset_id}; {made}")
+    if reached := {name: n for name in LIMITS if (n := sum(row[name] for row in limits))}:
+        words = ", ".join(f"{name} {count}" for name, count in reached.items())
+        say(f"warning: rows that reach a limit of the radar: {words} (of {report.n_rows}); see the card")
     if report.failures:
         first, severity = report.failures[0], "error" if report.too_many_failed else "warning"
         say(

@@ -9,6 +9,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.dataset.config import ImportConfig, PlanConfig
+from doppelgait.dataset.feasibility import LIMITS, limits_of_index
 from doppelgait.features import FEATURE_UNITS
 
 FREE = re.compile(
@@ -132,7 +133,7 @@ MODEL_SENTENCES = {
 SIMULATED_ROWS = """\
 target: labels, split, subject, source, recording, licence, resolved parameters, truth
   (`truth_*`), features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`),
-  `flags` that say why a value is missing. Targets of one scene share `scene_id` and split."""
+  `quality_flags` that say why a value is missing. Targets of one scene share `scene_id` and split."""
 SIMULATED_FILES = """\
 - `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
 
@@ -185,6 +186,7 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
         f"- Radar cross section: {law}.",
         "- What is assumed about bodies, rooms and the receiver is randomised, not measured in your room.",
+        *_radar_limits(index),
     ])  # fmt: skip
     gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
     return _fill(
@@ -194,6 +196,16 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         + _origin(plan, index, recorded),
         files=SIMULATED_FILES.format(gate=gate), limits=limits + MAKE_AGAIN.format(name=name),
     )  # fmt: skip
+
+
+def _radar_limits(index: pd.DataFrame) -> list[str]:
+    """Describe the rows that the radar cannot show well."""
+    counts = limits_of_index(index)
+    reached = [name for name in LIMITS if any(row[name] for row in counts)]
+    if not reached:
+        return ["- Of the radar: no row aliases in Doppler, leaves the frame or loses a part of its gate."]
+    table = markdown_table(pd.DataFrame(counts)[["class", "rows", *reached]])
+    return ["- Of the radar: rows of a scene that reaches a limit, or whose gate the frame cuts off.", "", table]
 
 
 LEAK_SENTENCES = {
@@ -239,9 +251,9 @@ def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> st
 
 
 IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
-  features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`), `flags` that say
-  why a value is missing, `warnings`, and `notes` on what a file does not tell. `truth_*` and `meta_*` are columns of
-  the labels: measured by hand, not by doppelgait."""
+  features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`), `quality_flags`
+  that say why a value is missing, `warnings`, and `notes` on what a file does not tell. `truth_*` and `meta_*`
+  are columns of the labels: measured by hand, not by doppelgait."""
 IMPORTED_MAKING = """## Recordings
 
 {sources}

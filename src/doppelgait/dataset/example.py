@@ -98,7 +98,7 @@ def feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flag
     columns = feature_columns(index, names)
     rows = index
     if without_flags:
-        flags = index["flags"].fillna("").to_numpy(dtype=object)
+        flags = index["quality_flags"].fillna("").to_numpy(dtype=object)
         fits = {
             text: any(fnmatchcase(flag, pattern) for flag in text.split(";") for pattern in without_flags)
             for text in set(flags)

@@ -18,8 +18,9 @@ from doppelgait.core.files import atomic_path, file_sha256, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
+from doppelgait.dataset.feasibility import limits_of_index
 from doppelgait.dataset.motions import motion_files
-from doppelgait.dataset.shard_files import facts_of
+from doppelgait.dataset.shard_files import INDEX_NAMES, facts_of
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.radar.presets import read_preset
 
@@ -129,7 +130,7 @@ Record = Mapping[str, Any]
 ROWS_AT_A_TIME = 4096
 """Rows of a group in the index file: what is in memory of it at a time."""
 FAILURES_KEPT = 100
-LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256", "warnings")
+LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256")
 """Columns that neither card nor lists need; the longest texts of all."""
 TEXT, NUMBER, INTEGER = "string", "float64", "int64"
 TEXT_COLUMNS = ("truth_gait", "quality_verdict")
@@ -266,13 +267,14 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
 
     totals = tally(read_records(target, names))
     write_index(target / "index.parquet", read_records(target, names), totals.columns, header.id)
-    kept = [name for name in totals.columns if name not in LONG_COLUMNS]
+    kept = [INDEX_NAMES.get(name, name) for name in totals.columns if name not in LONG_COLUMNS]
     index = pd.read_parquet(target / "index.parquet", columns=kept)
     write_splits(target / "splits", index)
     write_atomically(target / "README.md", header.card(index, totals.n_failed).encode())
     complete = totals.n_failed <= max_failed_share * header.n_examples
     description = header.describe(count_shards(names), complete=complete, labels=totals.labels)
-    write_description(target, {**description, "contents_sha256": totals.contents_sha256})
+    facts = {"limits": limits_of_index(index), "contents_sha256": totals.contents_sha256}
+    write_description(target, {**description, **facts})
     write_sums(target, totals.hashes)
     return totals
 
@@ -490,4 +492,4 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.
         if kind == NUMBER:
             values = [None if v is None else float(v) for v in values]
         arrays.append(pa.array(values, type=pa.type_for_alias(kind)))
-    return pa.Table.from_arrays(arrays, names=list(columns))
+    return pa.Table.from_arrays(arrays, names=[INDEX_NAMES.get(name, name) for name in columns])

@@ -40,7 +40,7 @@ from doppelgait.dataset.learning import (
 )
 from doppelgait.dataset.query import rows_where
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
-from doppelgait.dataset.shard_files import ShardFiles, decode
+from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
 
@@ -547,4 +547,6 @@ def read_index(path: Path, identity: str | None) -> pd.DataFrame:
         table = file.read()
     table.validate(full=True)  # texts, too: pandas decodes them when they are used
     frame: pd.DataFrame = table.to_pandas()
-    return frame
+    if any(name in frame for name in INDEX_NAMES.values()):
+        return frame
+    return frame.rename(columns=INDEX_NAMES)  # of version 0.1

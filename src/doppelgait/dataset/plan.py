@@ -170,7 +170,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     return Plan(expanded, source, tuple(examples))
 
 
-def check_examples(plan: Plan, *, most: int | None = None) -> int:
+def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress | None = None) -> int:
     """Resolve examples over the plan to find forbidden values.
 
     So they show before anything is built.
@@ -180,6 +180,8 @@ def check_examples(plan: Plan, *, most: int | None = None) -> int:
     plan : Plan
     most : int, optional
         All by default.
+    on_progress : callable, optional
+        Called with (examples drawn, examples in total).
 
     Returns
     -------
@@ -191,13 +193,22 @@ def check_examples(plan: Plan, *, most: int | None = None) -> int:
     ConfigError
         Naming class, example and key.
     """
-    return sum(1 for _ in spread(plan, most))
+    total = spread_count(plan, most)
+    for done, _ in enumerate(spread(plan, most), start=1):
+        if on_progress is not None:
+            on_progress(done, total)
+    return total
+
+
+def spread_count(plan: Plan, most: int | None = None) -> int:
+    """Return how many examples :func:`spread` yields."""
+    total = len(plan.examples)
+    return total if most is None else min(most, total)
 
 
 def spread(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
     """Yield up to ``most`` evenly spread resolved examples."""
-    total = len(plan.examples)
-    count = total if most is None else min(most, total)
+    total, count = len(plan.examples), spread_count(plan, most)
     for place in range(count):
         yield plan.example(place * total // count)
 

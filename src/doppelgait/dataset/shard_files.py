@@ -131,6 +131,9 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
     path.write_bytes(image.getbuffer())
 
 
+INDEX_NAMES = {"flags": "quality_flags"}
+"""Columns of the index by their name in a record, where it is another: ``index.flags`` is an attribute of pandas."""
+
 MEASURED_TEXTS = ("flags", "warnings", "notes", "quality_verdict")
 """Columns of text that an analysis writes."""
 

@@ -17,7 +17,7 @@ from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import build_example
-from doppelgait.dataset.shard_files import facts_of
+from doppelgait.dataset.shard_files import INDEX_NAMES, facts_of
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchStream
@@ -92,6 +92,7 @@ class ExampleStream:
                 warn_caller(f"example number {number} failed: {error}; left out")
             for row, arrays in made:
                 labelled = label_arrays(facts, row, arrays.get, carrier_hz=spec.run.radar.carrier_hz)
+                row = {INDEX_NAMES.get(name, name): value for name, value in row.items()}
                 yield number, Example(row, labelled, partial(resolve_example, self.config, number, self.folder))
             number += self.step
 

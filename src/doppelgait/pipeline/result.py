@@ -369,7 +369,7 @@ class Result:
     ) -> Result:  # fmt: skip
         """Make a result from the columns of :meth:`to_row`.
 
-        Other columns are ignored.
+        Other columns are ignored. The index of a dataset calls ``flags`` ``quality_flags``.
 
         Parameters
         ----------
@@ -386,6 +386,8 @@ class Result:
         AnalysisError
             If a column is missing.
         """
+        if "quality_flags" in row:
+            row = {"flags" if key == "quality_flags" else key: value for key, value in row.items()}
         needed = ("gate", "flags", *NUMBERS, *(f"feature_{name}" for name in FEATURE_UNITS))
         _check_keys(row, needed, "row", "make it with Result.to_row()")
         groups: dict[str, Any] = {

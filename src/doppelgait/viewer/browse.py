@@ -31,7 +31,7 @@ FILTERED = (
     ("snr_frame_db", "quality_snr_mu_db"), ("truth_aspect_deg", "quality_aspect_deg"),
 )  # fmt: skip
 """Filters that are there from the start; of each the first column that is known; measured data know no truth."""
-SHOWN = (*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz", "flags")
+SHOWN = (*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz", "quality_flags")
 """Columns of the table behind the id and the columns of the filters."""
 MOST_POINTS = 5000
 MOST_ROWS = 500

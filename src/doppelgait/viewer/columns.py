@@ -70,7 +70,7 @@ class Columns:
             if pd.api.types.is_numeric_dtype(self.index[name]):
                 if np.isfinite(self.numbers(name)).any():
                     kinds[name] = "number"
-            elif name == "flags" or not self.index[name].isna().all():
+            elif name == "quality_flags" or not self.index[name].isna().all():
                 kinds[name] = "category" if self._is_category(name) else "text"
         return kinds
 
@@ -81,7 +81,10 @@ class Columns:
         """
         if name in ("label", "split"):
             return True
-        if name in (*NAMES, "flags") or _texts(self.index[name].iloc[: 10 * MOST_VALUES]).nunique() > MOST_VALUES:
+        if (
+            name in (*NAMES, "quality_flags")
+            or _texts(self.index[name].iloc[: 10 * MOST_VALUES]).nunique() > MOST_VALUES
+        ):
             return False
         return len(self.codes(name)[1]) <= MOST_VALUES
 
@@ -149,8 +152,8 @@ class Columns:
 
     @property
     def _flag_texts(self) -> tuple[npt.NDArray[np.int64], list[str]]:
-        if "flags" in self.index:
-            return self.codes("flags")
+        if "quality_flags" in self.index:
+            return self.codes("quality_flags")
         return np.zeros(len(self), dtype=np.int64), [""]
 
     def order(self, name: str) -> npt.NDArray[np.float64]:

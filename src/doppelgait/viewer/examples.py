@@ -256,10 +256,10 @@ def stored_view(example: Example) -> TargetView:
         gait_frequency_hz=gait_frequency_hz,
         torso_doppler_hz=_number(row.get("torso_doppler_hz")),
         harmonics_hz=harmonics_of(features, gait_frequency_hz),
-        quality=_beginning(row, "quality_"),
+        quality={name: value for name, value in _beginning(row, "quality_").items() if name != "flags"},
         standard_deviation=_numbers(row, "sd_"),
         extended=_numbers(row, "extended_"),
-        flags=tuple(filter(None, _text(row.get("flags")).split(";"))),
+        flags=tuple(filter(None, _text(row.get("quality_flags")).split(";"))),
         truth=_truth(row),
     )
 

@@ -62,7 +62,7 @@ def made_up(
         "prf_hz": rng.uniform(900, 1300, n),
         "carrier_hz": 7.29e9,
         "observation_s": 2.5,
-        "flags": "",
+        "quality_flags": "",
         "gait_frequency_hz": rng.normal(2, 0.3, n),
         "quality_snr_mu_db": rng.uniform(0, 30, n),
         "truth_ground_speed_mps": labels == classes[0],
@@ -510,7 +510,7 @@ def test_foreign_and_truncated_files_are_refused(found, tmp_path):
 
 
 def a_target(**changes):
-    columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "flags": ""}
+    columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "quality_flags": ""}
     columns |= {"quality_observation_s": 2.4}
     return Seen(columns | changes, a_signature(7.29e9, 1100.0))
 
@@ -532,7 +532,7 @@ def test_decision_and_abstentions(found):
     assert unsure.abstained
     assert unsure.reason.startswith("probability 0.")
     for flag in ("no_signal", "aspect_beyond_75_deg:gait_is_hidden", "clutter_removal_took_30_per_cent:a_torso"):
-        blocked = decide(a_target(feature_step_length_m=2.2, flags=f"harmonic_ratio_3:none;{flag}"), model, 0)
+        blocked = decide(a_target(feature_step_length_m=2.2, quality_flags=f"harmonic_ratio_3:none;{flag}"), model, 0)
         assert blocked.abstained
         assert blocked.reason == f"flag {flag}"
     far = decide(a_target(feature_step_length_m=9.0), model, 0)
@@ -628,7 +628,7 @@ def test_own_recordings_of_one_class_and_of_no_decision_move_nothing():
         evaluate(made_up(), own=people, models=["six-logistic"])
     own = made_up(120, identity="own", seed=4)
     plain = evaluate(made_up(), own=own, models=["six-logistic"]).models["six-logistic"]
-    flagged = own.index.iloc[:20].assign(flags="no_signal", id=[f"x{k}" for k in range(20)], label="human")
+    flagged = own.index.iloc[:20].assign(quality_flags="no_signal", id=[f"x{k}" for k in range(20)], label="human")
     more = Dataset(None, own.description, pd.concat([own.index, flagged], ignore_index=True), None)
     found = evaluate(made_up(), own=more, models=["six-logistic"])
     assert any("own rows are not used, no model would decide on them" in note for note in found.document["notes"])
@@ -703,7 +703,7 @@ def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
     flag = "gait_frequency:columns_do_not_overlap"
     older = replace(model, facts=model.facts.model_copy(update={"blocking": ("no_signal",)}))
     for each in (model, older):
-        assert decide(a_target(feature_step_length_m=2.2, flags=flag), each, 0).reason == f"flag {flag}"
+        assert decide(a_target(feature_step_length_m=2.2, quality_flags=flag), each, 0).reason == f"flag {flag}"
 
 
 def test_a_test_on_another_radar_is_said_and_not_decided():
@@ -887,5 +887,5 @@ def test_an_ensemble_of_several_seeds_is_one_model_with_its_members_beside_it(ti
     again = load_model(save_model(ensemble, tmp_path / "e.npz"))
     tested = found.answers.iloc[0]
     number = int(np.flatnonzero(tiny.index["id"] == tested["id"])[0])
-    target = Seen({**tiny.index.iloc[number].to_dict(), "flags": ""}, tiny.example(number).signature)
+    target = Seen({**tiny.index.iloc[number].to_dict(), "quality_flags": ""}, tiny.example(number).signature)
     assert decide(target, again, 0).probabilities["human"] == pytest.approx(tested["ensemble:human"], abs=1e-5)

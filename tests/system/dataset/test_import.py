@@ -658,12 +658,12 @@ def test_targets_are_found_and_who_is_missing_stays_a_row(tracked, tmp_path):
     index = dataset.index.set_index("recording")
     assert index["n_tracks"].tolist()[2:] == [0, 0]
     assert index.loc["one.h5", "n_tracks"] == 1
-    assert "several_tracks" not in index.loc["one.h5", "flags"]
+    assert "several_tracks" not in index.loc["one.h5", "quality_flags"]
     assert index.loc["one.h5", "feature_torso_velocity_mps"] == pytest.approx(1.2, abs=0.1)
     assert index.loc["two.h5", "n_tracks"] >= 2
-    assert "several_tracks:the_label_went_to_the_surest" in index.loc["two.h5", "flags"].split(";")
-    assert index.loc["copy.h5", "flags"] == "not_tracked"
-    assert index.loc["empty.h5", "flags"] == "nobody:nothing_found"
+    assert "several_tracks:the_label_went_to_the_surest" in index.loc["two.h5", "quality_flags"].split(";")
+    assert index.loc["copy.h5", "quality_flags"] == "not_tracked"
+    assert index.loc["empty.h5", "quality_flags"] == "nobody:nothing_found"
     assert index["source"].tolist() == ["measured"] * 3 + ["none"]
     X, _, _ = dataset.features()
     assert np.isnan(X[2:]).all()

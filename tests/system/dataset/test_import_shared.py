@@ -107,13 +107,13 @@ def test_a_room_with_a_breathing_person_and_an_empty_one(radar_folder, tmp_path)
     dataset = open_dataset(tmp_path / "rooms")
     index = dataset.index.set_index("id")
     breathing = index.loc["still-000000"]
-    assert breathing["flags"].startswith("keeps_still:found_by_breathing")
+    assert breathing["quality_flags"].startswith("keeps_still:found_by_breathing")
     assert breathing["quality_breathing_rate_hz"] == pytest.approx(breathing["truth_breathing_rate_hz"], abs=0.02)
     assert breathing["quality_track_range_m"] == pytest.approx(1.73, abs=0.1)
-    assert set(index.loc[["empty-000000", "empty-000001"], "flags"]) == {"nobody:nothing_found"}
+    assert set(index.loc[["empty-000000", "empty-000001"], "quality_flags"]) == {"nobody:nothing_found"}
     assert index.loc["empty-000000", "group"] == index.loc["empty-000001", "group"]
-    assert index.loc["still-000001", "flags"].startswith("keeps_still:found_by_breathing")  # for its first 12 s
-    assert index.loc["unknown-000000", "flags"] == "not_tracked"
+    assert index.loc["still-000001", "quality_flags"].startswith("keeps_still:found_by_breathing")  # for its first 12 s
+    assert index.loc["unknown-000000", "quality_flags"] == "not_tracked"
     assert report.n_not_tracked == 1
     assert index["prf_hz"].to_numpy() == pytest.approx([25.04, 25.04, 25.04, 17.05, 17.05], abs=0.01)
     still = index.index.str.startswith("still")

@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 
 import processes
+from dataset_plans import put_index
 from doppelgait import viz
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
@@ -193,8 +194,24 @@ def test_groups_keep_a_scene_together(mixed):
         assert len(set(groups[rows.index])) == 1
 
 
+def test_flags_of_the_index_are_a_column_and_no_attribute_of_pandas(folder, dataset):
+    flags = dataset.index.quality_flags
+    assert "flags" not in dataset.index
+    assert len(dataset.select("quality_flags == ''")) == (flags == "").sum()
+    number = int((flags != "").to_numpy().argmax())
+    result = dataset.result(number)
+    assert ";".join(result.flags) == flags.iloc[number] != ""
+    assert "flags" not in result.quality
+
+
+def test_a_dataset_of_version_0_1_opens_with_the_column_renamed(folder, dataset, tmp_path):
+    older = shutil.copytree(folder, tmp_path / "older")
+    put_index(older, dataset.index.rename(columns={"quality_flags": "flags"}))
+    pd.testing.assert_frame_equal(open_dataset(older).index, dataset.index)
+
+
 def test_undetermined_features_are_nan(dataset):
-    flagged = dataset.index["flags"].str.contains("harmonic_ratio_3:no_peak")
+    flagged = dataset.index["quality_flags"].str.contains("harmonic_ratio_3:no_peak")
     column = dataset.features().X[:, list(FEATURE_UNITS).index("harmonic_ratio_3")]
     assert flagged.any()
     assert np.array_equal(np.isnan(column), flagged.to_numpy())
@@ -248,7 +265,8 @@ def test_wrong_feature_names(dataset, names, message):
 def test_rows_without_flags(dataset):
     patterns = ["low_conf*", "*:step_or_stride_*"]
     keep = [
-        not any(fnmatchcase(flag, p) for flag in flags.split(";") for p in patterns) for flags in dataset.index["flags"]
+        not any(fnmatchcase(flag, p) for flag in flags.split(";") for p in patterns)
+        for flags in dataset.index["quality_flags"]
     ]
     assert 0 < sum(keep) < len(keep)
     assert list(dataset.features(without_flags=patterns).ids) == list(dataset.index["id"][keep])
@@ -493,6 +511,7 @@ def test_result_and_truth_of_an_example_are_those_of_its_row(dataset):
     assert result.label == example.label
     assert result.signature is not None
     row = json_value(result.to_row())
+    row["quality_flags"] = row.pop("flags")
     assert {name: row[name] for name in row if name in example.row} == {
         name: example.row[name] for name in row if name in example.row
     }

@@ -12,11 +12,12 @@ import pandas as pd
 import pytest
 
 import dataset_plans
+from checkout import ROOT
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.build import build_dataset, make_index
-from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.finish import SUMS, write_splits, write_sums
 from doppelgait.dataset.shard_files import ShardFiles, hash_contents
 from doppelgait.dataset.verify import verify_dataset
@@ -501,3 +502,17 @@ def test_a_fact_that_the_plan_does_not_give_fails_though_one_row_only(copy):
     found = verify(copy, share=1.0)
     assert found.check("re-simulation").status == "failed"
     assert "dog-000000: truth_range_m is 1.0" in found.check("re-simulation").summary
+
+
+# shipped plans
+
+
+@pytest.mark.parametrize("plan", ["home-alarm", "home-alarm-wide", str(ROOT / "examples" / "rooms-plan.toml")])
+def test_every_shipped_plan_passes(plan, tmp_path):
+    """The plans after the report need motion files: test_scenes."""
+    config, folder = load_plan(plan, overrides=["dataset.examples_per_class=8"])
+    build_dataset(config, tmp_path / "built", folder=folder, executor="serial")
+    found = verify(tmp_path / "built", share=0.01, folder=folder)
+    assert {check.name: check.summary for check in found.checks if check.status in ("failed", "skipped")} == {}
+    assert found.check("measured SNR").status == "passed"
+    assert found.check("measured SNR").numbers["examples"] == 6

@@ -44,7 +44,7 @@ def made_up_index(n_rows=N_ROWS):
         "snr_frame_db": rng.normal(15, 5, n_rows).round(),
         "truth_aspect_deg": aspect_deg,
         "feature_step_length_m": rng.uniform(0.2, 1.0, n_rows),
-        "flags": rng.choice(FLAGS, n_rows),
+        "quality_flags": rng.choice(FLAGS, n_rows),
         "shard": "train-00000-of-00001",
         "row": np.arange(n_rows),
     })  # fmt: skip
@@ -98,11 +98,11 @@ FILTERS = [
     ([("snr_frame_db.min", "12"), ("snr_frame_db.max", "14")], lambda i: i.snr_frame_db.between(12, 14)),
     ([("truth_gait", "(none)")], lambda i: i.truth_gait.isna()),
     ([("truth_gait", "trot"), ("truth_gait", "(none)")], lambda i: i.truth_gait.isna() | (i.truth_gait == "trot")),
-    ([("flag", "low_confidence")], lambda i: i["flags"].str.contains("low_confidence")),
-    ([("flag", "harmonic*"), ("flag", "low_confidence")], lambda i: i["flags"] == FLAGS[3]),
-    ([("flag", "*")], lambda i: i["flags"] != ""),
-    ([("no_flag", "*:*")], lambda i: i["flags"].isin(["", "low_confidence"])),
-    ([("no_flag", "low_confidence"), ("no_flag", "step*")], lambda i: i["flags"] == ""),
+    ([("flag", "low_confidence")], lambda i: i["quality_flags"].str.contains("low_confidence")),
+    ([("flag", "harmonic*"), ("flag", "low_confidence")], lambda i: i["quality_flags"] == FLAGS[3]),
+    ([("flag", "*")], lambda i: i["quality_flags"] != ""),
+    ([("no_flag", "*:*")], lambda i: i["quality_flags"].isin(["", "low_confidence"])),
+    ([("no_flag", "low_confidence"), ("no_flag", "step*")], lambda i: i["quality_flags"] == ""),
     ([("text", "DOG-0001")], lambda i: i.id.str.startswith("dog-0001")),
     ([("text", "a.*")], lambda i: i.id == "no expression"),
 ]  # fmt: skip
@@ -123,7 +123,11 @@ def test_filters_mean_the_rows_that_pandas_finds(browser, index, query, conditio
 def test_the_summary_tells_columns_flags_and_balance(browser, index):
     summary = browser.summary()
     columns = {column["name"]: column for column in summary["columns"]}
-    assert (columns["id"]["kind"], columns["split"]["kind"], columns["flags"]["kind"]) == ("text", "category", "text")
+    assert (columns["id"]["kind"], columns["split"]["kind"], columns["quality_flags"]["kind"]) == (
+        "text",
+        "category",
+        "text",
+    )
     assert columns["split"]["values"] == ["train", "validation", "test"]
     assert columns["truth_gait"]["values"] == ["(none)", "trot", "walk"]
     aspect = columns["truth_aspect_deg"]
@@ -131,17 +135,17 @@ def test_the_summary_tells_columns_flags_and_balance(browser, index):
     assert (aspect["words"], aspect["unit"], aspect["group"]) == ("aspect", "°", "truth")
     assert not {"shard", "row"} & set(columns)
     assert summary["filters"] == ["label", "split", "truth_ground_speed_mps", "snr_frame_db", "truth_aspect_deg"]
-    flags = index["flags"].str.split(";").explode()
+    flags = index["quality_flags"].str.split(";").explode()
     assert summary["flags"] == flags[flags != ""].value_counts().to_dict()
     assert summary["balance"]["dog"] == pd.crosstab(index.label, index.split).loc["dog", summary["splits"]].tolist()
 
 
-@pytest.mark.parametrize("name", ["snr_frame_db", "truth_aspect_deg", "truth_gait", "id", "flags"])
+@pytest.mark.parametrize("name", ["snr_frame_db", "truth_aspect_deg", "truth_gait", "id", "quality_flags"])
 @pytest.mark.parametrize("descending", [False, True])
 def test_sorting_is_stable_and_puts_unknown_values_last(browser, index, name, descending):
     known = index.assign(truth_gait=index.truth_gait.fillna("").replace("", None))
-    if name == "flags":
-        known["flags"] = known["flags"].replace("", None)
+    if name == "quality_flags":
+        known["quality_flags"] = known["quality_flags"].replace("", None)
     wanted = known.sort_values(name, ascending=not descending, kind="stable", na_position="last")
     assert ids_of(browser, [("sort", name), ("descending", str(int(descending)))]) == wanted.id.tolist()
 
@@ -426,7 +430,7 @@ def odd_index():
         "parts": [[n, n] for n in range(60)], "raw": b"x", "day": pd.Timestamp("2026-01-01"),
         "exact": [Decimal(n) for n in range(60)], "subject": "model/one", "many": [f"v{n % 41}" for n in range(60)],
         "few": [f"v{n % 40}" for n in range(60)], "limit": np.arange(60), "sort": "a", "snr_frame_db.min": 1.0,
-        "feature_step_length_m": "long", "flags": [["a"]] * 60, "warnings": [np.array(["a", "b"])] * 60,
+        "feature_step_length_m": "long", "quality_flags": [["a"]] * 60, "warnings": [np.array(["a", "b"])] * 60,
     })  # fmt: skip
 
 
@@ -440,10 +444,10 @@ def test_columns_of_other_kinds_and_names_do_no_harm(tmp_path):
         "raw": "category",
     }  # fmt: skip
     assert columns["day"]["values"] == ["2026-01-01 00:00:00"]
-    for name in ("parts", "raw", "day", "exact", "flags"):
+    for name in ("parts", "raw", "day", "exact", "quality_flags"):
         answer = json.loads(as_json(browser.rows([("sort", name), ("limit", "3")])))
         assert len(answer["rows"]) == 3
-    assert answer["rows"][0]["flags"] == ["a"]
+    assert answer["rows"][0]["quality_flags"] == ["a"]
     row = odd_index().iloc[0].to_dict()
     view = stored_view(Example({**row, "feature_step_length_m": "long", "sd_x": "y"}, {}))
     assert (view.features["step_length_m"], view.standard_deviation, view.flags) == (None, {"x": None}, ())

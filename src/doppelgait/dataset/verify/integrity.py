@@ -19,7 +19,7 @@ from doppelgait.core.own_hdf5 import open_hdf5, own_member
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.finish import LOG, SUMS, count_shards, dataset_id, sums_text
 from doppelgait.dataset.lock import running_builds
-from doppelgait.dataset.shard_files import ShardFiles, facts_of, hash_contents
+from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, facts_of, hash_contents
 from doppelgait.dataset.verify.contents import Check, Contents, plain, some
 
 
@@ -136,7 +136,8 @@ def _difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
         return "the index has another hash of it"
     for column in dict.fromkeys(name for row in rows for name in row):
         expected = [row.get(column) for row in rows]
-        found = plain(part[column]) if column in part.columns else [None] * len(rows)
+        name = INDEX_NAMES.get(column, column)
+        found = plain(part[name]) if name in part.columns else [None] * len(rows)
         if found != expected:
             place = next(n for n, (a, b) in enumerate(zip(found, expected, strict=True)) if a != b)
             return f"{column} of {ids[place]} is {found[place]} in the index, {expected[place]} in the shard's record"

@@ -17,7 +17,7 @@ import pandas as pd
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.dataset.plan import PlannedExample
 from doppelgait.dataset.shard import BuildContext, build_planned
-from doppelgait.dataset.shard_files import Arrays, decode
+from doppelgait.dataset.shard_files import INDEX_NAMES, Arrays, decode
 from doppelgait.dataset.verify.contents import Check, Contents, some
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
@@ -127,7 +127,7 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
 
 
 def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: Arrays) -> Difference:
-    equal_row = all(_same(there.get(name), value) for name, value in row.items())
+    equal_row = all(_same(there.get(INDEX_NAMES.get(name, name)), value) for name, value in row.items())
     other = [name for name in NAMES if not _same(there.get(name), row[name])]
     for name, made in row.items():
         if name.startswith(FACTS):

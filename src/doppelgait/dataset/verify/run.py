@@ -39,7 +39,14 @@ from doppelgait.dataset.verify.integrity import (
 )
 from doppelgait.dataset.verify.leakage import check_groups, check_nuisance
 from doppelgait.dataset.verify.resimulate import check_measured_snr, check_resimulation, choose
-from doppelgait.dataset.verify.truth import check_aspect, check_gait_frequency, check_movers, check_snr, check_velocity
+from doppelgait.dataset.verify.truth import (
+    check_aspect,
+    check_feasibility,
+    check_gait_frequency,
+    check_movers,
+    check_snr,
+    check_velocity,
+)
 from doppelgait.features import FEATURE_UNITS
 
 SHEET_SIZE, SHEET_COLUMNS = 24, 6
@@ -266,6 +273,7 @@ def _checks(
     yield check_snr(contents.index, drawn)
     yield check_aspect(contents.index, drawn)
     yield check_movers(contents)
+    yield check_feasibility(contents)
     yield check_groups(contents)
     yield check_duplicates(contents, for_pairs, steps)
     yield check_nuisance(contents, drawn, for_guess)

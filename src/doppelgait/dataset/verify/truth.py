@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from doppelgait.dataset.feasibility import LIMITS, limits_of_index
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.contents import Check, Contents
 
@@ -94,7 +95,7 @@ def check_gait_frequency(index: pd.DataFrame) -> Check:
     truth, found = column(index, "truth_gait_frequency_hz"), column(index, "gait_frequency_hz")
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(found / truth - 1.0)
-    sure = ~index["flags"].fillna("").astype(str).str.contains("low_confidence").to_numpy(dtype=bool)
+    sure = ~index["quality_flags"].fillna("").astype(str).str.contains("low_confidence").to_numpy(dtype=bool)
     known = np.isfinite(error) & sure & (column(index, "quality_snr_mu_db") >= FREQUENCY_LEAST_SNR_DB)
     table = pd.DataFrame({"label": index["label"], "error": error, "inside": error <= FREQUENCY_TOLERANCE_SHARE})
     what = "within 10 % of the truth where not flagged and 10 dB or more"
@@ -153,6 +154,30 @@ def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
     up = height - example.run.scene.radar_position_m[2]
     cosine = -(x * math.cos(turn) + y * math.sin(turn)) / np.sqrt(x**2 + y**2 + up**2)
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
+
+
+MOST_LIMITED = 0.05
+"""Share of a class's rows that a limit of the radar may affect without a warning."""
+
+
+def check_feasibility(contents: Contents) -> Check:
+    """Check how many rows reach a limit of the radar.
+
+    Aliasing, targets outside the frame, folded echoes, gates that the frame cuts off. The dataset stays valid: a
+    warning from 5 % of the rows of a class on.
+    """
+    if contents.measured:
+        return Check("feasibility", "not applicable", "imported recordings have no truth to compare with")
+    counts = limits_of_index(contents.index)
+    reached = [
+        (name, row["class"], row[name], row["rows"]) for row in counts for name in LIMITS if row[name] > 0
+    ]  # fmt: skip
+    numbers = {row["class"]: {name: value for name, value in row.items() if name != "class"} for row in counts}
+    words = ", ".join(f"{name} in {count} of {rows} {label}" for name, label, count, rows in reached)
+    many = any(count >= MOST_LIMITED * rows for _, _, count, rows in reached)
+    return Check(
+        "feasibility", "warning" if many else "passed", words or "no row reaches a limit of the radar", numbers
+    )
 
 
 LEAST_SEEN = 0.5

@@ -46,7 +46,7 @@ export function makeTable(container, facts, colours, { onSort, onOpen }) {
 
   function cell(value, name) {
     const kind = byName.get(name)?.kind ?? "text";
-    if (name === "flags") return element("td", { class: "flag-list", title: (value ?? "").split(";").map(flagWords).join("\n") }, short(value));
+    if (name === "quality_flags") return element("td", { class: "flag-list", title: (value ?? "").split(";").map(flagWords).join("\n") }, short(value));
     const text = typeof value === "number" ? significant(value, 4) : value ?? "–";
     const spot = name === "label" && colours[value] ? dot(colours[value]) : null;
     return element("td", { class: kind, title: kind === "number" ? null : text }, spot, text);

@@ -1,0 +1,244 @@
+"""Feasibility of a plan: rows that alias, leave the frame, or have little SNR.
+
+Motions are made and observed as a simulation observes them; no echo is synthesised. The names of limits are those that
+simulation and analysis put into the index of a built dataset (``warnings``, ``quality_flags``).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.labels import axis
+from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.pipeline.simulate import observe_scene, pulse_times_s, split_targets, with_lowest_prf
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.signature import cut_out
+from doppelgait.radar.link import noise_power_v2, scatterer_arrays
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.simulate import warn_of_limits
+from doppelgait.scene.placement import place
+
+LIMITS = ("aliasing", "outside the frame", "folding", "sparse range bins", "gate cut off")
+"""What can limit a row: four warnings of a simulation, and the flag ``gate_leaves_frame`` of an analysis."""
+GATE_FLAG = "gate_leaves_frame"
+RANGE_PARTS = 4
+"""Parts of the range that the SNR is stated for, of equally many rows."""
+SNR_PULSES = 200
+"""Pulses that the expected SNR of a row is averaged over."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class RowLimits:
+    """Limits of one planned row.
+
+    Parameters
+    ----------
+    id, label : str
+    limits : tuple of str
+        Those of :data:`LIMITS` that the row is affected by; a warning affects every row of its scene.
+    range_m : float
+        Mean range of the body.
+    snr_db : float
+        Expected SNR_frame: of the plan, else from radar equation and receiver noise, within 3 dB for most
+        rows; NaN without noise or for an empty scene.
+    """
+
+    id: str
+    label: str
+    limits: tuple[str, ...]
+    range_m: float
+    snr_db: float
+
+
+def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> list[RowLimits]:
+    """Find the limits of every row of an example.
+
+    Parameters
+    ----------
+    example : ExampleSpec
+    folder : Path
+        Folder that relative motion paths start from.
+    gate : {"truth", "track"}
+        The gate of a track is not known before; it is not judged.
+
+    Raises
+    ------
+    DoppelgaitError
+        If a motion cannot be made.
+    """
+    run = example.run
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DoppelgaitWarning)
+        placed = place(run.scene, run.streams, folder=folder)
+        radar = with_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
+        slow_time_s = pulse_times_s(placed.observation_s, radar)
+        table, tracks = observe_scene(
+            placed, radar, slow_time_s, run.conditions, angles=False, streams=run.streams
+        )  # fmt: skip
+        warn_of_limits(table, radar)
+    found = {str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)}
+    analysis = run.analysis.resolved("truth")
+    rows = []
+    for number, (row, track) in enumerate(zip(example.rows, tracks, strict=True)):
+        range_m = track.range_m + example.gate_error_m
+        cut = gate == "truth" and _leaves_frame(range_m, slow_time_s, radar, analysis)
+        limits = tuple(name for name in LIMITS if name in found or (cut and name == LIMITS[-1]))
+        snr_db = math.nan
+        if row.source != "none" and run.noise.kind == "snr":
+            snr_db = float(run.noise.snr_db)
+        elif row.source != "none" and run.noise.kind == "thermal":
+            snr_db = _expected_snr_db(table, number, radar)
+        rows.append(RowLimits(row.id, row.label, limits, float(track.range_m.mean()), snr_db))
+    return rows
+
+
+def _leaves_frame(
+    range_m: npt.NDArray[np.float64], slow_time_s: npt.NDArray[np.float64], radar: Radar, analysis: Analysis
+) -> bool:
+    """Return True if a part of the gate around these ranges lies outside the frame."""
+    bins_m = radar.range_axis_m()
+    gate = Gate.around(slow_time_s, range_m, span_m=analysis.gate_span_m)
+    if radar.burst_pulses is not None:
+        low, high = gate.edges(bins_m, slow_time_s, sharp=analysis.sharp_edges)
+    else:
+        cut = cut_out(gate, slow_time_s, bins_m, analysis)
+        low, high = cut.low, cut.high
+    return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
+
+
+def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
+    """Return the SNR_frame of a target by the radar equation, dB.
+
+    The echoes in each cell of the range resolution are added in power; the strongest cell of every pulse counts.
+    """
+    targets, _ = split_targets(table.isel(slow_time=slice(None, None, -(-table.sizes["slow_time"] // SNR_PULSES))))
+    range_m, amplitude_v = scatterer_arrays(targets, radar)
+    seen = (axis(targets, "target") == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
+    cell = np.where(seen, (range_m - radar.range_start_m) / radar.range_resolution_m, 0.0).astype(np.int64)
+    power_v2 = np.zeros((range_m.shape[0], int(cell.max(initial=0)) + 1))
+    np.add.at(power_v2, (np.arange(range_m.shape[0])[:, None], cell), np.where(seen, amplitude_v, 0.0) ** 2)
+    signal_v2 = float(power_v2.max(axis=1).mean())
+    return 10.0 * math.log10(signal_v2 / noise_power_v2(radar)) if signal_v2 > 0 else -math.inf
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """Rows of a plan that its radar cannot show well.
+
+    Parameters
+    ----------
+    n_examples, n_failed : int
+        Examples that were looked at, and those of them whose motion cannot be made.
+    limits : list of dict
+        Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`.
+    snr : list of dict
+        Per part of the range ``range_m`` (from, to), ``rows``, and ``snr_db`` (5 %, 50 % and 95 % of the rows).
+    """
+
+    n_examples: int
+    n_failed: int
+    limits: list[dict[str, Any]]
+    snr: list[dict[str, Any]]
+
+    @property
+    def affected(self) -> dict[str, int]:
+        """Number of rows by limit, of all classes."""
+        return {name: sum(row[name] for row in self.limits) for name in LIMITS}
+
+    def tables(self) -> list[list[dict[str, Any]]]:
+        """Return the tables to print: rows by limit, SNR by range."""
+        shown = [name for name, count in self.affected.items() if count or name in ("aliasing", LIMITS[1], LIMITS[-1])]
+        limits = [{name: row[name] for name in ("class", "rows", *shown)} for row in self.limits]
+        snr = [
+            {
+                "range (m)": "{:.1f} to {:.1f}".format(*part["range_m"]), "rows": part["rows"],
+                "SNR_frame (dB)": "{1:.0f} ({0:.0f} to {2:.0f})".format(*part["snr_db"]),
+            }
+            for part in self.snr
+        ]  # fmt: skip
+        return [table for table in (limits, snr) if table]
+
+
+def assess(
+    examples: Sequence[ExampleSpec] | Iterable[ExampleSpec], folder: Path, *, gate: str = "truth",
+    count: int | None = None, on_progress: Progress | None = None,
+) -> Feasibility:  # fmt: skip
+    """Count the rows of examples that the radar cannot show well.
+
+    Parameters
+    ----------
+    examples : iterable of ExampleSpec
+    folder : Path
+        Folder that relative motion paths start from.
+    gate : {"truth", "track"}
+    count : int, optional
+        Number of examples, for the progress.
+    on_progress : callable, optional
+        Called with (examples done, examples in total).
+    """
+    rows: list[RowLimits] = []
+    done = failed = 0
+    for example in examples:
+        try:
+            rows += find_limits(example, folder, gate=gate)
+        except DoppelgaitError:  # the build leaves it out, too, and says why
+            failed += 1
+        done += 1
+        if on_progress is not None and count is not None:
+            on_progress(done, count)
+    labels = list(dict.fromkeys(row.label for row in rows))
+    limits = [
+        {
+            "class": label,
+            "rows": sum(row.label == label for row in rows),
+            **{name: sum(row.label == label and name in row.limits for row in rows) for name in LIMITS},
+        }
+        for label in labels
+    ]
+    known = sorted((row for row in rows if math.isfinite(row.snr_db)), key=lambda row: row.range_m)
+    parts = [[known[int(n)] for n in part] for part in np.array_split(np.arange(len(known)), RANGE_PARTS) if part.size]
+    snr = [
+        {
+            "range_m": [part[0].range_m, part[-1].range_m],
+            "rows": len(part),
+            "snr_db": [float(level) for level in np.quantile([row.snr_db for row in part], [0.05, 0.5, 0.95])],
+        }
+        for part in parts
+    ]
+    return Feasibility(done, failed, limits, snr)
+
+
+def limits_of_index(index: pd.DataFrame) -> list[dict[str, Any]]:
+    """Count the affected rows of a built dataset, by class.
+
+    Parameters
+    ----------
+    index : DataFrame
+        With the columns ``label``, ``warnings`` and ``quality_flags``.
+
+    Returns
+    -------
+    list of dict
+        As ``limits`` of :class:`Feasibility`.
+    """
+    if not len(index) or "warnings" not in index:
+        return []
+    texts, flags = (index[name].fillna("").astype(str) for name in ("warnings", "quality_flags"))
+    marks = {name: [name in text.split(";") for text in texts] for name in LIMITS[:-1]}
+    marks[LIMITS[-1]] = [GATE_FLAG in text.split(";") for text in flags]
+    table = pd.DataFrame({"class": index["label"].astype(str).to_numpy(), "rows": 1, **marks})
+    counts = table.groupby("class", sort=False).sum().astype(int).reset_index()
+    return [{str(name): value for name, value in row.items()} for row in counts.to_dict("records")]

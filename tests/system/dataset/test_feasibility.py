@@ -1,0 +1,139 @@
+"""Limits that a plan foresees, against the warnings and flags of the dataset that is built from it."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from doppelgait.cli.app import app
+from doppelgait.core.config import validate
+from doppelgait.dataset import open_dataset
+from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.feasibility import LIMITS, assess, find_limits
+from doppelgait.dataset.plan import plan_dataset, spread
+from doppelgait.dataset.verify import verify_dataset
+
+PLAN = """
+[dataset]
+name = "wall"
+examples_per_class = 14
+fields = []
+
+[dataset.fractions]
+train = 1.0
+
+[scene]
+duration_s = 1.6
+
+[target]
+range_m = { uniform = [2, 7] }
+aspect_deg = { uniform = [-180, 180] }
+
+[radar]
+preset = "x4"
+prf_hz = 500
+range_stop_m = 8
+
+[[background]]
+choice = [{ motion = { kind = "fan" }, range_m = 4.0 }, {}]
+
+[[classes]]
+label = "human"
+motion = { kind = "human", speed_mps = { uniform = [0.6, 1.9] } }
+
+[[classes]]
+label = "dog"
+motion = { kind = "quadruped", gait = "auto", froude = { uniform = [0.1, 1.5] } }
+"""
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("wall") / "wall.toml"
+    path.write_text(PLAN)
+    return path
+
+
+@pytest.fixture(scope="module")
+def planned(plan_file):
+    return plan_dataset(validate(PlanConfig, tomllib.loads(plan_file.read_text()), where="plan"))
+
+
+@pytest.fixture(scope="module")
+def wall(planned, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("built") / "wall"
+    build_dataset(planned.config, folder, executor="serial", max_failed_share=0.5)
+    return open_dataset(folder)
+
+
+def test_every_row_has_the_warnings_and_flags_of_its_simulation(planned, wall):
+    rows = wall.index.set_index("id")
+    found = [row for example in spread(planned) for row in find_limits(example, planned.folder) if row.id in rows.index]
+    assert len(found) == len(rows) >= 24
+    for row in found:
+        stated = [name for name in LIMITS if name in rows.warnings[row.id].split(";")]
+        stated += ["gate cut off"] if "gate_leaves_frame" in rows.quality_flags[row.id].split(";") else []
+        assert list(row.limits) == stated
+        assert row.range_m == pytest.approx(rows.truth_range_m[row.id], rel=1e-6)
+    for name in ("aliasing", "outside the frame", "gate cut off"):
+        assert 0 < sum(name in row.limits for row in found) < len(found)
+
+
+def test_the_expected_snr_is_that_of_the_frame_within_a_few_db(planned, wall):
+    stated = wall.index.set_index("id")["snr_frame_db"]
+    found = {row.id: row.snr_db for example in spread(planned) for row in find_limits(example, planned.folder)}
+    error_db = np.array([found[name] - stated[name] for name in stated.index])
+    assert abs(np.median(error_db)) < 2.5
+    assert np.abs(error_db).max() < 6
+
+
+def test_counts_of_the_plan_are_in_card_description_and_verification(planned, wall):
+    plan = assess(spread(planned), planned.folder)
+    counts = {row["class"]: row for row in wall.description["limits"]}
+    left_out = len(planned.examples) - len(wall.index)
+    for row in plan.limits:
+        assert all(0 <= row[name] - counts[row["class"]][name] <= left_out for name in LIMITS)
+    card = (wall.directory / "README.md").read_text()
+    human = counts["human"]
+    assert f"| human | {human['rows']} | {human['aliasing']} | {human['outside the frame']} |" in card
+    check = verify_dataset(wall.directory, share=0.0, rng=np.random.default_rng(0)).check("feasibility")
+    assert check.status == "warning"
+    assert f"aliasing in {counts['dog']['aliasing']} of {counts['dog']['rows']} dog" in check.summary
+    assert check.numbers["human"]["gate cut off"] == human["gate cut off"]
+
+
+def test_a_dataset_within_the_limits_says_so(planned, tmp_path):
+    table = planned.config.model_dump(mode="json", exclude_defaults=True)
+    table["radar"] = {"preset": "x4", "prf_hz": 1600}
+    table["target"] = {"range_m": 5.0, "aspect_deg": 0.0}
+    table["dataset"]["examples_per_class"] = 2
+    build_dataset(validate(PlanConfig, table, where="plan"), tmp_path / "good", executor="serial")
+    good = open_dataset(tmp_path / "good")
+    assert all(row[name] == 0 for row in good.description["limits"] for name in LIMITS)
+    assert "no row aliases in Doppler" in (good.directory / "README.md").read_text()
+    check = verify_dataset(good.directory, share=0.0, rng=np.random.default_rng(0)).check("feasibility")
+    assert (check.status, check.summary) == ("passed", "no row reaches a limit of the radar")
+
+
+def test_plan_prints_the_table_and_reports_progress(plan_file, planned):
+    expected = assess(spread(planned), planned.folder)
+    run = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), "--pilot", "0"])
+    assert run.exit_code == 0, run.output
+    lines = [line.split() for line in run.stdout.splitlines()]
+    assert ["class", "rows", "aliasing", "outside", "the", "frame", "gate", "cut", "off"] in lines
+    dog = next(row for row in expected.limits if row["class"] == "dog")
+    shown = [str(dog[name]) for name in ("rows", "aliasing", "outside the frame", "gate cut off")]
+    assert ["dog", *shown] in lines
+    assert "SNR_frame (dB)" in run.stdout
+    assert "drawing examples: 28 of 28" in run.stderr
+    assert "checking ranges and speeds: 28 of 28" in run.stderr
+    answer = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), "--pilot", "0", "--json"])
+    assert answer.stderr == ""
+    found = json.loads(answer.stdout)["feasibility"]
+    assert found["limits"] == expected.limits
+    assert [part["rows"] for part in found["snr"]] == [7, 7, 7, 7]
