@@ -14,7 +14,7 @@ from scipy.stats import ks_2samp
 from checkout import ROOT
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.draws import resolve
+from doppelgait.core.draws import middle, resolve
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, load_plan, plan_names, shorten
@@ -52,6 +52,80 @@ def test_a_key_has_its_own_stream():
     together = resolve({"new": {"uniform": [0, 1]}, "a": {"uniform": [0, 1]}}, seed=1, example=3, key="t")
     assert together["a"] == alone
     assert together["new"] != alone
+
+
+CHILD = {"height_m": {"uniform": [1.0, 1.5]}, "speed_mps": {"uniform": [0.5, 0.8], "times": "height_m"}}
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["after", "before"])
+def test_a_draw_can_be_multiplied_by_another_key_wherever_it_stands(turned):
+    table = dict(reversed(CHILD.items())) if turned else CHILD
+    drawn = [draw(table, n) for n in range(200)]
+    ratio = np.array([d["speed_mps"] / d["height_m"] for d in drawn])
+    assert list(drawn[0]) == list(table)
+    assert 0.5 <= ratio.min() < 0.52
+    assert 0.78 < ratio.max() <= 0.8
+    assert np.corrcoef([d["height_m"] for d in drawn], [d["speed_mps"] for d in drawn])[0, 1] > 0.5
+    assert abs(np.corrcoef([d["height_m"] for d in drawn], ratio)[0, 1]) < 0.2
+
+
+def test_times_changes_no_draw_by_more_than_its_factor():
+    alone = draw({"height_m": CHILD["height_m"], "speed_mps": {"uniform": [0.5, 0.8]}})
+    together = draw(CHILD)
+    assert together["height_m"] == alone["height_m"]
+    assert together["speed_mps"] == alone["speed_mps"] * alone["height_m"]
+
+
+def test_times_takes_plain_numbers_choices_cycles_and_products():
+    choice = {"choice": [{"uniform": [1, 1]}, {"uniform": [2, 2], "times": "b"}]}
+    table = {"a": {"cycle": [1, 2], "times": "b"}, "b": 10, "c": {"normal": [1, 0], "times": "a"}, "d": choice}
+    found = [draw(table, n) for n in range(30)]
+    assert found[3]["a"] == 20.0
+    assert found[3]["c"] == 20.0
+    assert {d["d"] for d in found} == {1.0, 20.0}
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        (
+            {"v": {"uniform": [0, 1], "times": "height"}, "height_m": 1},
+            "k.v: times = 'height': is no key of the same table, where it must be; others there are height_m",
+        ),
+        (
+            {"v": {"uniform": [0, 1], "times": "w"}, "w": {"uniform": [0, 1], "times": "v"}},
+            "k.w: times = 'v': goes in a circle: v -> w -> v",
+        ),
+        ({"v": {"uniform": [0, 1], "times": "v"}}, "goes in a circle: v -> v"),
+        ({"v": {"uniform": [0, 1], "times": "gait"}, "gait": "walk"}, "gait is 'walk', which is no number"),
+        ({"v": {"choice": ["a"], "times": "w"}, "w": 1}, "its draw is 'a', which is no number"),
+        ({"v": {"uniform": [0, 1], "times": 2}}, "k.v: times = 2: is not allowed; it names a key of the same table"),
+        ({"uniform": [0, 1], "times": "w"}, "k: times = 'w': is not allowed"),
+    ],
+)  # fmt: skip
+def test_wrong_factors_are_named(table, says):
+    with pytest.raises(ConfigError) as refused:
+        draw(table)
+    assert says in str(refused.value)
+    with pytest.raises(ConfigError) as refused:
+        middle(table, "k")
+    assert says in str(refused.value)
+
+
+def test_a_plan_can_state_the_speed_of_children_by_their_height():
+    motion = {"kind": "boulic", **CHILD}
+    examples = examples_of(plan(classes=[{"label": "child", "motion": motion}]))
+    motions = [e.run.scene.targets[0].motion for e in examples]
+    assert all(0.5 <= m["speed_mps"] / m["height_m"] <= 0.8 for m in motions)
+    wrong = {"kind": "boulic", "speed_mps": CHILD["speed_mps"]}
+    with pytest.raises(
+        ConfigError, match=r"class 'child': example child-000000: .*motion\.speed_mps: times = 'height_m'"
+    ):
+        examples_of(plan(classes=[{"label": "child", "motion": wrong}]))
+
+
+def test_the_middle_of_a_product_is_the_product_of_the_middles():
+    assert middle(CHILD) == pytest.approx({"height_m": 1.25, "speed_mps": 0.65 * 1.25})
 
 
 @pytest.mark.parametrize(

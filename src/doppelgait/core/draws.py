@@ -15,8 +15,11 @@ LARGEST = 1e100
 """Of a number of a distribution: their sums and differences are numbers, too."""
 Drawer = Callable[[list[Any], np.random.Generator], Any]
 CYCLE = "cycle"
+TIMES = "times"
+Sibling = Callable[[str], Any]
+"""Value of another key of the same table, sampled."""
 _PLAIN = (str, int, float, type(None))
-"""Values without a distribution inside; most of a plan."""
+"""Values without a distribution inside."""
 
 
 def _uniform(values: list[Any], rng: np.random.Generator) -> float:
@@ -64,7 +67,9 @@ DISTRIBUTIONS: dict[str, Drawer] = {
     "choice": _choice,
 }
 """``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }`` (cut at 3 sd),
-``{ choice = [a, b, ...] }``. Beside these ``{ cycle = [a, b, ...] }`` takes the values in turn, by example number."""
+``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` takes the values in turn, by example number.
+``{ uniform = [low, high], times = "KEY" }`` multiplies the draw by the value of another key of the same table; the draw
+itself is the same with and without it."""
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
@@ -94,26 +99,79 @@ def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None =
     return _sample(value, Streams(seed, example), key, example if turn is None else turn)
 
 
-def _sample(value: Any, streams: Streams, key: str, turn: int) -> Any:
+def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling | None = None) -> Any:
     if isinstance(value, _PLAIN):
         return value
     if isinstance(value, Mapping):
-        if len(value) == 1:
-            ((name, numbers),) = value.items()
-            if name == CYCLE:
-                if not isinstance(numbers, list) or not numbers:
-                    raise ConfigError(f"{key}: cycle = {numbers}: needs at least one value")
-                return _sample(numbers[turn % len(numbers)], streams, f"{key}.{CYCLE}", turn)
-            if name in DISTRIBUTIONS:
-                try:
-                    drawn = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
-                except ConfigError as error:
-                    raise ConfigError(f"{key}: {error}") from None
-                return _sample(drawn, streams, f"{key}.{name}", turn)
-        return {k: _sample(v, streams, f"{key}.{k}", turn) for k, v in value.items()}
+        law = _parse_law(value)
+        if law is None:
+            return _sample_table(value, key, lambda inner, name, of: _sample(inner, streams, name, turn, of))
+        name, numbers, factor = law
+        if name == CYCLE:
+            if not isinstance(numbers, list) or not numbers:
+                raise ConfigError(f"{key}: cycle = {numbers}: needs at least one value")
+            drawn = numbers[turn % len(numbers)]
+        else:
+            try:
+                drawn = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
+            except ConfigError as error:
+                raise ConfigError(f"{key}: {error}") from None
+        found = _sample(drawn, streams, f"{key}.{name}", turn, sibling)
+        return found if factor is None else _multiply(found, factor, key, sibling)
     if isinstance(value, list):
-        return [_sample(v, streams, f"{key}.{n}", turn) for n, v in enumerate(value)]
+        return [_sample(v, streams, f"{key}.{n}", turn, sibling) for n, v in enumerate(value)]
     return value
+
+
+def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
+    """Return name, numbers and ``times`` of a distribution, or None for another table."""
+    if len(table) == 1 or (len(table) == 2 and TIMES in table):
+        for name, numbers in table.items():
+            if name == CYCLE or name in DISTRIBUTIONS:
+                return name, numbers, table.get(TIMES)
+    return None
+
+
+def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str, Sibling], Any]) -> dict[str, Any]:
+    """Sample the values of a table, one that another multiplies before it."""
+    found: dict[str, Any] = {}
+    begun: list[str] = []
+
+    def value_of(name: str) -> Any:
+        if name in found:
+            return found[name]
+        if name not in table:
+            known = ", ".join(str(other) for other in table if other not in begun) or "none"
+            raise ConfigError(f"is no key of the same table, where it must be; others there are {known}")
+        if name in begun:
+            raise ConfigError(f"goes in a circle: {' -> '.join([*begun, name])}")
+        begun.append(name)
+        found[name] = sample(table[name], f"{key}.{name}" if key else name, value_of)
+        begun.pop()
+        return found[name]
+
+    for name, inner in table.items():
+        if isinstance(inner, _PLAIN):  # most of a plan
+            found[name] = inner
+        elif name not in found:
+            value_of(name)
+    return {name: found[name] for name in table}
+
+
+def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float:
+    """Multiply a draw by the value of a key of the same table."""
+    said = f"{key}: {TIMES} = {name!r}"
+    if not isinstance(name, str) or sibling is None:
+        raise ConfigError(f'{said}: is not allowed; it names a key of the same table, such as {TIMES} = "height_m"')
+    try:
+        factor = sibling(name)
+    except ConfigError as error:
+        text = str(error)
+        raise ConfigError(f"{said}: {text}" if text.startswith(("is no key", "goes in")) else text) from None
+    for words, number in (("its draw is", value), (f"{name} is", factor)):
+        if not isinstance(number, int | float) or isinstance(number, bool):
+            raise ConfigError(f"{said}: {words} {number!r}, which is no number")
+    return float(value * factor)
 
 
 def middle(value: Any, key: str = "") -> Any:
@@ -126,19 +184,26 @@ def middle(value: Any, key: str = "") -> Any:
     ConfigError
         If a distribution's numbers are not allowed; the message names the key.
     """
-    if isinstance(value, Mapping):
-        if len(value) == 1 and (name := next(iter(value))) in DISTRIBUTIONS:
-            numbers = value[name]
-            try:
-                DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # what no draw would take is refused
-            except ConfigError as error:
-                raise ConfigError(f"{key}: {error}" if key else str(error)) from None
-            first, last = numbers[0], numbers[-1]
-            if name in ("choice", "normal"):
-                return middle(first, key)
-            return (first + last) / 2.0 if name == "uniform" else math.sqrt(first * last)
-        if len(value) == 1 and CYCLE in value:
-            entries = value[CYCLE]
-            return middle(entries[0], key) if isinstance(entries, list) and entries else entries
-        return {k: middle(v, f"{key}.{k}" if key else k) for k, v in value.items()}
-    return [middle(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value
+    return _middle(value, key, None)
+
+
+def _middle(value: Any, key: str, sibling: Sibling | None) -> Any:
+    if isinstance(value, list):
+        return [_middle(v, f"{key}.{n}", sibling) for n, v in enumerate(value)]
+    law = _parse_law(value) if isinstance(value, Mapping) else None
+    if law is None:
+        return _sample_table(value, key, _middle) if isinstance(value, Mapping) else value
+    name, numbers, factor = law
+    if name == CYCLE:
+        found = _middle(numbers[0], key, sibling) if isinstance(numbers, list) and numbers else numbers
+    else:
+        try:
+            DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # what no draw would take is refused
+        except ConfigError as error:
+            raise ConfigError(f"{key}: {error}" if key else str(error)) from None
+        first, last = numbers[0], numbers[-1]
+        if name in ("choice", "normal"):
+            found = _middle(first, key, sibling)
+        else:
+            found = (first + last) / 2.0 if name == "uniform" else math.sqrt(first * last)
+    return found if factor is None else _multiply(found, factor, key, sibling)
