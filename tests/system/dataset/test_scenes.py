@@ -161,18 +161,34 @@ def test_the_report_plan_has_the_lowest_frame_rates_and_names_its_leaks(walks):
     assert checks.check("nuisance").summary.endswith("leaks that the plan names: " + ", ".join(config.dataset.leaks))
 
 
+def test_the_fair_report_plan_passes_verify(tmp_path):
+    for place, name in enumerate(("human", "dog")):
+        (tmp_path / name).mkdir()
+        for number in range(4):
+            write_take(tmp_path / name / f"{name}_{number}.csv", speed_mps=1.0 + 0.1 * number + 0.05 * place)
+    counts = [f"classes.{number}.examples=4" for number in range(3)]
+    config, _ = load_plan("liland2018-fair", overrides=counts)
+    assert build_dataset(config, tmp_path / "fair", folder=tmp_path, executor="serial").n_failed == 0
+    found = verify_dataset(tmp_path / "fair", folder=tmp_path, rng=np.random.default_rng(0))
+    assert {c.name: c.summary for c in found.checks if c.status in ("failed", "skipped")} == {}
+    assert found.check("feasibility").summary == "no row reaches a limit of the radar"
+
+
+def write_take(path, *, speed_mps, duration_s=5.0):
+    from doppelgait.motion.models import boulic_walk
+
+    motion = boulic_walk(speed_mps=speed_mps, duration_s=duration_s)
+    names = [f"{m}_{a}_m" for m in motion.markers for a in "xyz"]
+    table = np.column_stack([motion.time_s, motion.position_m.reshape(motion.time_s.size, -1)])
+    np.savetxt(path, table, delimiter=",", header=",".join(["time_s", *names]), comments="")
+
+
 @pytest.fixture
 def walks(tmp_path):
     """Three takes of a model written as tables: 6 s, 3 s and 1.4 s, and a file that is no motion."""
-    from doppelgait.motion.models import boulic_walk
-
     (tmp_path / "walks").mkdir()
     for number, seconds in enumerate((6.0, 3.0, 1.4)):
-        motion = boulic_walk(speed_mps=1.2 + 0.1 * number, duration_s=seconds)
-        names = [f"{m}_{a}_m" for m in motion.markers for a in "xyz"]
-        header = ",".join(["time_s", *names])
-        table = np.column_stack([motion.time_s, motion.position_m.reshape(motion.time_s.size, -1)])
-        np.savetxt(tmp_path / "walks" / f"take_{number}.csv", table, delimiter=",", header=header, comments="")
+        write_take(tmp_path / "walks" / f"take_{number}.csv", speed_mps=1.2 + 0.1 * number, duration_s=seconds)
     (tmp_path / "walks" / "notes.txt").write_text("no motion")
     return tmp_path
 
