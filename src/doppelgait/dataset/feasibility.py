@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -173,7 +173,7 @@ class Feasibility:
 
 
 def assess(
-    examples: Sequence[ExampleSpec] | Iterable[ExampleSpec], folder: Path, *, gate: str = "truth",
+    examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth",
     count: int | None = None, on_progress: Progress | None = None,
 ) -> Feasibility:  # fmt: skip
     """Count the rows of examples that the radar cannot show well.
