@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,13 @@ def write_reference(app: Sphinx, config: Any) -> None:
             place.write_text(text)
 
 
+def link_gallery(app: Sphinx, page: str, source: list[str]) -> None:
+    """Lead links to scripts of the gallery, which exist in a clone, to the pages made of them."""
+    text = re.sub(r"\]\(((?:\.\./)*)gallery/(plot_\w+)\.py\)", r"](\1auto_gallery/\2.rst)", source[0])
+    source[0] = text.replace("](gallery/GALLERY_HEADER.rst)", "](auto_gallery/index.rst)")
+
+
 def setup(app: Sphinx) -> None:
     """Connect what is made at build time."""
     app.connect("config-inited", write_reference)
+    app.connect("source-read", link_gallery)

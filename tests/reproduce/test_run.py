@@ -197,9 +197,10 @@ def test_only_what_is_asked_for_is_made(few, tmp_path):
 
 def test_an_earlier_run_is_replaced_and_nothing_else(few, tmp_path):
     out = tmp_path / "out"
-    reproduce(out)
     reproduce(out, only=["table-9.1"])
-    assert not (out / "figures/fig-9.1.png").exists()
+    reproduce(out, only=["table-9.1", "fig-9.1"])
+    assert (out / "figures/fig-9.1.png").exists()
+    reproduce(out)
     (out / "notes.txt").write_text("mine")
     with pytest.raises(
         ConfigError, match=r"out: holds notes\.txt, which no run of reproduce wrote; give another folder"
@@ -207,6 +208,17 @@ def test_an_earlier_run_is_replaced_and_nothing_else(few, tmp_path):
         reproduce(out)
     assert (out / "notes.txt").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_part_does_not_replace_a_full_page(few, tmp_path):
+    out = tmp_path / "out"
+    reproduce(out)
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(
+        ConfigError, match=r"--only would replace the page in .*out, and its 2 other figures and tables"
+    ):
+        reproduce(out, only=["table-9.1"])
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
 def test_places_that_hold_something_else_are_refused(few, tmp_path, monkeypatch):

@@ -64,7 +64,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
     @classmethod
     def model_validate(cls, obj: Any, **settings: Any) -> Self:
-        """Build the model from a mapping, or return a model of this class.
+        """Build the model from a mapping.
 
         Raises
         ------
@@ -204,7 +204,7 @@ _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple
 
 
 def _place_in(data: Any, location: Sequence[str | int]) -> tuple[str | int, ...]:
-    """Return a fault's place in the data, without pydantic's own names."""
+    """Return a fault's place in the data."""
     place: list[str | int] = []
     current = data
     for part in location:

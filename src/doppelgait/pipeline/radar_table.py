@@ -1,4 +1,4 @@
-"""Radar of a run: a preset or file, changes, and the lists of a calibrated one."""
+"""Radar of a run: a preset or file, and changes."""
 
 from __future__ import annotations
 

@@ -114,8 +114,8 @@ def simulate(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0), rng=dg.rng(1), snr_db=10.0)
     >>> recording.n_pulses
     1920
-    >>> dg.simulate(scene, "x4-255fps").radar.prf_hz
-    255.0
+    >>> dg.simulate(scene, "x4").radar.prf_hz
+    1000.0
     """
     check_type(scene, (Scene, PlacedScene), "scene", SCENE_REMEDY)
     check_type(rng, (Streams, type(None)), "rng", "pass rng=doppelgait.rng(SEED)")

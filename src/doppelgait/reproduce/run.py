@@ -11,7 +11,8 @@ from html import escape
 from pathlib import Path
 
 from doppelgait import __version__
-from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.documents import parse_json
+from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
 from doppelgait.reproduce.entry import KINDS, Outcome, all_entries, pick
 from doppelgait.reproduce.material import Material
@@ -131,6 +132,19 @@ FORMAT, FORMAT_VERSION = "doppelgait-reproduction", 1
 READINGS = "readings.json"
 
 
+def _keep_other_entries(out: Path, numbers: set[str]) -> None:
+    """Refuse to replace a page that has other entries, too."""
+    earlier = out / READINGS
+    if not earlier.is_file():
+        return
+    others = [one["number"] for one in parse_json(earlier.read_bytes())["entries"] if one["number"] not in numbers]
+    if others:
+        raise ConfigError(
+            f"--only would replace the page in {out}, and its {len(others)} other figures and tables would be lost; give "
+            "another folder, or leave --only out"
+        )
+
+
 def reproduce(
     out: Path, *, only: Sequence[str] = (), motion_folder: Path | None = None, seed: int = 2018,
     progress: Callable[[int, int], None] | None = None,
@@ -159,12 +173,13 @@ def reproduce(
     Raises
     ------
     ConfigError
-        If ``out`` holds something else, a number is not known, or the motion folder has no people and no dogs.
+        If ``out`` holds something else or an earlier page with other entries, a number is not known, or the motion folder has no people and no dogs.
     OutputError
         If the folder cannot be written; an earlier one then stays unchanged.
     """
     check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
     entries = pick(all_entries(), only)
+    _keep_other_entries(out, {entry.number for entry in entries})
     material = Material(seed=seed, motion_folder=motion_folder)
     outcomes = []
     with complete_folder(out) as folder:

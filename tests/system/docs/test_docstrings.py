@@ -21,7 +21,7 @@ WITH_EXAMPLES = [path for path in MODULES if ">>> " in path.read_text()]
 MOST_WORDS = 12
 WITHOUT_EXAMPLE = {
     "doppelgait": {"live", "plugin"},
-    "doppelgait.classify": {"Evaluation", "export_model", "train_network", "write_report"},
+    "doppelgait.classify": {"Evaluation", "evaluate", "export_model", "train_network", "write_report"},
     "doppelgait.features": {"Extraction", "Observed", "extract", "gait_frequency", "limb_torso_ratio", "snr_mu_db"},
     "doppelgait.motion": {"read"},
     "doppelgait.radar": {"synthesise_rf"},
