@@ -18,6 +18,7 @@ from doppelgait.classify.data import Rows, wavelengths_m
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, features_in, log_softmax
 from doppelgait.classify.novelty import NOVEL_BELOW, Novelty
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.learning import balanced_weights
 
@@ -325,6 +326,22 @@ class Model:
     highest: FloatArray
     unknown: FloatArray
     novelty: Novelty | None = None
+
+    def __repr__(self) -> str:
+        return show_text("Model", self._shown())
+
+    def _repr_html_(self) -> str:
+        return show_html("Model", self._shown(), "model", self)
+
+    def _shown(self) -> dict[str, str]:
+        facts = self.facts
+        return {
+            "name": facts.name,
+            "features": f"{facts.features} ({len(facts.names)})" if facts.names else facts.features,
+            "classes": ", ".join(facts.classes),
+            "trained on": f"{facts.dataset_name}, {facts.n_train} rows",
+            "no decision below": f"{facts.abstain_below:g}",
+        }
 
     def probability(self, values: Inputs) -> FloatArray:
         """Return calibrated probabilities for equally frequent classes.

@@ -14,7 +14,20 @@ from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import Recording
 
 
-def draw_all(recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path) -> Iterator[Path]:
+class FigureFormat(StrEnum):
+    """Formats of figure files."""
+
+    png = "png"
+    svg = "svg"
+    pdf = "pdf"
+
+
+FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
+
+
+def draw_all(
+    recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
+) -> Iterator[Path]:
     """Draw every figure into a folder.
 
     Each path is yielded as soon as its file is written.
@@ -30,7 +43,7 @@ def draw_all(recording: Recording, results: Sequence[Result], analysis: Analysis
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made: {error}") from None
     for name, figure in _figures(recording, results, analysis):
-        path = folder / f"{name}.png"
+        path = folder / f"{name}.{form}"
         viz.save_figure(figure, path)
         yield path
 
@@ -44,19 +57,7 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
         prefix = _name(number, result).replace(" ", "-")
         yield (
             f"{prefix}-overview",
-            viz.overview(
-                recording.baseband,
-                signature=result.signature,
-                cadence_map=result.cadence_map,
-                cadence_spectrum=result.cadence_spectrum,
-                features=result.features.as_dict(),
-                gate={_name(number, result): result.gate.limits},
-                main_line_hz=result.main_line_hz,
-                gait_frequency_hz=result.gait_frequency_hz,
-                amplitude=as_reported,
-                flags=result.flags,
-                title=_name(number, result),
-            ),
+            viz.overview(recording, result, title=_name(number, result)),
         )
         middle = result.signature.sizes["time"] // 2
         cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))

@@ -16,6 +16,7 @@ from doppelgait.core.config import json_value, validate
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.rng import RandomSource
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.example import (
@@ -180,6 +181,24 @@ class Dataset:
     description: dict[str, Any]
     index: pd.DataFrame
     files: ShardFiles = field(repr=False)
+
+    def __repr__(self) -> str:
+        return show_text("Dataset", self._shown())
+
+    def _repr_html_(self) -> str:
+        return show_html("Dataset", self._shown(), "dataset" if len(self) else "", self)
+
+    def _shown(self) -> dict[str, str]:
+        def count(column: str) -> str:
+            return ", ".join(f"{n} {name}" for name, n in self.index[column].value_counts().sort_index().items())
+
+        return {
+            "folder": str(self.directory),
+            "rows": str(len(self)),
+            "classes": count("label"),
+            "splits": count("split"),
+            "id": str(self.description.get("dataset_id", "")),
+        }
 
     def __len__(self) -> int:
         return len(self.index)

@@ -13,6 +13,7 @@ import xarray as xr
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import MOTION, SPACE, axis, check_signal, make_array, sampling_rate_hz, with_values
+from doppelgait.core.notebook import show_text
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -158,6 +159,18 @@ class Motion:
     def time_s(self) -> FloatArray:
         """Times of the frames, shape (T,)."""
         return axis(self.positions, "time")
+
+    def __repr__(self) -> str:
+        facts = self.facts
+        shown = {
+            "source": self.label,
+            "species": facts.species,
+            "gait": facts.gait,
+            "points": str(self.positions.sizes["marker"]),
+            "time": f"{self.duration_s:.4g} s at {self.rate_hz:g} Hz",
+            "stride frequency": "" if not facts.stride_frequency_hz > 0 else f"{facts.stride_frequency_hz:.3g} Hz",
+        }
+        return show_text("Motion", shown)
 
     @property
     def rate_hz(self) -> float:

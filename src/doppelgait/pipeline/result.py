@@ -30,6 +30,7 @@ from doppelgait.core.labels import (
     Schema,
     check_signal,
 )
+from doppelgait.core.notebook import plot, show_html
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, frame_numbers
 from doppelgait.processing import Analysis, Gate
@@ -159,12 +160,39 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        figures = {**self.features.as_dict(), "gait_frequency_hz": self.gait_frequency_hz}
-        known = [f"{name}={value:.4g}" for name, value in figures.items() if value is not None]
+        known = [f"{name}={value:.4g}" for name, value in self._figures().items() if value is not None]
         parts = [f"label={self.label!r}", f"gate={self.gate_source!r}", *known, f"flags={list(self.flags)}"]
         if self.segments:
             parts.append(f"segments={len(self.segments)}")
         return f"Result({', '.join(parts)})"
+
+    def _figures(self) -> dict[str, float | None]:
+        return {**self.features.as_dict(), "gait_frequency_hz": self.gait_frequency_hz}
+
+    def _repr_html_(self) -> str:
+        facts = {
+            "label": self.label or "unknown",
+            "gate": self.gate_source,
+            **{name: f"{value:.4g}" for name, value in self._figures().items() if value is not None},
+            "flags": "; ".join(self.flags),
+        }
+        return show_html("Result", facts, "result" if "signature" in self.arrays else "", self)
+
+    def plot(self, *, ax: Any = None, **settings: Any) -> Any:
+        """Plot the signature with its main line.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to plot; axes of a new figure by default.
+        **settings
+            As for :func:`doppelgait.viz.signature`.
+
+        Returns
+        -------
+        Axes
+        """
+        return plot("result", self, ax=ax, **settings)
 
     @property
     def verdict(self) -> str | None:

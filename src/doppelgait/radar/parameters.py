@@ -26,6 +26,7 @@ from pydantic import (
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.plugins import Group
 from doppelgait.core.samples import Matrix, Samples
 from doppelgait.core.units import (
@@ -452,6 +453,24 @@ class Radar(FrozenModel):
             If the preset is unknown, its file cannot be read or a parameter is not allowed.
         """
         return validate(cls, changed_preset(preset_name, changes), where=f"radar (preset {preset_name})")
+
+    def __repr__(self) -> str:
+        return show_text("Radar", self._shown())
+
+    def _repr_html_(self) -> str:
+        return show_html("Radar", self._shown(), "radar", self)
+
+    def _shown(self) -> dict[str, str]:
+        ranged = self.waveform.kind != "cw"
+        return {
+            "name": self.name,
+            "waveform": self.waveform.kind,
+            "carrier": f"{self.carrier_hz / 1e9:.6g} GHz",
+            "frame rate": f"{self.prf_hz:g} Hz",
+            "unambiguous velocity": f"{self.unambiguous_velocity_mps:.3g} m/s",
+            "range": f"{self.range_start_m:g} to {self.range_stop_m:g} m" if ranged else "",
+            "range resolution": f"{self.range_resolution_m:.3g} m" if ranged else "",
+        }
 
     @property
     def wavelength_m(self) -> float:

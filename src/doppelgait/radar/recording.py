@@ -15,6 +15,7 @@ from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
 from doppelgait.core.lazy import lazy_rows, rows_of, stays_lazy, tiles_of
+from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.parameters import Radar
@@ -258,6 +259,38 @@ class Recording:
             matrix.flags.writeable = False
         coords = {"slow_time": self.slow_time_s, "range": self.range_m}
         return make_array(BASEBAND, matrix, coords, {**baseband_facts(self.radar), **self.facts})
+
+    def __repr__(self) -> str:
+        return show_text("Recording", self._facts())
+
+    def _repr_html_(self) -> str:
+        return show_html("Recording", self._facts(), "recording", self)
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "source": self.source,
+            "radar": self.radar.name or self.radar.waveform.kind,
+            "pulses": f"{self.n_pulses} in {self.observation_s:.4g} s",
+            "range bins": f"{self.n_range_bins}, {self.range_m[0]:.4g} to {self.range_m[-1]:.4g} m",
+            "targets": ", ".join(truth.label or "target" for truth in self.truth),
+            "seed": "" if self.seed is None else str(self.seed),
+        }
+
+    def plot(self, *, ax: Any = None, **settings: Any) -> Any:
+        """Plot the range-time map.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to plot; axes of a new figure by default.
+        **settings
+            As for :func:`doppelgait.viz.range_time`.
+
+        Returns
+        -------
+        Axes
+        """
+        return plot("recording", self, ax=ax, **settings)
 
     @property
     def n_pulses(self) -> int:

@@ -140,8 +140,8 @@ def _keep_other_entries(out: Path, numbers: set[str]) -> None:
     others = [one["number"] for one in parse_json(earlier.read_bytes())["entries"] if one["number"] not in numbers]
     if others:
         raise ConfigError(
-            f"--only would replace the page in {out}, and its {len(others)} other figures and tables would be lost; give "
-            "another folder, or leave --only out"
+            f"--only would replace the page in {out}, and its {len(others)} other figures and tables would be lost; "
+            "give another folder, or leave --only out"
         )
 
 
@@ -173,7 +173,8 @@ def reproduce(
     Raises
     ------
     ConfigError
-        If ``out`` holds something else or an earlier page with other entries, a number is not known, or the motion folder has no people and no dogs.
+        If ``out`` holds something else or an earlier page with other entries, a number is not known, or the motion
+        folder has no people and no dogs.
     OutputError
         If the folder cannot be written; an earlier one then stays unchanged.
     """

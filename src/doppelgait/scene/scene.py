@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, field_v
 
 from doppelgait.core.config import FrozenModel, as_table, read_toml, validate, write_toml
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.notebook import show_html, show_text
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode
@@ -135,6 +136,21 @@ class Target(FrozenModel):
     if TYPE_CHECKING:
 
         def __init__(self, motion: Any, label: str = "", rcs: Any = ..., **parameters: Any) -> None: ...
+
+    def __repr__(self) -> str:
+        return f"Target({self.describe()})"
+
+    def describe(self) -> str:
+        """Return class, motion and place in a few words."""
+        motion = self.motion.label if isinstance(self.motion, Motion) else self.motion.get("path", self.motion["kind"])
+        words = [self.label or "no label", str(motion)]
+        if self.start_position_m is not None:
+            words.append("from " + ", ".join(f"{value:g}" for value in self.start_position_m) + " m")
+        elif self.range_m is not None:
+            words.append(f"at {self.range_m:g} m")
+        if self.path is None and self.start_position_m is None and self.aspect_deg:
+            words.append(f"aspect {self.aspect_deg:g} deg")
+        return " ".join(words)
 
     @field_validator("path", mode="before")
     @classmethod
@@ -269,6 +285,19 @@ class Scene(FrozenModel):
                     'model as { kind = "...", ... } or a file as { kind = "file", path = "..." }'
                 )
         return write_toml(as_table(self))
+
+    def __repr__(self) -> str:
+        return show_text("Scene", self._shown())
+
+    def _repr_html_(self) -> str:
+        return show_html("Scene", self._shown(), "scene", self)
+
+    def _shown(self) -> dict[str, str]:
+        return {
+            "targets": "; ".join(target.describe() for target in self.targets) or "none",
+            "duration": "" if self.duration_s is None else f"{self.duration_s:g} s",
+            "radar at": ", ".join(f"{value:g}" for value in self.radar_position_m) + " m",
+        }
 
     @property
     def observed_targets(self) -> tuple[Target, ...]:

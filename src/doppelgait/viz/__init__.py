@@ -22,7 +22,7 @@ _HOME = {
     "mean_doppler_spectrum": "spectra",
     "feature_scatter": "tables",
     "feature_matrix": "tables",
-    "overview": "page",
+    "overview": "objects",
     "save_figure": "style",
 }
 

@@ -4,7 +4,7 @@ from doppelgait.viz.motion import doppler_lines as doppler_lines
 from doppelgait.viz.motion import range_lines as range_lines
 from doppelgait.viz.motion import scatterer_doppler as scatterer_doppler
 from doppelgait.viz.motion import stick_frames as stick_frames
-from doppelgait.viz.page import overview as overview
+from doppelgait.viz.objects import overview as overview
 from doppelgait.viz.ranges import range_doppler_map as range_doppler_map
 from doppelgait.viz.ranges import range_time as range_time
 from doppelgait.viz.signatures import signature as signature

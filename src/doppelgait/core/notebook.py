@@ -1,0 +1,63 @@
+"""Objects as notebooks show them: a small table of facts and a small picture.
+
+The pictures are drawn above the layers of the objects, by :mod:`doppelgait.viz.objects`. It is named here and imported
+when something is drawn, as the built-in plug-ins of a group are (:mod:`doppelgait.core.plugins`).
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping
+from html import escape
+from importlib import import_module
+from typing import Any
+
+DRAWING = "doppelgait.viz.objects"
+PICTURE_IN = (4.2, 2.6)
+"""Size of the picture."""
+
+
+def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
+    """Plot an object by the function of that name; return its axes."""
+    return getattr(import_module(DRAWING), f"plot_{name}")(value, ax=ax, **settings)
+
+
+def show_text(title: str, facts: Mapping[str, str]) -> str:
+    """Format an object as one to five lines of text."""
+    words = [f"{name} {value}" for name, value in facts.items() if value]
+    lines, line = [], ""
+    for word in words:
+        if line and len(line) + len(word) > 88:
+            lines.append(line)
+            line = ""
+        line += (", " if line else "") + word
+    return "\n  ".join([title, *lines, *([line] if line else [])][:5])
+
+
+def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> str:
+    """Format an object as a small table and an inline PNG.
+
+    Without a name of a plot there is no picture.
+    """
+    rows = "".join(
+        f'<tr><th style="text-align:left">{escape(key)}</th><td style="text-align:left">{escape(text)}</td></tr>'
+        for key, text in facts.items()
+        if text
+    )
+    picture = f'<img alt="{escape(title)}" src="data:image/png;base64,{_picture(name, value)}">' if name else ""
+    return (
+        f"<div><strong>{escape(title)}</strong>"
+        f'<div style="display:flex;gap:1em;align-items:flex-start"><table>{rows}</table>'
+        f"{picture}</div></div>"
+    )
+
+
+def _picture(name: str, value: Any) -> str:
+    """Draw an object; return its PNG in base64."""
+    drawing = import_module(DRAWING)
+    figure, axes = drawing.new_axes(width_in=PICTURE_IN[0], height_in=PICTURE_IN[1])
+    plot(name, value, ax=axes)
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=80, metadata={"Software": None})
+    return base64.b64encode(image.getvalue()).decode()

@@ -1,0 +1,187 @@
+"""Plots of recordings, results, scenes, radars, datasets and models."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.viz.page import overview as overview_of_arrays
+from doppelgait.viz.ranges import range_time
+from doppelgait.viz.signatures import signature
+from doppelgait.viz.style import ACCENT, class_colours, name_axes, new_axes
+
+Place = tuple[float, float]
+
+
+class PlottedRecording(Protocol):
+    """Interface of a recording that can be plotted."""
+
+    @property
+    def baseband(self) -> xr.DataArray:
+        """Data matrix (slow_time, range)."""
+
+
+def overview(
+    recording: PlottedRecording | xr.DataArray, result: Any = None, *, title: str | None = None, **arrays: Any
+) -> Figure:
+    """Plot a recording and one result of it on one page.
+
+    The page has range-time map, signature, cadence-velocity diagram, cadence spectrum and features.
+
+    Parameters
+    ----------
+    recording : Recording or DataArray (slow_time, range)
+    result : Result, optional
+        One target of :func:`doppelgait.analyze`; without it ``recording`` is a baseband, and the arrays are given.
+    title : str, optional
+        By default the label of the result.
+    **arrays
+        Without a result: ``signature``, ``cadence_map``, ``cadence_spectrum`` and ``features`` (values by name), and
+        optionally ``gate``, ``main_line_hz``, ``gait_frequency_hz``, ``amplitude`` and ``flags``.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not keep its schema.
+    ConfigError
+        If there is neither a result nor the arrays.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> results = dg.analyze(recording, gate="truth")
+    >>> figure = dg.viz.overview(recording, results[0])
+    >>> len(figure.axes) > 0
+    True
+    """
+    baseband = recording if isinstance(recording, xr.DataArray) else recording.baseband
+    if result is None:
+        if "signature" not in arrays:
+            raise ConfigError("result: is missing; give one of doppelgait.analyze(recording), for example results[0]")
+        return overview_of_arrays(baseband, title=title or "Overview", **arrays)
+    if isinstance(result, Sequence):
+        raise ConfigError("result: a list is not allowed; give one of its results, for example results[0]")
+    name = title or result.label or "target"
+    found: dict[str, Any] = {
+        "signature": result.signature,
+        "cadence_map": result.cadence_map,
+        "cadence_spectrum": result.cadence_spectrum,
+        "features": result.features.as_dict(),
+        "gate": None if result.gate_limits is None else {name: result.gate.limits},
+        "main_line_hz": result.main_line_hz,
+        "gait_frequency_hz": result.gait_frequency_hz,
+        "amplitude": result.analysis.method == "liland2018",
+        "flags": result.flags,
+    }
+    return overview_of_arrays(baseband, **{**found, **arrays, "title": name})
+
+
+def plot_recording(recording: PlottedRecording, *, ax: Axes | None = None, **settings: Any) -> Axes:
+    """Plot the range-time map of a recording."""
+    ax = new_axes(ax)[1]
+    range_time(recording.baseband, ax=ax, **settings)
+    return ax
+
+
+def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes:
+    """Plot the signature of a result with its main line."""
+    ax = new_axes(ax)[1]
+    signature(result.signature, ax=ax, **{"main_line_hz": result.arrays.get("main_line_hz"), **settings})
+    return ax
+
+
+def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
+    """Plot a scene from above: radar, starts and headings."""
+    ax = new_axes(ax)[1]
+    radar_m: Place = tuple(scene.radar_position_m[:2])
+    ax.plot(*radar_m, marker="^", color=ACCENT, ms=9, ls="none")
+    ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=ACCENT)
+    names = [target.label or "target" for target in scene.targets]
+    colours = class_colours(names)
+    for name, target in zip(names, scene.targets, strict=True):
+        place_m, heading_deg = _place_of(target, radar_m)
+        if place_m is None:
+            continue
+        ax.plot(*place_m, marker="o", color=colours[name], ms=7, ls="none")
+        ax.annotate(name, place_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=colours[name])
+        if heading_deg is not None:
+            turn = math.radians(heading_deg)
+            tip_m = (place_m[0] + 0.8 * math.cos(turn), place_m[1] + 0.8 * math.sin(turn))
+            ax.annotate("", tip_m, xytext=place_m, arrowprops={"arrowstyle": "->", "color": colours[name]})
+    name_axes(ax, title="Scene from above", x="x (m)", y="y (m)")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.2)
+    ax.grid(color="#e0e0e0", lw=0.6)
+    return ax
+
+
+def _place_of(target: Any, radar_m: Place) -> tuple[Place | None, float | None]:
+    """Return place and heading of a target as stated."""
+    if target.start_position_m is not None:
+        return tuple(target.start_position_m[:2]), target.heading_deg
+    if target.range_m is None or target.path is not None:
+        return None, None
+    bearing = math.radians(target.bearing_deg)
+    place_m = (radar_m[0] + target.range_m * math.cos(bearing), radar_m[1] + target.range_m * math.sin(bearing))
+    return place_m, target.bearing_deg + 180.0 + target.aspect_deg
+
+
+def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
+    """Plot what a radar covers: ranges and velocities."""
+    ax = new_axes(ax)[1]
+    ranged = radar.waveform.kind != "cw"
+    start_m, stop_m = (radar.range_start_m, radar.range_stop_m) if ranged else (0.0, 1.0)
+    reach_mps = radar.unambiguous_velocity_mps
+    ax.fill_between([start_m, stop_m], -reach_mps, reach_mps, color="#9ecae1", alpha=0.6, lw=0)
+    name_axes(ax, title="Unambiguous range and velocity", x="range (m)" if ranged else "no range", y="velocity (m/s)")
+    if not ranged:
+        ax.set_xticks([])
+    ax.axhline(0.0, color="#606060", lw=0.8)
+    ax.margins(0.1)
+    return ax
+
+
+def plot_counts(counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = None) -> Axes:
+    """Plot rows by class, stacked by split."""
+    ax = new_axes(ax)[1]
+    splits = sorted({split for by_split in counts.values() for split in by_split}, key=_order)
+    left = np.zeros(len(counts))
+    for split, colour in zip(splits, ("#1f3b57", "#56b4e9", "#e69f00", "#b79f00"), strict=False):
+        n_rows = np.array([by_split.get(split, 0) for by_split in counts.values()])
+        ax.barh(list(counts), n_rows, left=left, color=colour, label=split)
+        left = left + n_rows
+    name_axes(ax, title="Rows by class", x="rows", y="")
+    ax.legend(fontsize=8)
+    return ax
+
+
+def _order(split: str) -> tuple[int, str]:
+    known = ("train", "validation", "test", "trained on", "held out", "own recordings")
+    return (known.index(split) if split in known else len(known), split)
+
+
+def plot_dataset(dataset: Any, *, ax: Axes | None = None) -> Axes:
+    """Plot the rows of a dataset by class and split."""
+    counts = dataset.index.groupby(["label", "split"]).size()
+    labels = sorted(dataset.index["label"].unique())
+    return plot_counts({str(label): counts[label].to_dict() for label in labels}, ax=ax)
+
+
+def plot_model(model: Any, *, ax: Axes | None = None) -> Axes:
+    """Plot the rows that a model was trained on."""
+    facts = model.facts
+    rows = {"trained on": facts.n_train, "held out": facts.n_held, "own recordings": facts.n_own}
+    return plot_counts({facts.name: {name: n for name, n in rows.items() if n}}, ax=ax)

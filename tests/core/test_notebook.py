@@ -1,0 +1,97 @@
+"""What a notebook shows of an object: a few lines, a table of facts, a picture."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import doppelgait as dg
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset import Dataset
+
+SCENE = dg.Scene([dg.Target("boulic", label="human", range_m=4.0, aspect_deg=20.0)], duration_s=2.0)
+
+
+@pytest.fixture(scope="module")
+def recording() -> dg.Recording:
+    return dg.simulate(SCENE, dg.Radar.preset("x4", prf_hz=640.0), angles=False)
+
+
+@pytest.fixture(scope="module")
+def shown(recording: dg.Recording) -> dict[str, object]:
+    rows = pd.DataFrame({"label": ["human", "dog", "dog"], "split": ["train", "train", "test"], "id": list("abc")})
+    return {
+        "Recording": recording,
+        "Result": dg.analyze(recording, gate="truth")[0],
+        "Scene": SCENE,
+        "Target": SCENE.targets[0],
+        "Radar": recording.radar,
+        "Motion": dg.motion.boulic_walk(duration_s=2.0),
+        "Model": dg.classify.open_model("x4"),
+        "Dataset": Dataset(Path("walks"), {"dataset_id": "0123"}, rows, None),  # type: ignore[arg-type]
+    }
+
+
+WORDS = {
+    "Recording": ("640", "1280 in", "human"), "Result": ("human", "torso_velocity_mps"), "Scene": ("boulic", "2 s"),
+    "Target": ("human boulic at 4 m aspect 20 deg",), "Radar": ("7.29 GHz", "640 Hz", "0 to 9.664 m"),
+    "Motion": ("boulic", "17", "2 s at 250 Hz"), "Model": ("animal", "no decision below"),
+    "Dataset": ("walks", "2 dog, 1 human", "1 test, 2 train"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_text_is_one_to_five_lines_with_the_facts(name: str, shown: dict[str, object]) -> None:
+    text = repr(shown[name])
+    assert text.startswith(name)
+    assert 1 <= len(text.splitlines()) <= 5
+    assert len(text) < 600
+    for words in WORDS[name][name == "Recording" :]:
+        assert words in text
+
+
+@pytest.mark.parametrize("name", ["Recording", "Result", "Scene", "Radar", "Model", "Dataset"])
+def test_html_has_a_table_and_a_small_picture(name: str, shown: dict[str, object]) -> None:
+    html = shown[name]._repr_html_()  # type: ignore[attr-defined]
+    picture = base64.b64decode(re.search(r'src="data:image/png;base64,([^"]+)"', html)[1])
+    assert picture.startswith(b"\x89PNG")
+    assert 1000 < len(picture) < 100_000
+    assert html.count("<tr>") >= 2
+    assert "http" not in html
+
+
+def test_html_of_facts_is_escaped() -> None:
+    html = dg.Radar.preset("x4", name="<script>")._repr_html_()
+    assert "&lt;script&gt;" in html
+    assert "<script>" not in html
+
+
+def test_a_result_without_arrays_has_a_table_alone() -> None:
+    html = dg.Result(dg.Analysis(), label="dog")._repr_html_()
+    assert "dog" in html
+    assert "<img" not in html
+
+
+def test_plots_take_axes_and_return_them(shown: dict[str, object]) -> None:
+    ax = Figure().add_subplot()
+    for name in ("Recording", "Result"):
+        value = shown[name]
+        assert value.plot(ax=ax) is ax  # type: ignore[attr-defined]
+        assert isinstance(value.plot(title="mine"), Axes)  # type: ignore[attr-defined]
+    assert ax.get_title(loc="left") == "Micro-Doppler signature"
+
+
+def test_the_overview_takes_a_recording_and_a_result(recording: dg.Recording) -> None:
+    results = dg.analyze(recording, gate="truth")
+    figure = dg.viz.overview(recording, results[0])
+    assert figure.get_suptitle() == "human"
+    with pytest.raises(ConfigError, match=r"result: a list is not allowed; give one of its results"):
+        dg.viz.overview(recording, results)
+    with pytest.raises(ConfigError, match=r"result: is missing"):
+        dg.viz.overview(recording)
