@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
+from doppelgait.cli.output import (
+    FigureFormat,
+    FigureOption,
+    check_output,
+    number,
+    print_json,
+    print_table,
+    reader_options,
+    say,
+)
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result, Tracking
@@ -47,6 +56,7 @@ def analyze(
     changes: Changes = None,
     options: ReaderOptions = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
+    figure_format: FigureOption = FigureFormat.png,
     window_s: WindowS = None,
     hop_s: HopS = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -91,7 +101,7 @@ def analyze(
     if figures is not None:
         from doppelgait.cli.figures import draw_all
 
-        for path in draw_all(loaded, results, settings.resolved(choice), figures):
+        for path in draw_all(loaded, results, settings.resolved(choice), figures, figure_format):
             say(f"figure: {path}")
     if as_json:
         print_json(describe_results(loaded, results))

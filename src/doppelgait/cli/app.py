@@ -16,6 +16,7 @@ from doppelgait.cli import (
     classify,
     dataset,
     demo,
+    keys,
     listen,
     live,
     model,
@@ -59,6 +60,7 @@ app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)
 app.command("listen")(listen.listen)
 app.command("demo")(demo.demo)
+app.command("keys")(keys.keys)
 app.command("plugins")(plugins.plugins)
 
 _debug = False

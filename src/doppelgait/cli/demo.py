@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import say
+from doppelgait.cli.output import FigureFormat, FigureOption, say
 
 DEMO_SCENE: dict[str, Any] = {
     "seed": 2018,
@@ -36,6 +36,7 @@ def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for recording, results and figures.")] = Path(
         "demo"
     ),
+    figure_format: FigureOption = FigureFormat.png,
 ) -> None:
     """Simulate a person and a dog, analyse and plot both.
 
@@ -56,7 +57,7 @@ def demo(
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)
     write_results(output / "result.h5", recording, results)
-    for path in draw_all(recording, results, spec.analysis, output):
+    for path in draw_all(recording, results, spec.analysis, output, figure_format):
         say(f"figure: {path}")
     print_features(results)
     say(f"recording and results: {output / 'recording.h5'}, {output / 'result.h5'}")

@@ -14,17 +14,6 @@ from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import Recording
 
 
-class FigureFormat(StrEnum):
-    """Formats of figure files."""
-
-    png = "png"
-    svg = "svg"
-    pdf = "pdf"
-
-
-FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
-
-
 def draw_all(
     recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
 ) -> Iterator[Path]:

@@ -9,8 +9,11 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
@@ -152,13 +155,24 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.0f} s"
 
 
-def check_output(path: Path, suffix: str) -> Path:
+class FigureFormat(StrEnum):
+    """Formats of figure files."""
+
+    png = "png"
+    svg = "svg"
+    pdf = "pdf"
+
+
+FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
+
+
+def check_output(path: Path, *suffixes: str) -> Path:
     """Return the path of a writable file.
 
     A wrong ending or a missing folder is an error before any work is done.
     """
-    if path.suffix.lower() != suffix:
-        raise ConfigError(f"-o {path}: must end in {suffix}")
+    if path.suffix.lower() not in suffixes:
+        raise ConfigError(f"-o {path}: must end in {' or '.join(suffixes)}")
     if not path.resolve().parent.is_dir():
         raise ConfigError(f"-o {path}: the folder {path.parent} does not exist; make it first")
     return path

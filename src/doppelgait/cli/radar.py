@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
+from doppelgait.cli.output import (
+    FigureFormat,
+    FigureOption,
+    check_output,
+    number,
+    print_json,
+    print_table,
+    reader_options,
+    say,
+)
 
 if TYPE_CHECKING:
     from doppelgait.radar.fit import SensorFit
@@ -36,6 +45,7 @@ def fit(
         typer.Option("--people-at", help="Median range of the people in several recordings, m: sets the gain."),
     ] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw a figure into.")] = None,
+    figure_format: FigureOption = FigureFormat.png,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Fit a sensor's noise and faults to recordings.
@@ -87,7 +97,7 @@ def fit(
             gain_db=power_to_db(np.abs(found.factor) ** 2),
             title=f"Twin fitted from {found.source or 'a recording'}",
         )
-        say(f"figure: {viz.save_figure(figure, figures / 'twin-fit.png')}")
+        say(f"figure: {viz.save_figure(figure, figures / f'twin-fit.{figure_format}')}")
     if as_json:
         print_json({**sensor_as_dict(found), "twin": str(output)})
         return
@@ -180,7 +190,9 @@ def compare(
         list[str],
         typer.Option("--model", help="Sensor model .toml or preset to judge; may be repeated."),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Page of pictures and tables to write, .png.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Page of pictures and tables to write: .png, .svg, .pdf.")
+    ],
     plan: Annotated[
         str | None, typer.Option("--plan", help="Plan of the same kind of scene; an empty room without it.")
     ] = None,
@@ -206,7 +218,7 @@ def compare(
     from doppelgait.radar.readers import read_several
     from doppelgait.viz.domains import domain_page
 
-    check_output(output, ".png")
+    check_output(output, ".png", ".svg", ".pdf")
     loaded, folder = (None, None) if plan is None else load_plan(plan)
     with reader_options():
         read, left_out = read_several(recordings, **_parsed(options))

@@ -132,7 +132,9 @@ def models():
 
 
 def test_every_key_of_every_model_is_on_a_page_with_words(pages):
-    from setting_pages import groups, parameter_words
+    from setting_pages import groups
+
+    from doppelgait.core.keys import parameter_words
 
     shown = {model for _, _, tables in groups().values() for _, model in tables}
     with_keys = {model for model in models() if set(model.model_fields) - {"kind"}}

@@ -1,0 +1,116 @@
+"""``doppelgait keys``: what a file can configure."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from typing import Annotated, Any
+
+import typer
+
+from doppelgait.cli.output import print_json, print_table
+
+
+def keys(
+    topic: Annotated[
+        str | None, typer.Argument(help="Topic such as radar, or GROUP.NAME such as motion.human.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Print the keys of configuration files.
+
+    Without a topic, the topics are listed.
+
+    Example: doppelgait keys motion.human
+
+    Example: doppelgait keys radar --json
+    """
+    from doppelgait.core.keys import list_keys, summary_of
+
+    if topic is None:
+        _print_topics(as_json=as_json)
+        return
+    found = _find(topic)
+    if as_json:
+        tables = [{"table": name, "keys": [key._asdict() for key in list_keys(model)]} for name, model in found]
+        print_json([_plain(table) for table in tables])
+        return
+    for number, (name, model) in enumerate(found):
+        if number:
+            print()
+        print(f"{name}: {_words(summary_of(model))}")
+        for key in list_keys(model):
+            facts = [_words(key.type), key.unit, _words(key.limits)]
+            default = key.default if key.default == "required" else f"default {_words(key.default)}" * bool(key.default)
+            print(f"  {key.key}: {', '.join(filter(None, [*facts, default]))}")
+            print(textwrap.fill(_words(key.description), 110, initial_indent="      ", subsequent_indent="      "))
+
+
+def _print_topics(*, as_json: bool) -> None:
+    from doppelgait.cli.topics import TOPICS, models_of
+
+    rows = [
+        {"topic": name, "what": title, "tables": ", ".join(_short(heading) for heading, _ in models_of(name))}
+        for name, title in TOPICS.items()
+    ]
+    rows += [
+        {"topic": name, "what": "plug-ins: GROUP.NAME", "tables": ", ".join(members)}
+        for name, members in _groups().items()
+        if name not in TOPICS
+    ]
+    if as_json:
+        print_json(rows)
+    else:
+        print_table(rows)
+
+
+def _short(heading: str) -> str:
+    """Return ``human`` for ``motion, kind = "human"``."""
+    return heading.partition('kind = "')[2].rstrip('"') or heading
+
+
+def _groups() -> dict[str, list[str]]:
+    """Return the names of all plug-ins with parameters, by group."""
+    from doppelgait.core.plugins import plugin_groups
+
+    found = {group: [p.name for p in members.values() if p.parameters] for group, members in plugin_groups().items()}
+    return {SHORT.get(group, group): names for group, names in found.items() if names}
+
+
+SHORT = {"motion_model": "motion"}
+"""Names of groups as in a scene file, where they differ."""
+
+
+def _find(topic: str) -> list[tuple[str, Any]]:
+    from doppelgait.cli.topics import TOPICS, models_of
+    from doppelgait.core.errors import ConfigError
+    from doppelgait.core.plugins import plugin_groups
+
+    if topic in TOPICS:
+        return models_of(topic)
+    groups = {SHORT.get(name, name): group for name, group in plugin_groups().items()}
+    group, _, name = topic.partition(".")
+    known = _groups()
+    if group in known:
+        if name and name not in known[group]:
+            raise ConfigError(f"keys {topic}: no {group} {name!r} with keys; known are {', '.join(known[group])}")
+        return [(f"{group}.{one}", groups[group][one].parameters) for one in known[group] if name in ("", one)]
+    heading = next((found for t in TOPICS for found in models_of(t) if found[0].lower() == topic.lower()), None)
+    if heading is None:
+        raise ConfigError(
+            f"keys {topic}: is not a topic; known are {', '.join([*TOPICS, *(g for g in known if g not in TOPICS)])}, "
+            "and GROUP.NAME, for example motion.human"
+        )
+    return [heading]
+
+
+def _words(text: str) -> str:
+    """Return text of a docstring without its markup."""
+    text = re.sub(r":\w+:`~?([^`]*)`", r"\1", " ".join(text.split()))
+    return text.replace("`", "").replace("\u00a0", " ")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, list) else _words(value)

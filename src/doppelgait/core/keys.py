@@ -1,0 +1,162 @@
+"""Keys of parameter models: type, unit, default, limits and description.
+
+The tables of the documentation and the command ``doppelgait keys`` are made of these rows.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import types
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+UNITS = {
+    "m2ps3": "m²/s³", "mps2": "m/s²", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "db": "dB", "hz": "Hz", "deg": "°",
+    "rad": "rad", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "v": "V", "bytes": "B", "ms": "ms",
+}  # fmt: skip
+"""Unit by the last part of a key."""
+
+KINDS = {float: "number", int: "integer", str: "text", bool: "true, false", dict: "table", Any: "any"}
+LIMITS = {
+    "ge": "≥\u00a0{}", "gt": ">\u00a0{}", "le": "≤\u00a0{}", "lt": "<\u00a0{}",
+    "min_length": "length\u00a0≥\u00a0{}", "max_length": "length\u00a0≤\u00a0{}", "pattern": "matches `{}`",
+}  # fmt: skip
+"""How the rules of pydantic are said."""
+PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$")
+
+
+class Key(NamedTuple):
+    """One key of a model, in words."""
+
+    key: str
+    type: str
+    unit: str
+    default: str
+    limits: str
+    description: str
+
+
+def list_keys(model: type[BaseModel]) -> list[Key]:
+    """List the keys of a model in their order.
+
+    Type, default and limits quote TOML between backticks; the description is reStructuredText of the docstring.
+    """
+    texts = parameter_words(model)
+    return [
+        Key(name, _kind(field.annotation), UNITS.get(name.rpartition("_")[2], ""), _default(field), _limits(field),
+            texts.get(name, ""))
+        for name, field in model.model_fields.items()
+    ]  # fmt: skip
+
+
+def summary_of(model: type[BaseModel]) -> str:
+    """Return the first paragraph of a model's docstring."""
+    return inspect.cleandoc(model.__doc__ or "").split("\n\n")[0]
+
+
+def _kind(kind: Any) -> str:
+    """Put a type into words."""
+    origin, members = get_origin(kind), [member for member in get_args(kind) if member is not type(None)]
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_kind(member) for member in members))
+    if origin is Literal:
+        return ", ".join(f"`{member}`" for member in members)
+    if origin in (tuple, list):
+        if origin is list or members[-1:] == [Ellipsis]:
+            return f"list of {_kind(members[0])}"
+        return f"{len(members)} × {_kind(members[0])}"
+    if origin is dict:
+        return "table"
+    if hasattr(kind, "__metadata__"):
+        return _kind(get_args(kind)[0])
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return "table" if kind.__name__ == "FrozenModel" else f"table {kind.__name__}"
+    return KINDS.get(kind, getattr(kind, "__name__", str(kind)))
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value is PydanticUndefined or value in ((), [], {}):
+        return ""
+    return "its defaults" if isinstance(value, BaseModel) else _value(value)
+
+
+def _value(value: Any) -> str:
+    """Format a default as TOML has it."""
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, str):
+        return f'`"{value}"`' if value else ""
+    if isinstance(value, float):
+        return f"`{value:g}`"
+    if isinstance(value, tuple | list):
+        return ", ".join(_value(getattr(entry, "name", entry)) for entry in value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"`{key} = {_inner(entry)}`" for key, entry in value.items())
+    return f"`{value}`"
+
+
+def _inner(value: Any) -> str:
+    """Write a value inside a table."""
+    return f'"{value}"' if isinstance(value, str) else f"{value}"
+
+
+def _limits(field: FieldInfo) -> str:
+    """Return bounds of a number or list."""
+    found = []
+    for rule in field.metadata:
+        for name, words in LIMITS.items():
+            value = getattr(rule, name, None)
+            if value is not None:
+                found.append(words.format(f"{value:g}" if isinstance(value, float) else value))
+    return ", ".join(found)
+
+
+def parameter_words(model: type[BaseModel]) -> dict[str, str]:
+    """Return the description of every key.
+
+    It is from the docstring of the model, of its bases, or of the one that it refers to.
+    """
+    found: dict[str, str] = {}
+    for owner in model.__mro__:
+        if owner.__module__.partition(".")[0] in ("pydantic", "builtins"):
+            continue
+        text = inspect.cleandoc(owner.__doc__ or "")
+        for each in (text, _referred(text, owner.__module__)):
+            for name, words in _sections(each):
+                found[name] = found.get(name) or words
+    return {"kind": "Names this entry.", **{name: found[name] for name in model.model_fields if found.get(name)}}
+
+
+def _referred(text: str, module: str) -> str:
+    """Return the docstring of what a model takes parameters from."""
+    named = re.search(r"(?:see|Parameters of) :(?:class|func):`~?([\w.]+)`", text)
+    if named is None:
+        return ""
+    place, _, name = named.group(1).rpartition(".")
+    return inspect.getdoc(getattr(import_module(place or module), name)) or ""
+
+
+def _sections(docstring: str) -> Iterator[tuple[str, str]]:
+    """Yield names and words of a numpydoc section "Parameters"."""
+    after = re.split(r"^Parameters\n-+\n", docstring, maxsplit=1, flags=re.MULTILINE)
+    if len(after) < 2:
+        return
+    names: list[str] = []
+    words: list[str] = []
+    section = re.split(r"^\w[\w ]*\n-+$", after[1], maxsplit=1, flags=re.MULTILINE)[0]
+    for line in [*section.split("\n"), ""]:
+        if line.startswith((" ", "\t")):
+            words.append(line.strip())
+            continue
+        yield from ((name, " ".join(words)) for name in names)
+        head = PARAMETER.match(line)
+        names, words = ([name.strip() for name in head.group(1).split(",")], []) if head else ([], [])
