@@ -61,6 +61,10 @@ ANSWER_HEADERS = (
 )
 
 
+NOTEBOOKS = b"frame-ancestors http://localhost:* http://127.0.0.1:*"
+"""Pages that may show the viewer in a frame: notebooks on this computer, where one asks for it."""
+
+
 class Guard:
     """ASGI middleware for requests of the viewer's page.
 
@@ -76,10 +80,17 @@ class Guard:
         Secret of this start, random.
     port : int
         Where the server listens.
+    framed : bool
+        Whether a notebook on this computer may show the page in a frame.
     """
 
-    def __init__(self, app: App, *, token: str, port: int) -> None:
+    def __init__(self, app: App, *, token: str, port: int, framed: bool = False) -> None:
         self.app = app
+        self.framed = framed
+        self.headers = tuple(
+            (name, value.replace(b"frame-ancestors 'none'", NOTEBOOKS) if framed else value)
+            for name, value in ANSWER_HEADERS
+        )
         self.token = token.encode()
         self.hosts = tuple(f"{name}:{port}".encode() for name in ("127.0.0.1", "localhost"))
 
@@ -92,7 +103,7 @@ class Guard:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message = {**message, "headers": [*message.get("headers", ()), *ANSWER_HEADERS]}
+                message = {**message, "headers": [*message.get("headers", ()), *self.headers]}
             await send(message)
 
         fault = self.fault(scope)
@@ -140,7 +151,8 @@ class Guard:
         """
         headers = list(scope["headers"])
         how = _values(headers, b"sec-fetch-mode") + _values(headers, b"sec-fetch-dest")
-        return bool(scope["path"] == f"/{self.token.decode()}/" and how == [b"navigate", b"document"])
+        places = (b"document", b"iframe") if self.framed else (b"document",)
+        return scope["path"] == f"/{self.token.decode()}/" and how in [[b"navigate", place] for place in places]
 
 
 def _values(headers: Headers, name: bytes) -> list[bytes]:
@@ -163,8 +175,9 @@ GONE = 499
 
 
 def make_app(
-    opened: Opened | None, *, token: str, port: int, settings: Settings | None = None, live: Rolling | None = None
-) -> Guard:
+    opened: Opened | None, *, token: str, port: int, settings: Settings | None = None, live: Rolling | None = None,
+    framed: bool = False,
+) -> Guard:  # fmt: skip
     """Make the ASGI application of the viewer, behind its guard.
 
     Parameters
@@ -178,6 +191,8 @@ def make_app(
     settings : Settings, optional
     live : Rolling, optional
         Stream that the page follows, in place of "Try it".
+    framed : bool
+        Whether a notebook on this computer may show the page in a frame.
     """
     chosen = settings or Settings()
     shelf, lock = Shelf(opened), anyio.Lock()
@@ -211,7 +226,7 @@ def make_app(
         lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen, live=live),
     )
     app.router.redirect_slashes = False
-    return Guard(app, token=token, port=port)
+    return Guard(app, token=token, port=port, framed=framed)
 
 
 def _recording(run: Run, reference: Reference) -> bytes:

@@ -9,10 +9,10 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 
@@ -97,7 +97,12 @@ def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
 
 @contextmanager
 def _prepared(
-    port: int, opened: Opened | None = None, settings: Settings | None = None, live: Rolling | None = None
+    port: int,
+    opened: Opened | None = None,
+    settings: Settings | None = None,
+    live: Rolling | None = None,
+    *,
+    framed: bool = False,
 ) -> Iterator[tuple[uvicorn.Server, socket.socket, str]]:
     """Return a prepared server, its socket and address."""
     check_installed()
@@ -107,8 +112,55 @@ def _prepared(
     token = secrets.token_urlsafe(TOKEN_BYTES)
     with listening(port) as listener:
         taken = int(listener.getsockname()[1])
-        app = make_app(opened, token=token, port=taken, settings=settings, live=live)
+        app = make_app(opened, token=token, port=taken, settings=settings, live=live, framed=framed)
         yield make_server(app), listener, f"http://{ADDRESS}:{taken}/{token}/"
+
+
+class View:
+    """Page of the viewer, served from a thread until it is stopped.
+
+    Parameters
+    ----------
+    opened : Opened
+    settings : Settings
+    port : int
+        Where to listen; 0 for any free one.
+
+    Raises
+    ------
+    DoppelgaitError, ConfigError
+        As :func:`serve`.
+    """
+
+    def __init__(self, opened: Opened, settings: Settings, port: int = 0) -> None:
+        self.name = opened.name
+        self._ends = ExitStack()
+        self._server, listener, self.url = self._ends.enter_context(_prepared(port, opened, settings, framed=True))
+        self._thread = threading.Thread(
+            target=self._server.run, args=([listener],), daemon=True, name="page of the viewer"
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the server; its address then leads nowhere."""
+        self._server.should_exit = True
+        self._thread.join(END_S)
+        self._ends.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def __repr__(self) -> str:
+        state = self.url if self._thread.is_alive() else "stopped"
+        return f"View of {self.name}: {state}"
+
+    def _repr_html_(self) -> str:
+        if not self._thread.is_alive():
+            return f"<p>{escape(repr(self))}</p>"
+        return f'<iframe src="{escape(self.url)}" width="100%" height="720" style="border:0"></iframe>'
 
 
 PAGE = (

@@ -95,6 +95,18 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
     from doppelgait.radar import read_recording
 
     recording, said = with_warnings(lambda: read_recording(place, **settings.options))
+    notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not show the folder
+    return open_recording(recording, name, settings, notes)
+
+
+def open_recording(recording: Recording, name: str, settings: Settings, notes: tuple[str, ...] = ()) -> Opened:
+    """Open a recording that is in memory.
+
+    Raises
+    ------
+    ConfigError
+        If the gate does not fit the recording.
+    """
     if settings.gate == "truth" and not recording.truth:
         raise ConfigError(f"--gate truth: {name} has no truth; take --gate track, or give the range, --gate 1.2:2.8")
     if isinstance(settings.gate, tuple):  # a gate outside would show a page without targets
@@ -104,7 +116,6 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
             raise ConfigError(f"--gate: {error}, or --gate track") from None
     if not settings.gate_asked and not can_track(recording):
         settings = replace(settings, gate=all_ranges_m(recording))
-    notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not show the folder
     return Opened("recording", name, name, run=Run(name, "recording", settings, load=lambda: recording, notes=notes))
 
 
