@@ -322,3 +322,26 @@ def test_late_arrays_are_made_once_and_when_they_are_asked_for():
     assert len(made) == 1
     copied = pickle.loads(pickle.dumps(LateArrays(late=partial(np.arange, 3))))
     np.testing.assert_array_equal(copied["late"], np.arange(3))
+
+
+def test_people_see_the_step_length_on_the_ground_first_and_doubts_next_to_values(capsys):
+    from doppelgait.cli.analyze import print_features
+    from doppelgait.features import GaitFeatures
+
+    features = GaitFeatures(torso_velocity_mps=-1.5, step_length_m=2.06, harmonic_ratio_2=2.0)
+    sure = Result(Analysis(), features=features, gait_frequency_hz=0.745, quality={"ground_step_length_m": 2.14})
+    doubtful = replace(sure, flags=("low_confidence",), quality={})
+    assert list(sure.shown_features)[2:4] == ["ground_step_length_m", "step_length_m"]
+    assert "ground_step_length_m" not in doubtful.shown_features
+    assert "ground_step_length_m" not in sure.to_json()["features"]
+    print_features([sure, doubtful])
+    rows = {line.split()[0]: line.split() for line in capsys.readouterr().out.splitlines()}
+    assert list(rows)[3:5] == ["ground_step_length_m", "step_length_m"]
+    assert rows["ground_step_length_m"][1:] == ["(step", "length", "on", "the", "ground)", "m", "2.140", "-"]
+    assert rows["step_length_m"][1:] == ["(step", "length,", "radial)", "m", "2.060", "2.060", "?"]
+    assert rows["gait_frequency_hz"][1:] == ["Hz", "0.745", "0.745", "?"]
+    assert rows["torso_velocity_mps"][1:] == ["m/s", "-1.500", "-1.500"]
+    assert rows["?:"][1:3] == ["low", "confidence;"]
+    print_features([sure])
+    assert "?" not in capsys.readouterr().out
+    assert "2.06 ?" in doubtful._repr_html_()

@@ -505,7 +505,7 @@ def test_scatter_leaves_out_unknown_rows_and_counts_them() -> None:
     axes = viz.feature_scatter(make_table(), x="torso_velocity_mps", y="step_length_m").axes[0]
     assert labels_of(axes) == ["dog (n = 3, 1 left out)", "human (n = 3, 2 left out)"]
     np.testing.assert_allclose(axes.collections[0].get_offsets(), [[2.0, 0.9], [2.1, 1.0], [2.2, 1.1]])
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("torso velocity (m/s)", "step length (m)")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("torso velocity (m/s)", "step length, radial (m)")
 
 
 def test_scatter_by_another_column_and_with_missing_classes() -> None:
@@ -520,7 +520,7 @@ def test_matrix_shows_shares_of_each_class() -> None:
     for stairs in (*first.patches, *second.patches):
         assert stairs.get_data().values.sum() == pytest.approx(100.0)
     assert labels_of(second) == ["dog (n = 3, 1 left out)", "human (n = 4, 1 left out)"]
-    assert second.get_xlabel() == "step length (m)"
+    assert second.get_xlabel() == "step length, radial (m)"
 
 
 def test_matrix_of_a_feature_that_nobody_has() -> None:
@@ -562,6 +562,15 @@ def test_overview_shows_all_of_one_target() -> None:
         assert entry in table
     assert texts(titles["Cadence spectrum"]) == "f\n2.00 Hz\n2f\n4.00 Hz"
     assert titles["Step-Doppler map"].get_ylim() == titles["Micro-Doppler signature"].get_ylim()
+
+
+def test_overview_shows_doubts_next_to_the_values() -> None:
+    figure = make_overview(doubtful=("gait_frequency_hz", "step_length_m"))
+    said = "\n".join(texts(axes) for axes in figure.axes)
+    assert "2.00 Hz ?" in said
+    assert "f\n2.00 Hz ?" in said
+    assert "? low confidence" in said
+    assert "?" not in "\n".join(texts(axes) for axes in make_overview().axes)
 
 
 def test_overview_without_anything_determined(tmp_path: Path) -> None:

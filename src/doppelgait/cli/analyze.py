@@ -142,6 +142,7 @@ def print_features(results: Sequence[Result]) -> None:
 
     Flags of the targets follow below the table.
     """
+    from doppelgait.core.labels import STEP_LENGTHS
     from doppelgait.features import FEATURE_UNITS
 
     if not results:
@@ -149,12 +150,22 @@ def print_features(results: Sequence[Result]) -> None:
         print(f"no target found: {reason}" if reason else "no target found")
         return
     names = [f"{n}: {r.label or ('target' if r.is_body else r.verdict)}" for n, r in enumerate(results)]
-    values = [
-        {**r.features.as_dict(), "gait_frequency_hz": r.gait_frequency_hz, "n_periods": r.n_periods} for r in results
-    ]
-    units = {**FEATURE_UNITS, "gait_frequency_hz": "Hz", "n_periods": "1"}
+    values = [{**r.shown_features, "gait_frequency_hz": r.gait_frequency_hz, "n_periods": r.n_periods} for r in results]
+    units: dict[str, str] = {}
+    for key, unit in {**FEATURE_UNITS, "gait_frequency_hz": "Hz", "n_periods": "1"}.items():
+        if key == "step_length_m" and any("ground_step_length_m" in v for v in values):
+            units["ground_step_length_m"] = "m"
+        units[key] = unit
+
+    def cell(result: Result, key: str, value: float | None) -> str:
+        return number(value) + " ?" * (value is not None and key in result.doubtful)
+
     rows = [
-        {"feature": key, "unit": unit, **{name: number(v[key]) for name, v in zip(names, values, strict=True)}}
+        {
+            "feature": f"{key} ({STEP_LENGTHS[key]})" if key in STEP_LENGTHS else key,
+            "unit": unit,
+            **{name: cell(r, key, v.get(key)) for name, r, v in zip(names, results, values, strict=True)},
+        }
         for key, unit in units.items()
     ]
     rows += [
@@ -163,6 +174,8 @@ def print_features(results: Sequence[Result]) -> None:
         if any(r.quality.get(key) is not None for r in results)
     ]
     print_table(rows)
+    if any(r.doubtful for r in results):
+        print("?: low confidence; the value may be a multiple or a fraction of the true one")
     n_bodies = sum(r.is_body for r in results)
     if n_bodies < len(results):
         print(

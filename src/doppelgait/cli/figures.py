@@ -67,6 +67,7 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
                 if f_mu_hz is None
                 else [None if ratio is None else ratio * f_mu_hz for ratio in ratios],
                 amplitude=as_reported,
+                doubtful="gait_frequency_hz" in result.doubtful,
             ),
         )
         yield (

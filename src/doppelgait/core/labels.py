@@ -400,3 +400,7 @@ def sampling_rate_hz(axis: npt.ArrayLike) -> float:
     if times.size < 2 or not times[-1] > times[0]:
         raise AnalysisError(f"a time axis needs two rising samples or more, this one has {times.size}")
     return float((times.size - 1) / (times[-1] - times[0]))
+
+
+STEP_LENGTHS = {"ground_step_length_m": "step length on the ground", "step_length_m": "step length, radial"}
+"""Names of both step lengths, in the order in which they are shown; the radial one is the report's."""

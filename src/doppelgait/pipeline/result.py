@@ -27,6 +27,7 @@ from doppelgait.core.labels import (
     NORMALISED_SIGNATURE,
     PART_POWER,
     SIGNATURE,
+    STEP_LENGTHS,
     Schema,
     check_signal,
 )
@@ -59,6 +60,12 @@ PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz", "torso_velocity_mps")
 NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the beginnings of their columns in a table."""
+
+
+FROM_GAIT_FREQUENCY = (
+    "gait_frequency_hz", "ground_step_length_m", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3", "n_periods",
+)  # fmt: skip
+"""Values that are as certain as the gait frequency."""
 
 
 class LateArrays(Mapping[str, Any]):
@@ -170,10 +177,15 @@ class Result:
         return {**self.features.as_dict(), "gait_frequency_hz": self.gait_frequency_hz}
 
     def _repr_html_(self) -> str:
+        figures = {**self.shown_features, "gait_frequency_hz": self.gait_frequency_hz}
         facts = {
             "label": self.label or "unknown",
             "gate": self.gate_source,
-            **{name: f"{value:.4g}" for name, value in self._figures().items() if value is not None},
+            **{
+                STEP_LENGTHS.get(name, name): f"{value:.4g}" + " ?" * (name in self.doubtful)
+                for name, value in figures.items()
+                if value is not None
+            },
             "flags": "; ".join(self.flags),
         }
         return show_html("Result", facts, "result" if "signature" in self.arrays else "", self)
@@ -193,6 +205,27 @@ class Result:
         Axes
         """
         return plot("result", self, ax=ax, **settings)
+
+    @property
+    def doubtful(self) -> tuple[str, ...]:
+        """Names of values that a flag marks as of low confidence.
+
+        These are the gait frequency and what is derived from it; they are shown with a question mark.
+        """
+        return FROM_GAIT_FREQUENCY if "low_confidence" in self.flags else ()
+
+    @property
+    def shown_features(self) -> dict[str, float | None]:
+        """Features as people see them.
+
+        Where the step length on the ground is known, it comes before the radial one.
+        """
+        shown: dict[str, float | None] = {}
+        for name, value in self.features.as_dict().items():
+            if name == "step_length_m" and self.quality.get("ground_step_length_m") is not None:
+                shown["ground_step_length_m"] = self.quality["ground_step_length_m"]
+            shown[name] = value
+        return shown
 
     @property
     def verdict(self) -> str | None:

@@ -79,12 +79,13 @@ def overview(
         "signature": result.signature,
         "cadence_map": result.cadence_map,
         "cadence_spectrum": result.cadence_spectrum,
-        "features": result.features.as_dict(),
+        "features": result.shown_features,
         "gate": None if result.gate_limits is None else {name: result.gate.limits},
         "main_line_hz": result.main_line_hz,
         "gait_frequency_hz": result.gait_frequency_hz,
         "amplitude": result.analysis.method == "liland2018",
         "flags": result.flags,
+        "doubtful": result.doubtful,
     }
     return overview_of_arrays(baseband, **{**found, **arrays, "title": name})
 

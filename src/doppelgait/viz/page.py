@@ -44,6 +44,7 @@ def overview(
     gait_frequency_hz: float | None = None,
     amplitude: bool = False,
     flags: Sequence[str] = (),
+    doubtful: Sequence[str] = (),
     title: str = "Overview",
 ) -> Figure:
     """Plot one target on one page.
@@ -70,6 +71,8 @@ def overview(
         Whether ``cadence_spectrum`` holds amplitudes (the report's method).
     flags : sequence of str
         Reasons and cautions, printed under the features.
+    doubtful : sequence of str
+        Names of values of low confidence, shown with a question mark.
     title : str
 
     Returns
@@ -130,23 +133,34 @@ def overview(
         max_cadence_hz=None,
         db_range=40.0,
         amplitude=amplitude,
+        doubtful="gait_frequency_hz" in doubtful,
     )
     name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
-    _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags)
+    _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags, doubtful)
     return figure
 
 
-def _draw_features(axes: Axes, values: Mapping[str, float | None], flags: Sequence[str]) -> None:
+def _draw_features(
+    axes: Axes, values: Mapping[str, float | None], flags: Sequence[str], doubtful: Sequence[str]
+) -> None:
     axes.set_axis_off()
     axes.set_title("Features", fontsize=11.5, loc="left")
     step = 1.0 / max(len(values) + 4, 11)
     for row, (name, value) in enumerate(values.items()):
         height = 1.0 - (row + 0.6) * step
         axes.text(0.0, height, quantity(name)[0], fontsize=10, va="center")
-        axes.text(1.0, height, value_text(name, value), fontsize=10, va="center", ha="right")
+        axes.text(
+            1.0,
+            height,
+            value_text(name, value) + " ?" * (name in doubtful and value is not None),
+            fontsize=10,
+            va="center",
+            ha="right",
+        )
         axes.plot([0.0, 1.0], [height - step / 2] * 2, color="#e0e0e0", lw=0.8)
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     text = "\n".join(textwrap.fill(flag.replace("_", " ").replace(":", ": "), 44) for flag in flags)
+    text = "? low confidence\n" * bool(doubtful) + text
     axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=ACCENT)
 
 

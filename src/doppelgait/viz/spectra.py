@@ -44,6 +44,7 @@ def cadence_spectrum(
     max_cadence_hz: float | None = None,
     db_range: float = 40.0,
     amplitude: bool = False,
+    doubtful: bool = False,
     title: str = "Cadence spectrum",
     ax: Axes | None = None,
 ) -> Figure:
@@ -65,6 +66,8 @@ def cadence_spectrum(
         Range of the level axis, dB.
     amplitude : bool
         Whether the values are amplitudes (20 log10) and not powers (10 log10).
+    doubtful : bool
+        Whether the frequencies are of low confidence: they are shown with a question mark.
     title : str
     ax : Axes, optional
         Where to plot; a figure of its own by default.
@@ -92,7 +95,7 @@ def cadence_spectrum(
     figure, axes = new_axes(ax, height_in=4.6)
     draw_cadence_spectrum(
         axes, spectrum, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
-        max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude,
+        max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude, doubtful=doubtful,
     )  # fmt: skip
     name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
     return figure
@@ -100,9 +103,12 @@ def cadence_spectrum(
 
 def draw_cadence_spectrum(
     axes: Axes, spectrum: xr.DataArray, *, gait_frequency_hz: float | None, harmonics_hz: Sequence[float | None],
-    max_cadence_hz: float | None, db_range: float, amplitude: bool,
+    max_cadence_hz: float | None, db_range: float, amplitude: bool, doubtful: bool = False,
 ) -> None:  # fmt: skip
-    """Plot curve and marks of :func:`cadence_spectrum` on existing axes."""
+    """Plot curve and marks of :func:`cadence_spectrum` on existing axes.
+
+    A doubtful gait frequency has a question mark.
+    """
     shown = below_cadence(checked(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
     cadence_hz = shown.coords["cadence"].values
     level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
@@ -112,7 +118,9 @@ def draw_cadence_spectrum(
     marks = [("f", gait_frequency_hz), *((f"{n}f", value) for n, value in enumerate(harmonics_hz, start=2))]
     for name, value in marks:
         if value is not None and np.isfinite(value) and value <= cadence_hz[-1]:
-            _mark_peak(axes, value, float(np.interp(value, cadence_hz, level_db)), f"{name}\n{value:.2f} Hz")
+            _mark_peak(
+                axes, value, float(np.interp(value, cadence_hz, level_db)), f"{name}\n{value:.2f} Hz" + " ?" * doubtful
+            )
     if gait_frequency_hz is None:
         axes.text(
             0.99, 0.96, "no gait frequency", transform=axes.transAxes, ha="right", va="top", color=ACCENT, fontsize=9

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.files import atomic_path
+from doppelgait.core.labels import STEP_LENGTHS
 
 DPI = 110
 FIGURE_FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
@@ -36,7 +37,7 @@ UNIT_OF_SUFFIX = {"mps": "m/s", "hz": "Hz", "m": "m", "s": "s", "db": "dB", "deg
 QUANTITY_NAMES = {
     "torso_velocity_mps": "torso velocity",
     "doppler_bandwidth_hz": "Doppler bandwidth",
-    "step_length_m": "step length",
+    "step_length_m": STEP_LENGTHS["step_length_m"],
     "harmonic_ratio_2": "harmonic ratio f₂/f",
     "harmonic_ratio_3": "harmonic ratio f₃/f",
     "limb_torso_ratio": "limb-torso ratio",
@@ -45,6 +46,7 @@ QUANTITY_NAMES = {
 }
 FEATURE_NAMES = tuple(QUANTITY_NAMES)[:6]
 """The six features in their order (E-39)."""
+QUANTITY_NAMES |= STEP_LENGTHS
 
 
 def quantity(name: str) -> tuple[str, str]:
