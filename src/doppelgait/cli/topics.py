@@ -1,4 +1,4 @@
-"""What can be configured: topics and their parameter models."""
+"""List what can be configured: topics and their models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects as notebooks show them: a small table of facts and a small picture.
+"""Show objects in notebooks: a table of facts and a picture.
 
 The pictures are drawn above the layers of the objects, by :mod:`doppelgait.viz.objects`. It is named here and imported
 when something is drawn, as the built-in plug-ins of a group are (:mod:`doppelgait.core.plugins`).
@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any
 
 DRAWING = "doppelgait.viz.objects"
-PICTURE_IN = (4.2, 2.6)
+PICTURE_IN = (5.2, 3.2)
 """Size of the picture."""
 
 

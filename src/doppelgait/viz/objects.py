@@ -155,7 +155,9 @@ def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_counts(counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = None) -> Axes:
+def plot_counts(
+    counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = None, title: str = "Rows by class"
+) -> Axes:
     """Plot rows by class, stacked by split."""
     ax = new_axes(ax)[1]
     splits = sorted({split for by_split in counts.values() for split in by_split}, key=_order)
@@ -164,7 +166,8 @@ def plot_counts(counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = No
         n_rows = np.array([by_split.get(split, 0) for by_split in counts.values()])
         ax.barh(list(counts), n_rows, left=left, color=colour, label=split)
         left = left + n_rows
-    name_axes(ax, title="Rows by class", x="rows", y="")
+    name_axes(ax, title=title, x="rows", y="")
+    ax.margins(y=0.6 if len(counts) == 1 else 0.05)
     ax.legend(fontsize=8)
     return ax
 
@@ -185,4 +188,4 @@ def plot_model(model: Any, *, ax: Axes | None = None) -> Axes:
     """Plot the rows that a model was trained on."""
     facts = model.facts
     rows = {"trained on": facts.n_train, "held out": facts.n_held, "own recordings": facts.n_own}
-    return plot_counts({facts.name: {name: n for name, n in rows.items() if n}}, ax=ax)
+    return plot_counts({facts.name: {name: n for name, n in rows.items() if n}}, ax=ax, title="Training data")
