@@ -386,7 +386,7 @@ def test_says_which_piece_and_which_doppler_axis_it_shows(page: Any, url: str) -
 
     altered(page, "targets", of_pieces)
     opened(page, url)
-    assert text(page, ".panel-signature h2") == "Micro-Doppler signature, piece 2 of 2, 1.2–2.4 s"
+    assert text(page, ".panel-signature h2") == "Micro-Doppler signature, segment 2 of 2, 1.2–2.4 s"
     assert text(page, ".panel-features h2").endswith("target, 1.2–2.4 s")
     assert page.input_value("#piece") == "0:1"
     assert page.locator(".flags li").all_text_contents() == list(FLAGS.values())
@@ -400,7 +400,7 @@ def test_says_which_piece_and_which_doppler_axis_it_shows(page: Any, url: str) -
     tops = [read_at(page, name, 0.5, 0.99)[0]["Hz"] for name in ("range-doppler", "signature")]
     assert tops[0] > tops[1] + 100, "not every target's Doppler is in the range-Doppler picture"
     page.select_option("#piece", "0:0")
-    until(lambda: "piece 1 of 2, 0.0–1.0 s" in text(page, ".panel-signature h2"), "the piece is not shown")
+    until(lambda: "segment 1 of 2, 0.0–1.0 s" in text(page, ".panel-signature h2"), "the piece is not shown")
     assert "piece=0%3A0" in address(page)
     page.select_option("#gate", "truth")
     until(lambda: page.evaluate("location.search") == "?gate=truth", "another gate has other pieces")
@@ -466,15 +466,15 @@ def test_tells_what_it_waits_for_and_what_cannot_be_had(page: Any, url: str) -> 
 
 def test_clutter_is_kept_or_removed_everywhere(page: Any, url: str) -> None:
     opened(page, url)
-    assert page.input_value("#clutter") == "removed"
+    assert page.input_value("#clutter") == "median"
     asked = {"recording", "targets", "range-doppler"}
     before = {name: look(page, name) for name in ("range-time", "signature", "range-doppler")}
     page.requested.clear()
-    page.select_option("#clutter", "kept")
+    page.select_option("#clutter", "none")
     page.wait_for_selector(READY)
     until(lambda: all(look(page, name) != before[name] for name in before), "the clutter changes nothing")
-    assert page.input_value("#clutter") == "kept"
-    kept = [urlsplit(one).path.rsplit("/", 1)[1] for one in page.requested if "clutter=kept" in one]
+    assert page.input_value("#clutter") == "none"
+    kept = [urlsplit(one).path.rsplit("/", 1)[1] for one in page.requested if "clutter=none" in one]
     assert asked <= set(kept)
 
 

@@ -110,7 +110,7 @@ def test_gate_and_target_of_a_recording_stay_with_it(browser, serve):
     asked = []
     page.on("request", lambda request: asked.append(request.url))
     page.route("**/api/session", lambda route: route.fulfill(json={**route.fetch().json(), "kind": "recording"}))
-    page.goto(serve() + START + "&gate=4:6&target=1&t=0.5&clutter=kept&piece=0")
+    page.goto(serve() + START + "&gate=4:6&target=1&t=0.5&clutter=none&piece=0")
     expect(page.locator("#tab-recording")).to_have_attribute("aria-selected", "true")
     page.click("#tab-try")
     expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)

@@ -95,7 +95,7 @@ def test_empty_and_flat_pictures_have_a_range():
 
 
 def test_recording_has_the_files_own_levels(run, recording):
-    facts, arrays = unpack(recording_payload(run, None, clutter="kept"))
+    facts, arrays = unpack(recording_payload(run, None, changes=(("clutter", "none"),)))
     expected = 20 * np.log10(np.abs(recording.baseband.values))
     shown = expected > facts["range_time"]["db"][0]
     np.testing.assert_allclose(levels_of(facts["range_time"], arrays)[shown], expected[shown], atol=0.01)
@@ -106,7 +106,7 @@ def test_recording_has_the_files_own_levels(run, recording):
 
 
 def test_recording_has_bodies_and_true_doppler(run, recording):
-    facts, arrays = unpack(recording_payload(run, None, clutter="kept"))
+    facts, arrays = unpack(recording_payload(run, None, changes=(("clutter", "none"),)))
     body, doppler = facts["bodies"][0], facts["truth"][0]["doppler"]
     np.testing.assert_allclose(arrays[body["points"]], recording.truth[0].body.values, atol=1e-4)
     assert len(body["parts"]) == arrays[body["points"]].shape[1] > arrays[body["bones"]].max()
@@ -129,7 +129,7 @@ def test_targets_show_what_the_analysis_found(run, recording):
     np.testing.assert_allclose(levels_of(target["signature"], arrays)[shown], level[shown], atol=0.01)
     second = target["signature"]["y"]["second"]["scale"]
     assert second == pytest.approx(recording.radar.wavelength_m / 2)
-    np.testing.assert_allclose(arrays[target["main_line"]], expected.main_line_hz, atol=1e-3)
+    np.testing.assert_allclose(arrays[target["main_lines"][0]["values"]], expected.main_line_hz, atol=1e-3)
     spectrum = target["cadence_spectrum"]
     np.testing.assert_allclose(arrays[spectrum["db"]], 10 * np.log10(expected.cadence_spectrum.values), atol=1e-3)
     assert spectrum["peaks"][0] == {"hz": expected.gait_frequency_hz, "name": "f_mu"}
@@ -165,7 +165,10 @@ def test_chunks_of_frames_fit_together(run):
 
 def test_a_run_without_a_recording_says_why():
     run = Run("a", "result", reason="it was not kept", stored=lambda: [])
-    for body in (recording_payload(run, None, clutter="removed"), range_doppler_payload(run, None, start=0, count=1)):
+    for body in (
+        recording_payload(run, None, changes=(("clutter", "median"),)),
+        range_doppler_payload(run, None, start=0, count=1),
+    ):
         assert unpack(body)[0]["reason"] == "it was not kept"
     assert "it was not kept" in unpack(targets_payload(run, "track"))[0]["reason"]
 

@@ -16,9 +16,10 @@ from doppelgait.processing.sound import doppler_sound
 from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
-from doppelgait.viewer.recording_panel import recording_payload
+from doppelgait.viewer import recording_panel
+from doppelgait.viewer.recording_panel import range_doppler_payload, recording_payload
 from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of
-from doppelgait.viewer.settings import Settings
+from doppelgait.viewer.settings import Settings, parse_changes
 from doppelgait.viewer.target_panel import is_aligned, targets_payload, with_piece
 from viewer_client import unpack
 
@@ -136,8 +137,15 @@ def test_each_piece_can_be_shown(run, recording):
         assert target["piece"] == number
         assert target["features"]["torso_velocity_mps"] == piece.features.torso_velocity_mps
         assert target["quality"]["n_pieces"] == len(result.segments)
-        columns = target["signature"]["x"]
-        assert span[0] <= columns["first"] <= columns["first"] + (columns["n"] - 1) * columns["step"] <= span[1]
+        columns = target["signature"]["x"]  # of the whole track, with the main line of every segment
+        start_s, stop_s = columns["first"], columns["first"] + (columns["n"] - 1) * columns["step"]
+        assert target["whole_track"]
+        assert start_s < result.segments[0].quality["start_s"] + 0.2
+        assert stop_s > result.segments[-1].quality["stop_s"] - 0.2
+        assert len(target["main_lines"]) == len(result.segments)
+        for line, (first_s, last_s) in zip(target["main_lines"], target["pieces"], strict=True):
+            axis = line["x"]
+            assert first_s <= axis["first"] < axis["first"] + (axis["n"] - 1) * axis["step"] <= last_s + 1e-9
         inside = (times_s >= span[0]) & (times_s <= span[1])
         expected_mps = recording.truth[0].centre_velocity_mps[inside].mean()
         assert target["truth"]["torso_velocity_mps"] == pytest.approx(expected_mps, abs=1e-5)
@@ -165,7 +173,7 @@ def test_map_of_moved_columns_says_so(run):
     for number in range(2):
         facts, arrays = unpack(targets_payload(run, None, piece=(0, number)))
         target = facts["targets"][0]
-        line_hz = arrays[target["main_line"]]
+        line_hz = arrays[target["main_lines"][number]["values"]]
         drifts = abs(line_hz[-1] - line_hz[0]) > 10.0
         assert (target["aligned"], drifts) == (number == 1, number == 1)
         low_hz, high_hz = target["cadence_band_hz"]
@@ -212,19 +220,63 @@ def test_bursts_last_until_the_last_one(recording):
 def test_clutter_is_what_the_user_asked_for(recording):
     """Of a recording, static echoes are off unless it was said otherwise; "Try it" has none."""
 
+    def changes(clutter):
+        return () if clutter is None else (("clutter", clutter),)
+
     def done(kind, clutter=None, gate="truth"):
-        return Run("a", kind, load=lambda: recording).analysis(gate, clutter).clutter
+        return Run("a", kind, load=lambda: recording).analysis(gate, changes(clutter)).clutter
 
     for gate in ("truth", "track", (1.0, 3.0)):
         assert done("recording", gate=gate) == "median"
-        assert done("recording", gate=gate, clutter="kept") == "none"
+        assert done("recording", gate=gate, clutter="none") == "none"
         assert done("try", gate=gate) == "none"
-        assert done("try", gate=gate, clutter="removed") == "median"
-    assert done("recording", clutter="removed") == "median"
+        assert done("try", gate=gate, clutter="mean") == "mean"
     run = Run("a", "recording", Settings(analysis=Analysis(clutter="mti")), load=lambda: recording)
-    assert [run.analysis("truth", asked).clutter for asked in (None, "removed", "kept")] == ["mti", "mti", "none"]
+    assert [run.analysis("truth", changes(one)).clutter for one in (None, "median", "none")] == [
+        "mti",
+        "median",
+        "none",
+    ]
     run = Run("a", "recording", Settings(analysis=Analysis(clutter="none")), load=lambda: recording)
-    assert [run.analysis("track", asked).clutter for asked in (None, "removed")] == ["none", "median"]
+    assert [run.analysis("track", changes(one)).clutter for one in (None, "median")] == ["none", "median"]
+
+
+def test_a_request_changes_parameters_of_the_analysis(recording):
+    run = Run("a", "recording", Settings(analysis=Analysis(gate_span_m=1.2)), load=lambda: recording)
+    changes = parse_changes({"cpi_s": "0.2", "hop": "16", "window_steepness": "0.3", "other": "x"})
+    done = run.analysis("track", changes)
+    assert (done.cpi_s, done.hop, done.window_steepness, done.gate_span_m) == (0.2, 16, 0.3, 1.2)
+    assert done.clutter == "median"
+    facts, _ = unpack(recording_payload(run, None, changes=changes))
+    assert facts["analysis"] == {"clutter": "median", "cpi_s": 0.2, "window_steepness": 0.3, "hop": 16}
+    standard, _ = unpack(recording_payload(run, None))
+    assert standard["analysis"]["hop"] == 8  # what loses nothing, from 0.1 s at 1000 Hz
+    columns = [
+        unpack(targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"] for one in ((), changes)
+    ]
+    assert [one["step"] for one in columns] == pytest.approx([0.008, 0.016])
+    for name, text, limit in (
+        ("cpi_s", "30", "10"),
+        ("hop", "0", "1"),
+        ("hop", "2.5", "int"),
+        ("cpi_s", "x", "number"),
+    ):
+        with pytest.raises(ConfigError, match=f"^{name}: .*{limit}"):
+            parse_changes({name: text})
+
+
+def test_a_change_of_the_analysis_keeps_one_baseband_and_reads_its_levels_once(recording, monkeypatch):
+    run = Run("a", "recording", load=lambda: recording)
+    looked = []
+    find = recording_panel.find_strongest_v
+    monkeypatch.setattr(recording_panel, "find_strongest_v", lambda baseband: looked.append(1) or find(baseband))
+    for cpi_s in (0.1, 0.15, 0.2):
+        range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
+    assert len(looked) == 1
+    first = run.clean_baseband(None)
+    assert run.clean_baseband(None, (("cpi_s", 0.3),)) is first
+    run.clean_baseband(None, (("clutter", "mean"),))
+    assert run.clean_baseband(None) is not first
 
 
 def test_the_sound_of_a_long_recording_is_made_tile_by_tile(tmp_path, monkeypatch):

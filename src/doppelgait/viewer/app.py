@@ -25,7 +25,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.viewer.payload import as_json, without_folders
 from doppelgait.viewer.recording_panel import MOST_PER_REQUEST, range_doppler_payload, recording_payload, sound_wav
 from doppelgait.viewer.run import Run
-from doppelgait.viewer.settings import Pairs, Settings, single, whole_of
+from doppelgait.viewer.settings import CHANGEABLE, Pairs, Settings, single, whole_of
 from doppelgait.viewer.source import Reference, Shelf, parse_reference, session_facts
 from doppelgait.viewer.target_panel import targets_payload
 
@@ -197,10 +197,10 @@ def make_app(
     chosen = settings or Settings()
     shelf, lock = Shelf(opened), anyio.Lock()
     table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
-        "recording": (_recording, ("clutter",), PAYLOAD),
-        "targets": (_targets, ("clutter", "piece"), PAYLOAD),
-        "range-doppler": (_range_doppler, ("clutter", "from", "count", "target"), PAYLOAD),
-        "sound": (_sound, ("clutter", "target", "pitch", "channels"), WAV),
+        "recording": (_recording, CHANGEABLE, PAYLOAD),
+        "targets": (_targets, (*CHANGEABLE, "piece"), PAYLOAD),
+        "range-doppler": (_range_doppler, (*CHANGEABLE, "from", "count", "target"), PAYLOAD),
+        "sound": (_sound, (*CHANGEABLE, "target", "pitch", "channels"), WAV),
         "scene": (_scene, (), JSON),
     }
     routes = [
@@ -230,21 +230,21 @@ def make_app(
 
 
 def _recording(run: Run, reference: Reference) -> bytes:
-    return recording_payload(run, reference.gate, clutter=reference.clutter)
+    return recording_payload(run, reference.gate, changes=reference.changes)
 
 
 def _targets(run: Run, reference: Reference) -> bytes:
-    return targets_payload(run, reference.gate, reference.clutter, piece=reference.piece)
+    return targets_payload(run, reference.gate, reference.changes, piece=reference.piece)
 
 
 def _range_doppler(run: Run, reference: Reference) -> bytes:
     start = whole_of(reference.further, "from", 0, least=0, most=10**9)
     count = whole_of(reference.further, "count", 64, least=1, most=MOST_PER_REQUEST)
-    return range_doppler_payload(run, reference.gate, start=start, count=count, clutter=reference.clutter)
+    return range_doppler_payload(run, reference.gate, start=start, count=count, changes=reference.changes)
 
 
 def _sound(run: Run, reference: Reference) -> bytes:
-    return sound_wav(run, reference.gate, reference.further, reference.clutter)
+    return sound_wav(run, reference.gate, reference.further, reference.changes)
 
 
 def _scene(run: Run, reference: Reference) -> bytes:

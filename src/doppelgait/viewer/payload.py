@@ -13,6 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import json_value
+from doppelgait.core.labels import axis
 from doppelgait.core.lazy import tiles_of
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 
@@ -109,9 +110,9 @@ def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
     values : array_like, shape (n,)
         Even; of one value the step is 0.
     """
-    axis = np.asarray(values, dtype=np.float64)
-    step = float((axis[-1] - axis[0]) / (axis.size - 1)) if axis.size > 1 else 0.0
-    return {"name": name, "unit": unit, "first": float(axis[0]), "step": step, "n": int(axis.size), "block": 1}
+    even = np.asarray(values, dtype=np.float64)
+    step = float((even[-1] - even[0]) / (even.size - 1)) if even.size > 1 else 0.0
+    return {"name": name, "unit": unit, "first": float(even[0]), "step": step, "n": int(even.size), "block": 1}
 
 
 def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
@@ -119,11 +120,11 @@ def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
 
     The second scale is missing where the wavelength is not known.
     """
-    axis = axis_facts("Doppler", "Hz", doppler_hz)
+    facts = axis_facts("Doppler", "Hz", doppler_hz)
     if math.isfinite(wavelength_m):
         scale = float(doppler_to_velocity_mps(1.0, wavelength_m))
-        axis["second"] = {"name": "velocity", "unit": "m/s", "scale": scale}
-    return axis
+        facts["second"] = {"name": "velocity", "unit": "m/s", "scale": scale}
+    return facts
 
 
 def image_facts(
@@ -169,6 +170,24 @@ def image_facts(
     return facts, encode(strongest, low, high)
 
 
+def doppler_picture(
+    array: xr.DataArray, power: FloatArray, x: Axis, name: str, unit: str
+) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
+    """Encode powers over some quantity and Doppler as a picture."""
+    doppler_hz, wavelength_m = axis(array, "doppler"), float("nan")
+    farthest = int(np.abs(doppler_hz).argmax())
+    if "velocity" in array.coords and doppler_hz[farthest] != 0:
+        wavelength_m = float(2.0 * axis(array, "velocity")[farthest] / doppler_hz[farthest])
+    return image_facts(name, power, x, doppler_facts(doppler_hz, wavelength_m), unit=unit)
+
+
+def signature_picture(signature: xr.DataArray, name: str) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
+    """Encode a micro-Doppler signature as a picture."""
+    unit = "dB re 1 V²" if signature.attrs.get("units") == "V^2" else "dB re 1"
+    time = axis_facts("time", "s", axis(signature, "time"))
+    return doppler_picture(signature, signature.values, time, name, unit)
+
+
 def block_of(size: int, most: int) -> int:
     """Return the block size for at most ``most`` blocks."""
     return max(1, math.ceil(size / most))
@@ -179,18 +198,18 @@ def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
 
     The last blocks may hold fewer cells.
     """
-    for axis, block in enumerate((columns, rows)):
+    for dim, block in enumerate((columns, rows)):
         if block > 1:
-            values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], block), axis=axis)
+            values = np.maximum.reduceat(values, np.arange(0, values.shape[dim], block), axis=dim)
     return values
 
 
-def _in_blocks(axis: Axis, block: int) -> Axis:
+def _in_blocks(facts: Axis, block: int) -> Axis:
     """Return the axis of the centres of blocks."""
     if block == 1:
-        return axis
-    first = axis["first"] + (block - 1) / 2 * axis["step"]
-    return {**axis, "first": first, "step": block * axis["step"], "n": math.ceil(axis["n"] / block), "block": block}
+        return facts
+    first, n = facts["first"] + (block - 1) / 2 * facts["step"], math.ceil(facts["n"] / block)
+    return {**facts, "first": first, "step": block * facts["step"], "n": n, "block": block}
 
 
 def level_span_db(levels_db: FloatArray) -> tuple[float, float]:

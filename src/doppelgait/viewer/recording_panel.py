@@ -32,8 +32,8 @@ from doppelgait.viewer.payload import (
     pack,
     shown_range_db,
 )
-from doppelgait.viewer.run import Run
-from doppelgait.viewer.settings import Clutter, number_of, whole_of
+from doppelgait.viewer.run import Run, clutter_key
+from doppelgait.viewer.settings import CHANGEABLE, Changes, number_of, whole_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -44,23 +44,22 @@ TRUTH_FACTS = (
 )  # fmt: skip
 
 
-def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | None = None) -> bytes:
+def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = ()) -> bytes:
     """Make the payload of ``api/recording``.
 
     Parameters
     ----------
     run : Run
     gate : str, (float, float) or None
-    clutter : {"kept", "removed"}, optional
-        Whether range against time shows what stands still, or only what moves; by default as it is analysed in that
-        gate.
+    changes : tuple of (name, value)
+        Analysis parameters, of which range against time shows the removal of static clutter.
     """
     recording = run.recording
     if recording is None:
         known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
         empty = dict.fromkeys(("duration_s", "start_s", "prf_hz", "wavelength_m", "range_time", "scene"))
         return pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
-    baseband = run.clean_baseband(gate, clutter)
+    baseband = run.clean_baseband(gate, changes)
     times_s = axis(baseband, "slow_time")
     arrays: Arrays = {}
     range_time, range_m = None, axis(baseband, "range")
@@ -82,7 +81,8 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
         "start_s": times_s[0],
         "prf_hz": recording.radar.prf_hz,
         "wavelength_m": recording.radar.wavelength_m,
-        "clutter": run.analysis(gate, clutter).clutter,
+        "clutter": run.analysis(gate, changes).clutter,
+        "analysis": analysis_facts(run, gate, changes),
         "no_sound": why_silent(recording.baseband),
         "range_time": range_time,
         "scene": None
@@ -98,6 +98,26 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
         "truth": [_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
     }
     return pack(facts, arrays)
+
+
+def analysis_facts(run: Run, gate: GateChoice | None, changes: Changes) -> dict[str, Any]:
+    """Return the analysis parameters that the controls change.
+
+    The hop is that in use, in pulses.
+    """
+    analysis = run.analysis(gate, changes)
+    known = {name: getattr(analysis, name) for name in CHANGEABLE}
+    return known if known["hop"] is not None else {**known, "hop": _lossless_hop(run, analysis)}
+
+
+def _lossless_hop(run: Run, analysis: Analysis) -> int | None:
+    baseband = run.needed_recording().baseband
+    if burst_pulses_of(baseband) is not None:
+        return None
+    try:
+        return int(plan_for(baseband, analysis)[0].hop)
+    except AnalysisError:
+        return None
 
 
 def _power(baseband: xr.DataArray) -> xr.DataArray:
@@ -219,9 +239,7 @@ class Frames:
     shown_db: tuple[float, float]
 
 
-def range_doppler_payload(
-    run: Run, gate: GateChoice | None, *, start: int, count: int, clutter: Clutter | None = None
-) -> bytes:
+def range_doppler_payload(run: Run, gate: GateChoice | None, *, start: int, count: int, changes: Changes = ()) -> bytes:
     """Make the payload of ``api/range-doppler``.
 
     Raises
@@ -232,10 +250,13 @@ def range_doppler_payload(
     reason = why_none(run)
     if reason is not None:
         return pack({"frames": None, "reason": reason}, {})
-    baseband = run.clean_baseband(gate, clutter)
-    analysis = frame_analysis(baseband, run.analysis(gate, clutter))
+    baseband = run.clean_baseband(gate, changes)
+    analysis = frame_analysis(baseband, run.analysis(gate, changes))
     wavelength_m = run.needed_recording().radar.wavelength_m
-    frames = run.keep(f"frames, {analysis.clutter}", lambda: plan_frames(baseband, analysis, wavelength_m))
+    strongest_v = run.keep(f"strongest, {clutter_key(analysis)}", lambda: find_strongest_v(baseband))
+    frames = run.keep(
+        f"frames, {analysis.model_dump_json()}", lambda: plan_frames(baseband, analysis, wavelength_m, strongest_v)
+    )
     if start >= frames.columns.size:
         raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {frames.columns.size - 1}")
     wanted = frames.columns[start : start + count]
@@ -295,7 +316,12 @@ def frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
     return analysis if analysis.cpi_s >= least_s else analysis.model_copy(update={"cpi_s": least_s})
 
 
-def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float) -> Frames:
+def find_strongest_v(baseband: xr.DataArray) -> float:
+    """Return the largest amplitude of a recording, reading it in tiles."""
+    return max(float(np.abs(values).max()) for _, values in tiles_of(baseband))
+
+
+def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, strongest_v: float) -> Frames:
     """Choose the intervals to show, and common levels.
 
     No map can be higher than all its echoes in phase.
@@ -307,7 +333,6 @@ def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float)
     levels = level_db(_cube(baseband, analysis, wavelength_m, looked_at).values)
     known = levels[np.isfinite(levels)]
     highest = float(known.max()) if known.size else 0.0
-    strongest_v = max(float(np.abs(values).max()) for _, values in tiles_of(baseband))
     bound = strongest_v * float(transform.window.sum())
     top = float(power_to_db(bound**2)) if bound > 0 else 0.0
     low, high = shown_range_db(levels, highest)
@@ -324,9 +349,7 @@ def _cube(
 MOST_PITCH = 1e6
 
 
-def sound_wav(
-    run: Run, gate: GateChoice | None, parameters: Mapping[str, str], clutter: Clutter | None = None
-) -> bytes:
+def sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, str], changes: Changes = ()) -> bytes:
     """Make a target's WAV file of the recording's length.
 
     Parameters
@@ -336,7 +359,7 @@ def sound_wav(
     parameters : mapping
         ``target`` (number, the first by default), ``pitch`` and ``channels`` as for
         :func:`doppelgait.processing.sound.doppler_sound`.
-    clutter : {"kept", "removed"}, optional
+    changes : tuple of (name, value)
 
     Raises
     ------
@@ -353,12 +376,12 @@ def sound_wav(
     silent = why_silent(baseband)
     if silent is not None:  # said at once: no analysis changes it
         raise AnalysisError(silent)
-    targets = run.targets(gate, clutter)
+    targets = run.targets(gate, changes)
     number = whole_of(parameters, "target", 0, least=0, most=max(len(targets) - 1, 0))
     limits = targets[number].gate_limits if targets else None
     if limits is None:
         raise AnalysisError(f"{run.name}: there is no target with a gate to listen to")
-    rate_hz, samples = doppler_sound(baseband, limits, run.analysis(gate, clutter), pitch=pitch, channels=channels)
+    rate_hz, samples = doppler_sound(baseband, limits, run.analysis(gate, changes), pitch=pitch, channels=channels)
     file = io.BytesIO()
     write_wav(file, rate_hz, samples)
     return file.getvalue()

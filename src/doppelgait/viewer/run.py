@@ -13,13 +13,16 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait import processing
+from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import Result, analyze
 from doppelgait.processing import Analysis, remove_clutter
 from doppelgait.processing.gate import Gate, GateChoice
 from doppelgait.radar.recording import Recording, TargetTruth
-from doppelgait.viewer.settings import Clutter, Settings
+from doppelgait.viewer.payload import signature_picture
+from doppelgait.viewer.settings import Changes, Settings
 
 Span = tuple[float, float]
 """Start and stop, s."""
@@ -128,10 +131,13 @@ def true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.
     """
     radial_mps = round(float(np.mean(truth.centre_velocity_mps[during])), DIGITS) + 0.0
     steps = truth.gait not in STILL and truth.gait_frequency_hz > 0
+    ground = steps and truth.ground_speed_mps is not None
     return {
         "torso_velocity_mps": radial_mps,
         "torso_doppler_hz": float(velocity_to_doppler_hz(radial_mps, wavelength_m)),
         "step_length_m": abs(radial_mps) / truth.gait_frequency_hz if steps else None,
+        "ground_step_length_m": truth.ground_speed_mps / truth.gait_frequency_hz if ground else None,
+        "breathing_rate_hz": truth.gait_frequency_hz or None if truth.gait == "stand" else None,
         "harmonic_ratio_2": 2.0 if steps else None,
         "harmonic_ratio_3": 3.0 if steps else None,
         "gait_frequency_hz": truth.gait_frequency_hz if steps else None,
@@ -145,13 +151,16 @@ def true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.
 
 
 T = TypeVar("T")
+Picture = tuple[dict[str, Any], npt.NDArray[np.uint16]]
 Kind = Literal["recording", "result", "example", "try"]
 TRACK_FACTS = (
     "track_start_s", "track_stop_s", "track_confirmed_at_s", "track_confidence", "track_range_m", "n_pieces",
 )  # fmt: skip
 """Quality of the whole track, said of each of its pieces."""
 MOST_ANALYSES = 2
-"""Analyses of one run, by gate and clutter, that are kept: those of a minute at 1 kHz take 150 MB each."""
+"""Analyses of one run, by gate and settings, that are kept: those of a minute at 1 kHz take 150 MB each."""
+MOST_KEPT = 20
+"""Other values of one run that are kept: some numbers each."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +192,8 @@ class TargetView:
         The piece that this is about, None where it is about the whole recording.
     piece_views : tuple of TargetView
         What is shown of each piece.
+    track_picture : (dict, ndarray of uint16), optional
+        Encoded signature of the whole track.
     """
 
     label: str | None
@@ -204,6 +215,7 @@ class TargetView:
     pieces: tuple[Span, ...] = ()
     piece: int | None = None
     piece_views: tuple[TargetView, ...] = ()
+    track_picture: Picture | None = None
 
 
 Analysed = tuple[list[TargetView], list[str]]
@@ -241,6 +253,7 @@ class Run:
     notes: tuple[str, ...] = ()
     _analyses: dict[tuple[GateChoice, str], Analysed] = field(default_factory=dict, repr=False)
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
+    _clean: tuple[str, xr.DataArray] | None = field(default=None, repr=False)
 
     @cached_property
     def recording(self) -> Recording | None:
@@ -267,36 +280,38 @@ class Run:
             raise AnalysisError(f"{self.name}: there is no recording to take it from: {self.reason}")
         return self.recording
 
-    def analysis(self, gate: GateChoice | None, clutter: Clutter | None = None) -> Analysis:
+    def analysis(self, gate: GateChoice | None, changes: Changes = ()) -> Analysis:
         """Return the analysis parameters of targets in a gate.
 
         Of a recording static clutter is taken off, by the median, unless the user said how; what "Try it" simulates has
         none; an example of a dataset is analysed as the dataset was.
         """
         known = self.settings.analysis
-        if clutter == "kept":
-            return known.model_copy(update={"clutter": "none"})
-        if clutter == "removed":
-            return known if known.clutter not in ("none", "auto") else known.model_copy(update={"clutter": "median"})
+        if changes:
+            known = validate(Analysis, {**known.model_dump(exclude_unset=True), **dict(changes)})
         if self.kind == "try":
             return known.resolved(None)  # tracking, too, keeps it
         return known.resolved("track" if self.kind == "recording" else gate or self.settings.gate)
 
-    def clean_baseband(self, gate: GateChoice | None, clutter: Clutter | None = None) -> xr.DataArray:
+    def clean_baseband(self, gate: GateChoice | None, changes: Changes = ()) -> xr.DataArray:
         """Return the baseband without clutter, as it is analysed."""
-        analysis = self.analysis(gate, clutter)
-        return self.keep(
-            f"baseband, {analysis.clutter}", lambda: remove_clutter(self.needed_recording().baseband, analysis)
-        )
+        analysis = self.analysis(gate, changes)
+        key = clutter_key(analysis)
+        if self._clean is None or self._clean[0] != key:  # one: it may be as large as the recording
+            self._clean = None
+            self._clean = key, remove_clutter(self.needed_recording().baseband, analysis)
+        return self._clean[1]
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
         """Return a cached value, computing it on first use."""
         if name not in self._kept:
+            while len(self._kept) >= MOST_KEPT:
+                self._kept.pop(next(iter(self._kept)))
             self._kept[name] = make()
         kept: T = self._kept[name]
         return kept
 
-    def targets(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[TargetView]:
+    def targets(self, gate: GateChoice | None, changes: Changes = ()) -> list[TargetView]:
         """Return the targets in a gate.
 
         Without a gate these are the stored ones, or those in the gate that is shown first.
@@ -308,31 +323,52 @@ class Run:
         """
         if self.shows_stored(gate):
             return self.stored_targets
-        return self._analysis_in(gate or self.settings.gate, clutter)[0]
+        return self._analysis_in(gate or self.settings.gate, changes)[0]
 
     def shows_stored(self, gate: GateChoice | None) -> bool:
         """Return True if a gate's targets are stored ones."""
         return gate is None and self.stored is not None
 
-    def warnings(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[str]:
+    def warnings(self, gate: GateChoice | None, changes: Changes = ()) -> list[str]:
         """Return the warnings of the analysis of :meth:`targets`."""
-        return [] if self.shows_stored(gate) else self._analysis_in(gate or self.settings.gate, clutter)[1]
+        return [] if self.shows_stored(gate) else self._analysis_in(gate or self.settings.gate, changes)[1]
 
-    def _analysis_in(self, gate: GateChoice, clutter: Clutter | None) -> Analysed:
-        done = self.analysis(gate, clutter)
-        key = (gate, str(done.clutter))
+    def _analysis_in(self, gate: GateChoice, changes: Changes) -> Analysed:
+        done = self.analysis(gate, changes)
+        key = (gate, done.model_dump_json())
 
         def views() -> list[TargetView]:
             recording = self.needed_recording()
             results = analyze(recording, gate=gate, analysis=done, tracking=self.settings.tracking)
             truths = truths_of(recording, results)
-            return [view_of(result, known) for result, known in zip(results, truths, strict=True)]
+            clean, wavelength_m = self.clean_baseband(gate, changes), recording.radar.wavelength_m
+            return [
+                replace(view_of(result, known), track_picture=track_picture(result, clean, wavelength_m))
+                for result, known in zip(results, truths, strict=True)
+            ]
 
         if key not in self._analyses:
             while len(self._analyses) >= MOST_ANALYSES:
                 self._analyses.pop(next(iter(self._analyses)))
             self._analyses[key] = with_warnings(views)
         return self._analyses[key]
+
+
+def track_picture(result: Result, clean: xr.DataArray, wavelength_m: float) -> Picture | None:
+    """Encode the signature of a whole track, or None without segments.
+
+    Only the picture is kept: the array may be as large as those of all segments together.
+    """
+    if not result.segments:
+        return None
+    gate = result.gate
+    signature = processing.signature(gate.crop(clean), gate, result.analysis, wavelength_m=wavelength_m)
+    return signature_picture(processing.within_frame(signature)[0], "track")
+
+
+def clutter_key(analysis: Analysis) -> str:
+    """Return a name of what is removed as static clutter."""
+    return f"{analysis.clutter} {analysis.clutter_time_s}"
 
 
 def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:

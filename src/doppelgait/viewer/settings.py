@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from doppelgait.core.config import apply_overrides, validate
 from doppelgait.core.errors import ConfigError
@@ -77,8 +77,27 @@ def whole_of(parameters: Mapping[str, str], key: str, default: int, *, least: in
     return int(value)
 
 
-Clutter = Literal["kept", "removed"]
-"""What a request may ask of what stands still."""
+Changes = tuple[tuple[str, Any], ...]
+"""Analysis parameters of a request, with their names, in place of those that the run was opened with."""
+CHANGEABLE = ("clutter", "cpi_s", "window_steepness", "hop")
+"""Analysis parameters that a request may change."""
+
+
+def parse_changes(parameters: Mapping[str, str]) -> Changes:
+    """Parse the analysis parameters of a request.
+
+    Raises
+    ------
+    ConfigError
+        Naming the parameter whose value is not allowed.
+    """
+    found: dict[str, Any] = {}
+    for key in CHANGEABLE:
+        if key in parameters:
+            text = parameters[key]
+            found[key] = text if key == "clutter" else int(text) if text.isdecimal() else number_of(key, text)
+    validate(Analysis, found)
+    return tuple(found.items())
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from doppelgait.processing.gate import Gate, GateChoice, frame_limits_m
 from doppelgait.radar.recording import Recording
 from doppelgait.viewer.browse import Browser
 from doppelgait.viewer.run import Run, view_of, with_warnings
-from doppelgait.viewer.settings import Clutter, Pairs, Settings, single
+from doppelgait.viewer.settings import CHANGEABLE, Changes, Pairs, Settings, parse_changes, single
 
 DATASET_FILES = ("dataset.json", "index.parquet")
 
@@ -150,8 +150,8 @@ class Reference:
         None: whatever the run shows first.
     further : dict
         Parameters of the endpoint itself.
-    clutter : {"kept", "removed"}, optional
-        None: as the run has it.
+    changes : tuple of (name, value)
+        Analysis parameters in place of those of the run.
     piece : (int, int), optional
         Number of a target and of its piece to show.
     """
@@ -159,7 +159,7 @@ class Reference:
     key: tuple[str | tuple[str, str], ...]
     gate: GateChoice | None
     further: dict[str, str]
-    clutter: Clutter | None = None
+    changes: Changes = ()
     piece: tuple[int, int] | None = None
 
 
@@ -189,22 +189,18 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     if trying and (found["try"] != "1" or "example" in found):
         raise ConfigError("try: must be 1, and does not go together with example")
     gate = Gate.parse(found["gate"], where="gate") if "gate" in found else None
-    further = {key: value for key, value in found.items() if key in names}
+    further = {key: value for key, value in found.items() if key in names and key not in own}
     key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
     if trying:
         key = ("try", *sorted((name, value) for name, value in found.items() if name in own))
-    clutter: Clutter | None = None
-    if (text := further.pop("clutter", None)) is not None:
-        clutter = next((known for known in get_args(Clutter) if known == text), None)
-        if clutter is None:
-            raise ConfigError(f"clutter: {text!r} is not allowed; it must be {' or '.join(get_args(Clutter))}")
+    changes = parse_changes({key: further.pop(key) for key in CHANGEABLE if key in further})
     piece: tuple[int, int] | None = None
     if (text := further.pop("piece", None)) is not None:
         target, colon, number = text.partition(":")
         if not colon or not all(part.isascii() and part.isdigit() and len(part) <= 6 for part in (target, number)):
             raise ConfigError(f"piece: {text!r} is not allowed; it must be TARGET:PIECE, for example 0:2")
         piece = int(target), int(number)
-    return Reference(key, gate, further, clutter=clutter, piece=piece)
+    return Reference(key, gate, further, changes=changes, piece=piece)
 
 
 class Shelf:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis, with_values
 from doppelgait.pipeline.target import ALIGNED
 from doppelgait.processing.gate import GateChoice
-from doppelgait.viewer.payload import MOST, Axis, axis_facts, block_of, doppler_facts, image_facts, level_db, pack
+from doppelgait.viewer.payload import MOST, axis_facts, block_of, doppler_picture, level_db, pack, signature_picture
 from doppelgait.viewer.run import Run, TargetView
-from doppelgait.viewer.settings import Clutter
+from doppelgait.viewer.settings import Changes
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -26,7 +26,7 @@ NO_TARGET = "no target was found: nothing moves steadily or breathes in this rec
 
 
 def targets_payload(
-    run: Run, gate: GateChoice | None, clutter: Clutter | None = None, *, piece: tuple[int, int] | None = None
+    run: Run, gate: GateChoice | None, changes: Changes = (), *, piece: tuple[int, int] | None = None
 ) -> bytes:
     """Make the payload of ``api/targets``.
 
@@ -36,7 +36,7 @@ def targets_payload(
     ----------
     run : Run
     gate : str, (float, float) or None
-    clutter : {"kept", "removed"}, optional
+    changes : tuple of (name, value)
     piece : (int, int), optional
         Number of a target, and of the piece of steady motion to show of it instead of its longest.
 
@@ -47,11 +47,11 @@ def targets_payload(
     """
     arrays: Arrays = {}
     # What was stored is as it was stored, whatever is asked for.
-    done = run.analysis(gate, None if run.shows_stored(gate) else clutter)
+    done = run.analysis(gate, () if run.shows_stored(gate) else changes)
     try:
-        targets, notes = run.targets(gate, clutter), run.warnings(gate, clutter)
+        targets, notes = run.targets(gate, changes), run.warnings(gate, changes)
     except AnalysisError as error:
-        return pack({"targets": [], "reason": str(error), "notes": [], "clutter": done.clutter}, {})
+        return pack({"targets": [], "reason": str(error), "notes": [], "clutter": done.clutter, "failed": True}, {})
     views = targets if piece is None else with_piece(targets, *piece)
     shown = [_target(number, view, done.method, arrays) for number, view in enumerate(views)]
     reason = None if shown else NO_TARGET
@@ -67,7 +67,8 @@ def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[T
     if piece >= len(views):
         known = f"target {number} has pieces 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
         raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
-    return [*targets[:number], views[piece], *targets[number + 1 :]]
+    shown = replace(views[piece], piece_views=views, track_picture=targets[number].track_picture)
+    return [*targets[:number], shown, *targets[number + 1 :]]
 
 
 def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
@@ -77,30 +78,27 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
     signature = view.signature if view.signature is not None and view.signature.size else None
     cadence_map = view.cadence_map if view.cadence_map is not None and view.cadence_map.size else None
     pictures: dict[str, dict[str, Any] | None] = {"signature": None, "cadence_map": None}
-    if signature is not None:
-        unit = "dB re 1 V²" if signature.attrs.get("units") == "V^2" else "dB re 1"
-        time = axis_facts("time", "s", axis(signature, "time"))
-        pictures["signature"] = _picture(signature, signature.values, time, f"{prefix}signature", unit, arrays)
-    main_line = None
-    if signature is not None and view.main_line_hz is not None:
-        # At the columns of the picture: the middle of every block of columns.
-        block = block_of(signature.sizes["time"], MOST[0])
-        at = np.arange(0, view.main_line_hz.size, block) + (block - 1) / 2
-        main_line = f"{prefix}main_line"
-        arrays[main_line] = np.interp(at, np.arange(view.main_line_hz.size), view.main_line_hz).astype(np.float32)
+    if view.track_picture is not None:
+        facts, arrays[f"{prefix}signature"] = view.track_picture
+        pictures["signature"] = {**facts, "array": f"{prefix}signature"}
+    elif signature is not None:
+        pictures["signature"], arrays[f"{prefix}signature"] = signature_picture(signature, f"{prefix}signature")
+    lines = view.piece_views if view.track_picture is not None else (view,)
+    main_lines = [_main_line(one, f"{prefix}main_line_{n}", arrays) for n, one in enumerate(lines)]
     power = None
     if cadence_map is not None:
         cadence, power = axis_facts("cadence", "Hz", axis(cadence_map, "cadence")), np.square(cadence_map.values)
-        pictures["cadence_map"] = _picture(cadence_map, power, cadence, f"{prefix}cadence_map", "dB re 1", arrays)
+        name = f"{prefix}cadence_map"
+        pictures["cadence_map"], arrays[name] = doppler_picture(cadence_map, power, cadence, name, "dB re 1")
     spectrum = _spectrum(view, f"{prefix}cadence_spectrum", method, arrays)
     gate_limits = None
     if view.gate_limits is not None:
         gate = view.gate_limits
         count = gate.time_s.size
         chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_GATE_POINTS)).round().astype(int))
-        lines = {"time": gate.time_s, "low": gate.low_m, "high": gate.high_m}
-        arrays.update({f"{prefix}gate_{key}": values[chosen].astype(np.float32) for key, values in lines.items()})
-        gate_limits = {key: f"{prefix}gate_{key}" for key in lines}
+        limits = {"time": gate.time_s, "low": gate.low_m, "high": gate.high_m}
+        arrays.update({f"{prefix}gate_{key}": values[chosen].astype(np.float32) for key, values in limits.items()})
+        gate_limits = {key: f"{prefix}gate_{key}" for key in limits}
     return {
         "number": number,
         "label": view.label,
@@ -116,7 +114,8 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         "flags": view.flags,
         "truth": view.truth,
         "signature": pictures["signature"],
-        "main_line": main_line,
+        "whole_track": view.track_picture is not None,
+        "main_lines": [line for line in main_lines if line is not None],
         "aligned": is_aligned(view, method),
         # Rows of the cadence-velocity diagram that are worth looking at, as in its figure.
         "cadence_band_hz": None
@@ -130,16 +129,16 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
     }
 
 
-def _picture(
-    array: xr.DataArray, power: npt.NDArray[Any], x: Axis, name: str, unit: str, arrays: Arrays
-) -> dict[str, Any]:
-    """Encode powers over some quantity and Doppler as a picture."""
-    doppler_hz, wavelength_m = axis(array, "doppler"), float("nan")
-    farthest = int(np.abs(doppler_hz).argmax())
-    if "velocity" in array.coords and doppler_hz[farthest] != 0:
-        wavelength_m = float(2.0 * axis(array, "velocity")[farthest] / doppler_hz[farthest])
-    facts, arrays[name] = image_facts(name, power, x, doppler_facts(doppler_hz, wavelength_m), unit=unit)
-    return facts
+def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | None:
+    """Describe a segment's main line at no more columns than a picture has."""
+    if view.signature is None or view.signature.sizes["time"] == 0 or view.main_line_hz is None:
+        return None
+    times_s, line_hz = axis(view.signature, "time"), view.main_line_hz
+    block = block_of(times_s.size, MOST[0])
+    at = np.arange(0, times_s.size, block) + (block - 1) / 2
+    columns = np.arange(times_s.size)
+    arrays[name] = np.interp(at, columns, line_hz).astype(np.float32)
+    return {"x": axis_facts("time", "s", np.interp(at, columns, times_s)), "values": name}
 
 
 def is_aligned(view: TargetView, method: str) -> bool | None:

@@ -75,9 +75,9 @@ def test_recording_is_opened(walk):
     for address in ("recording", "targets", "range-doppler"):
         for gate in ("truth", "track", "3:6"):
             assert walk.facts(f"{address}?gate={gate}")["clutter"] == "median", (address, gate)
-        assert walk.facts(f"{address}?clutter=kept")["clutter"] == "none"
-        assert walk.facts(f"{address}?clutter=removed")["clutter"] == "median"
-    assert walk.get("sound?clutter=kept").body != walk.get("sound").body
+        assert walk.facts(f"{address}?clutter=none")["clutter"] == "none"
+        assert walk.facts(f"{address}?clutter=mean")["clutter"] == "mean"
+    assert walk.get("sound?clutter=none").body != walk.get("sound").body
     assert walk.facts("targets")["targets"][0]["gate"] == "truth"
     assert walk.facts("targets?gate=3:6")["targets"][0]["gate"] == "given"
     assert "outside the recorded frame" in walk.facts("targets?gate=90:91")["reason"]
@@ -90,7 +90,7 @@ def test_result_is_opened(files, walk):
     opened = open_path(files / "result.h5", parse_settings(None, [], []))
     with served(opened) as client:
         assert client.facts("session")["kind"] == "result"
-        shown, expected = client.facts("targets")["targets"][0], walk.facts("targets?clutter=kept")["targets"][0]
+        shown, expected = client.facts("targets")["targets"][0], walk.facts("targets?clutter=none")["targets"][0]
         for name in ("features", "flags", "quality", "signature", "cadence_map", "cadence_spectrum"):
             assert shown[name] == expected[name], name
         assert "holds no recording" in client.facts("recording")["reason"]
@@ -172,7 +172,7 @@ def test_values_are_checked():
 def test_other_formats_are_opened(files, walk):
     write_sigmf(read_recording(files / "walk.h5"), files / "walk.sigmf-meta")
     with served(open_path(files / "walk.sigmf-meta", parse_settings("3:6", [], []))) as client:
-        shown, expected = client.facts("recording?clutter=kept"), walk.facts("recording?clutter=kept")
+        shown, expected = client.facts("recording?clutter=none"), walk.facts("recording?clutter=none")
         assert shown["range_time"]["db"] == pytest.approx(expected["range_time"]["db"], abs=1e-4)
         assert (shown["bodies"], shown["scene"]) == ([], None)
         assert client.facts("session")["gates"] == ["track"]

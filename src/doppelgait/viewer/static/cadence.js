@@ -1,4 +1,4 @@
-// Step-Doppler (cadence-velocity) map and, on the same cadence axis, the cadence spectrum with its marked peaks.
+// Cadence-velocity diagram and, on the same cadence axis, the cadence spectrum with its marked peaks.
 
 import { drawLine, drawPicture, makeChart, MARGINS, withEdge } from "./chart.js";
 import { themeColours } from "./canvas.js";
@@ -8,7 +8,7 @@ import { cellAt, edges, levelDb, occupied, paint, valueAt } from "./picture.js";
 import * as state from "./state.js";
 import { element, fixed, makePanel, words } from "./ui.js";
 
-const TITLE = "Step-Doppler";
+const TITLE = "Cadence-velocity diagram";
 const PEAK = "#35d0ff";
 const FROM_LINE = "from main line"; // what the Doppler axis counts from where the signature was aligned
 const NAMES = { f_mu: "f", "2nd": "2f", "3rd": "3f" };
@@ -21,7 +21,7 @@ export function makeCadence({ session, band }) {
   const tonesOf = makeTones(session);
   let shown = null; // {image, codes, spectrum, arrays, own}
   const map = makeChart(panel, "cadence", {
-    label: "Step-Doppler map: cadence against Doppler",
+    label: "Cadence-velocity diagram: cadence against Doppler",
     margins: { ...MARGINS, bottom: 10 }, // the spectrum below has the same cadence axis, with its numbers
     read: readMap,
     view: () =>

@@ -142,6 +142,14 @@ export function drawLine(context, chart, count, pointAt) {
   context.stroke();
 }
 
+/** A line through points given in pixels. */
+export function drawPath(context, [first, ...others]) {
+  context.beginPath();
+  context.moveTo(...first);
+  for (const point of others) context.lineTo(...point);
+  context.stroke();
+}
+
 /** Stroke twice, dark (or as `edge` says) and wide below, so that a line is seen on any colour. */
 export function withEdge(context, colour, width, stroke, edge = "rgba(0, 0, 0, 0.55)") {
   context.lineWidth = width + 1.4;

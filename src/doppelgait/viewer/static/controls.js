@@ -1,11 +1,20 @@
-// What to show: target, gate, colour map, range of levels, part of the Doppler axis, static clutter.
+// What to show: target, segment, gate, parameters of the analysis, colour map, levels, part of the Doppler axis.
 
 import * as state from "./state.js";
-import { element, field, fillSelect, span, words } from "./ui.js";
+import { element, field, fillSelect, span } from "./ui.js";
 
 const GATE_WORDS = { track: "tracked", truth: "true range" };
 const STORED = ["result", "example"]; // kinds of runs that show what was stored until a gate is chosen
 const OWN = "own";
+const CLUTTER = [["median", "remove median"], ["mean", "remove mean"], ["exponential", "remove exponential mean"], ["mti", "remove by MTI"], ["none", "keep"]];
+/** Numbers of the analysis: name of the parameter, words, unit, and what it is. */
+const NUMBERS = [
+  { name: "cpi_s", words: "processing interval", unit: "s", min: 0, step: 0.01, title: "Coherent processing interval T_d" },
+  { name: "window_steepness", words: "window σ", unit: "", min: 0, step: 0.05, title: "Steepness of the Gaussian window; a smaller one is narrower in time and wider in Doppler" },
+  { name: "hop", words: "hop", unit: "pulses", min: 1, step: 1, title: "Pulses from one column of the signature to the next" },
+];
+/** Parameters of the analysis that the controls change, as requests have them. */
+export const ANALYSIS = ["clutter", ...NUMBERS.map(({ name }) => name)];
 const LEVEL_TITLE = "Levels at the ends of the colours, in dB relative to the strongest of each picture; empty: chosen by the picture";
 
 /** Bar of controls; every choice goes into the state, and who listens to it draws. */
@@ -16,25 +25,71 @@ export function makeControls(session) {
   const auto = element("button", { type: "button", title: "Levels as each picture chooses them", onclick: () => state.set({ lo: null, hi: null }) }, "auto");
   const map = makeSelect("map", "map", Object.keys(session.colour_maps).map((name) => [name, name]), session.default_map);
   const band = makeSelect("band", "band", [["occupied", "occupied"], ["all", "whole band"]], "occupied");
-  const clutter = element("select", { id: "clutter", onchange: () => state.set({ clutter: clutter.value }) });
+  const faults = {}; // lines for errors, by control
+  let edited = null; // control that was changed last
+  const clutter = element("select", { id: "clutter", onchange: () => edit("clutter", clutter.value) });
+  const numbers = NUMBERS.map(makeNumber);
+  const gate = makeGate(session, { edit, refuse: (words) => say("gate", words) });
   const piece = element("select", { id: "piece", onchange: () => state.set({ piece: piece.value }) });
-  const pieces = field("piece", piece, "Stretch of steady motion that the signature, the map and the features come from");
+  const pieces = field("segment", piece, "Segment of steady motion that the cadence-velocity diagram and the features come from");
   pieces.hidden = true;
-  const gate = makeGate(session);
   const node = element(
     "div",
     { class: "controls", role: "group", "aria-label": "What to show" },
     field("target", target),
     pieces,
-    gate.node,
-    field("static clutter", clutter, "What stands still: in all pictures, the features and the sound"),
+    withFault("gate", gate.node),
+    withFault("clutter", field("static clutter", clutter, "Echoes of what stands still: in all pictures, the features and the sound")),
+    ...numbers.map((number) => withFault(number.name, number.node)),
+    element("button", { id: "standard", type: "button", title: "Gate and analysis as the recording was opened", onclick: standard }, "reset analysis"),
     field("Doppler", band),
     field("colours", map),
     element("span", { class: "field", title: LEVEL_TITLE }, "levels ", low, " to ", high, " dB ", auto),
   );
   const stop = state.subscribe(restore);
   restore();
-  return { node, fillTargets, fillPieces, fillGates: gate.fill, fillClutter, destroy: stop };
+  return { node, fillTargets, fillPieces, fillGates: gate.fill, fillAnalysis, fault, clearFaults, destroy: stop };
+
+  /** Place for the error of a control, in one line after it. */
+  function withFault(name, control) {
+    faults[name] = element("output", { id: `fault-${name}`, class: "fault" });
+    return element("span", { class: "with-fault" }, control, faults[name]);
+  }
+
+  function edit(name, value) {
+    edited = name;
+    clearFaults();
+    state.set({ [name]: value });
+  }
+
+  function standard() {
+    edited = null;
+    clearFaults();
+    state.set(Object.fromEntries(["gate", ...ANALYSIS].map((name) => [name, null])));
+  }
+
+  function say(name, words) {
+    faults[name].textContent = words;
+    faults[name].title = words;
+  }
+
+  function clearFaults() {
+    for (const name of Object.keys(faults)) say(name, "");
+  }
+
+  /** Show an error next to the control that it names, or that was changed last; false where there is none. */
+  function fault(words) {
+    const named = /^(\w+): /.exec(words)?.[1];
+    const name = named in faults ? named : edited;
+    if (name) say(name, named === name ? words.slice(name.length + 2) : words);
+    return Boolean(name);
+  }
+
+  function makeNumber({ name, words, unit, min, step, title }) {
+    const input = element("input", { id: name, type: "number", min, step, onchange: () => edit(name, input.value) });
+    const node = element("label", { class: "field", title }, `${words} `, input, unit ? ` ${unit}` : null);
+    return { name, input, node };
+  }
 
   function fillTargets(targets, selected) {
     const choices = targets.map((one) => [one.number, `${one.number + 1} of ${targets.length}: ${one.label || "target"} (${one.gate})`]);
@@ -52,13 +107,16 @@ export function makeControls(session) {
     fillSelect(piece, choices, name(chosen.piece));
   }
 
-  /** How clutter was treated; results are as they were stored, and there is nothing to choose. */
-  function fillClutter({ kind, duration_s: duration, clutter: done }) {
+  /** Parameters in use; results are as they were stored, and there is nothing to choose. */
+  function fillAnalysis({ kind, duration_s: duration, analysis }) {
     const stored = duration === null || (STORED.includes(kind) && !state.get("gate"));
     clutter.disabled = stored;
-    if (stored) return fillSelect(clutter, [["", "as stored"]], "");
-    const removed = done && done !== "none" ? `removed (${words(done)})` : "removed";
-    fillSelect(clutter, [["removed", removed], ["kept", "kept"]], done === "none" ? "kept" : "removed");
+    fillSelect(clutter, stored ? [["", "as stored"]] : CLUTTER, stored ? "" : analysis.clutter);
+    for (const { name, input, node } of numbers) {
+      node.parentNode.hidden = kind === "try" && name === "cpi_s"; // has its own slider there
+      input.disabled = stored;
+      input.value = stored ? "" : state.get(name) ?? shortest(analysis[name]);
+    }
   }
 
   function restore() {
@@ -66,6 +124,11 @@ export function makeControls(session) {
     for (const input of [low, high]) input.value = state.get(input.name, "");
     gate.restore();
   }
+}
+
+/** A number without the digits that only its binary form has. */
+function shortest(value) {
+  return value === null || value === undefined ? "" : String(Number(value.toPrecision(6)));
 }
 
 function makeSelect(id, name, choices, standard) {
@@ -87,7 +150,7 @@ function levelInput(id, name, words) {
 }
 
 /** Choice of the gate: what the run shows first, those that it allows, or two ranges of one's own. */
-function makeGate(session) {
+function makeGate(session, { edit, refuse }) {
   let choices = [["", "…"]];
   const select = element("select", { id: "gate", onchange: choose });
   const ends = ["from", "to"].map((side) =>
@@ -117,7 +180,7 @@ function makeGate(session) {
 
   function choose() {
     own.hidden = select.value !== OWN;
-    if (select.value !== OWN) state.set({ gate: select.value });
+    if (select.value !== OWN) edit("gate", select.value);
     else if (ends.every((end) => end.value)) apply();
     else ends[0].focus();
   }
@@ -125,7 +188,7 @@ function makeGate(session) {
   function apply() {
     const [low, high] = ends.map((end) => end.valueAsNumber);
     if (!Number.isFinite(low) || !Number.isFinite(high)) return;
-    ends[1].setCustomValidity(low < high ? "" : "The gate ends before it begins: the second range must be larger.");
-    if (ends[1].reportValidity()) state.set({ gate: `${low}:${high}` });
+    if (low < high) edit("gate", `${low}:${high}`);
+    else refuse("the gate ends before it begins; the second range must be larger");
   }
 }

@@ -2,6 +2,12 @@
 
 import { element, fixed, flagWords, makePanel, shownPiece, significant, span, words } from "./ui.js";
 
+/** What is farther from the truth than this share of it stands out. */
+const FAR = 0.2;
+/** Rows before a feature of the set: name, words, unit, and where a target has it. */
+const BEFORE = { step_length_m: ["ground_step_length_m", "ground step length", "m", "quality"] };
+const AFTER = [["breathing_rate_hz", "breathing rate", "Hz", "quality"]];
+const OWN_WORDS = { step_length_m: "radial step length" };
 /** Least true value that a deviation is given in per cent of, by unit: below it a share says nothing. */
 const LEAST = { "m/s": 0.1, Hz: 0.2, m: 0.05, 1: 0.02 };
 const UNITS = { mps: "m/s", hz: "Hz", m: "m", s: "s", db: "dB", deg: "°", m2: "m²", kg: "kg" };
@@ -25,9 +31,9 @@ export function makeFeatures({ session }) {
 
   function contents(target) {
     const truth = target.truth ?? {};
-    const named = session.feature_names;
-    const rows = named.map(([key, name, unit]) => featureRow(name, unit, target, key, truth));
-    const known = new Set(named.map(([key]) => key));
+    const found = featuresOf(target, session);
+    const rows = found.map((one) => featureRow(one));
+    const known = new Set(found.map(({ key }) => key));
     return [
       element(
         "table",
@@ -42,14 +48,38 @@ export function makeFeatures({ session }) {
     ];
   }
 
-  function featureRow(name, unit, target, key, truth) {
-    const value = target.features[key];
-    const deviation = deviationOf(target, key);
-    const cells = [words(name), significant(value), significant(deviation, 2), unit === "1" ? "" : unit];
-    const node = row("td", [...cells, compared(truth[key], { value, deviation, unit })]);
+  function featureRow({ key, name, value, deviation, unit, truth }) {
+    const cells = [name, significant(value), significant(deviation, 2), unit === "1" ? "" : unit];
+    const node = row("td", [...cells, compared(truth, { value, deviation, unit })]);
     if (value === null || value === undefined) node.title = "not determined; the flags below say why";
+    if (key === "breathing_rate_hz") node.title = `${significant(60 * value)} breaths a minute`;
+    if (isFar(truth, { value, unit })) {
+      node.className = "far";
+      node.title = `more than ${100 * FAR} % from the truth`;
+    }
     return node;
   }
+}
+
+/** Features of a target as the table shows them: the set, the ground step length first, and the breathing rate. */
+export function featuresOf(target, session) {
+  const truth = target.truth ?? {};
+  const of = ([key, name, unit, group]) => {
+    const value = target[group]?.[key];
+    const there = typeof value === "number";
+    return there ? [{ key, name, unit, value, deviation: target.standard_deviation?.[key], truth: truth[key] }] : [];
+  };
+  const set = session.feature_names.flatMap(([key, name, unit]) => {
+    const own = { key, name: OWN_WORDS[key] ?? words(name), unit, value: target.features[key], truth: truth[key] };
+    return [...(key in BEFORE ? of(BEFORE[key]) : []), { ...own, deviation: deviationOf(target, key) }];
+  });
+  return [...set, ...AFTER.flatMap(of)];
+}
+
+/** Whether a measured value is so far from the true one that it must be seen at once. */
+export function isFar(truth, { value, unit }) {
+  if (typeof truth !== "number" || !Number.isFinite(value)) return false;
+  return Math.abs(value - truth) > Math.max(FAR * Math.abs(truth), LEAST[unit] ?? 0);
 }
 
 /** Standard deviation of a feature; the torso's Doppler has that of its velocity, in Hz. */

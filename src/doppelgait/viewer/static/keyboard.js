@@ -4,7 +4,7 @@ import { SPEEDS } from "./clock.js";
 import { element } from "./ui.js";
 
 const KEYS = [
-  ["space", "play or pause"],
+  ["space", "play or pause, unless a text field has the focus (Enter presses a button or box)"],
   ["← →", "one step back or on (with shift: ten)"],
   ["Home End", "start, end"],
   ["+ −", "faster, slower"],
@@ -15,6 +15,7 @@ const KEYS = [
   ["in the time pictures", "click or drag: move the cursor"],
 ];
 const TYPING = "input:not([type=checkbox]), select, textarea, [contenteditable]";
+const TEXT = "input:not([type=checkbox], [type=range]), textarea, [contenteditable]";
 
 /** Listen for the keys of a clock; `moveTarget(±1)` chooses another target. Gives a function that ends it. */
 export function listenToKeys(clock, moveTarget) {
@@ -32,13 +33,23 @@ export function listenToKeys(clock, moveTarget) {
     "]": () => moveTarget(1),
   };
   document.addEventListener("keydown", pressed);
-  return () => document.removeEventListener("keydown", pressed);
+  document.addEventListener("keyup", released);
+  return () => {
+    document.removeEventListener("keydown", pressed);
+    document.removeEventListener("keyup", released);
+  };
+
+  /** Browsers press a button when the space bar is released. */
+  function released(event) {
+    if (event.key === " " && !event.target.closest?.(`${TEXT}, dialog`)) event.preventDefault();
+  }
 
   function pressed(event) {
     const target = event.target;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.closest?.(`${TYPING}, dialog`)) return;
-    // space presses the button, box or summary that has the focus
-    if (event.key === " " && target.closest?.("button, summary, a, [type=checkbox]")) return;
+    // space plays wherever the focus is, but in a text field; Enter presses the button or box that has it
+    const others = event.key === " " ? TEXT : TYPING;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest?.(`${others}, dialog`)) return;
+    if (event.key === "Enter" && target.matches?.("[type=checkbox]")) target.click();
     const action = actions[event.key];
     if (!action) return;
     event.preventDefault();

@@ -3,7 +3,7 @@
 import { getPayload, isAborted } from "./api.js";
 import { makeCadence } from "./cadence.js";
 import { makeClock } from "./clock.js";
-import { makeControls } from "./controls.js";
+import { ANALYSIS, makeControls } from "./controls.js";
 import { makeFeatures } from "./features.js";
 import { listenToKeys } from "./keyboard.js";
 import { edges, occupied } from "./picture.js";
@@ -14,6 +14,7 @@ import { makeSignature } from "./signature.js";
 import * as state from "./state.js";
 import { makeStatus } from "./status.js";
 import { makeTransport, restoreClock } from "./transport.js";
+import { makeNotes } from "./notes.js";
 import { clearError, element, fixed, showError } from "./ui.js";
 
 /**
@@ -33,10 +34,9 @@ export function showRun(container, reference, session) {
   const controls = makeControls(session);
   const status = makeStatus();
   const facts = element("dl", { id: "facts", class: "facts", "aria-label": "The recording" });
-  const notes = element("ul", { class: "notes", "aria-label": "Notes" });
-  const warnings = element("ul", { class: "notes", "aria-label": "Warnings of the analysis" });
-  controls.node.append(status.node);
-  const node = element("div", { class: "run" }, transport.node, controls.node, facts, notes, warnings, layout(panels));
+  const notes = makeNotes();
+  const line = element("div", { class: "notes-line" }, notes.node, status.node);
+  const node = element("div", { class: "run" }, transport.node, controls.node, facts, line, layout(panels));
   let targets = { targets: [], arrays: {}, selected: 0 };
   let recorded = null; // facts of the recording
   let bands = []; // occupied part of the Doppler axis, by target
@@ -61,6 +61,7 @@ export function showRun(container, reference, session) {
   async function load() {
     const mine = ++job;
     clearError();
+    controls.clearFaults();
     recorded = null;
     // at the same time: the analysis takes longest
     await busy(Promise.all([loadRecording(mine), loadTargets(mine)]));
@@ -92,7 +93,7 @@ export function showRun(container, reference, session) {
       showRecording(recording);
       panels.rangeDoppler.load(named(), recording.facts.reason);
     } catch (error) {
-      if (!isAborted(error)) showError(error);
+      if (!isAborted(error) && !controls.fault(error.message)) showError(error);
     }
   }
 
@@ -111,16 +112,27 @@ export function showRun(container, reference, session) {
 
   /** Parameters of the run, and of how it is analysed. */
   function named() {
-    return { ...reference, gate: state.get("gate"), clutter: state.get("clutter") };
+    return { ...Object.fromEntries(["gate", ...ANALYSIS].map((name) => [name, state.get(name)])), ...reference };
   }
 
   async function loadTargets(mine) {
     try {
       const answer = await getPayload("api/targets", { ...named(), piece: state.get("piece") });
-      if (mine === job) showTargets(answer);
+      if (mine !== job) return false;
+      if (answer.facts.failed && controls.fault(answer.facts.reason) && targets.targets.length) return false;
+      showTargets(answer);
+      return true;
     } catch (error) {
-      if (!isAborted(error) && mine === job) withoutTargets(error.message);
+      if (!isAborted(error) && mine === job && !controls.fault(error.message)) withoutTargets(error.message);
+      return false;
     }
+  }
+
+  /** Other parameters of the analysis: range against time and the scene stay as they are. */
+  async function analyseAgain() {
+    const mine = ++job;
+    await busy(loadTargets(mine).then((done) => done && panels.rangeDoppler.load(named(), recorded?.reason)));
+    if (mine === job) sound?.renew();
   }
 
   function showRecording(recording) {
@@ -129,7 +141,7 @@ export function showRun(container, reference, session) {
     if (duration !== null) setTime(start, start + duration);
     showFacts(recording.facts);
     controls.fillGates(recording.facts);
-    controls.fillClutter(recording.facts);
+    controls.fillAnalysis(recording.facts);
     panels.rangeTime.show(recording);
     panels.scene.show(recording);
     panels.signature.showTruth(recording);
@@ -144,16 +156,12 @@ export function showRun(container, reference, session) {
 
   function showFacts({ facts: pairs, notes: sentences, reason }) {
     facts.replaceChildren(...pairs.map(([name, value]) => element("div", {}, element("dt", {}, name), element("dd", {}, value))));
-    list(notes, [reason, ...sentences].filter(Boolean));
-  }
-
-  function list(node, sentences) {
-    node.replaceChildren(...sentences.map((sentence) => element("li", {}, sentence)));
+    notes.show("recording", [reason, ...sentences].filter(Boolean));
   }
 
   function showTargets({ facts: { targets: found, reason, notes: said }, arrays }) {
     targets = { targets: found, arrays, selected: 0 };
-    list(warnings, said ?? []);
+    notes.show("analysis", said ?? []);
     if (!found.length) withoutTargets(reason ?? "No target was found.");
     else select();
     performance.mark("targets-shown");
@@ -175,7 +183,7 @@ export function showRun(container, reference, session) {
     controls.fillPieces(target);
     bands = targets.targets.map(({ signature }) => (signature ? occupied(signature, arrays[signature.array]) : null));
     showOrSay(panels.signature, target?.signature, "The signature of this target was not kept.", target, arrays);
-    showOrSay(panels.cadence, target?.cadence_map, "The step-Doppler map of this target was not kept.", target, arrays);
+    showOrSay(panels.cadence, target?.cadence_map, "The cadence-velocity diagram of this target was not kept.", target, arrays);
     showOrSay(panels.features, target, null, target, arrays);
     for (const panel of [panels.rangeTime, panels.rangeDoppler, panels.scene]) panel.showTargets(targets);
   }
@@ -214,7 +222,8 @@ export function showRun(container, reference, session) {
     if (names.has("gate") || names.has("clutter")) {
       if (!names.has("piece")) state.set({ piece: null }, { quiet: true }); // there may be others now
       load();
-    } else if (names.has("piece")) busy(loadTargets(job));
+    } else if (ANALYSIS.some((name) => names.has(name))) analyseAgain();
+    else if (names.has("piece")) busy(loadTargets(job));
     else if (names.has("target")) select();
     if (["map", "lo", "hi", "band"].some((name) => names.has(name))) redraw();
     if (names.has("t")) clock.seek(state.getNumber("t", clock.start));
@@ -241,10 +250,7 @@ function layout({ rangeTime, signature, scene, rangeDoppler, cadence, features }
   return element(
     "div",
     { class: "panels" },
-    element("div", { class: "stack time-panels" }, rangeTime.node, signature.node),
-    scene.node,
-    rangeDoppler.node,
-    cadence.node,
-    features.node,
+    element("div", { class: "row" }, element("div", { class: "stack time-panels" }, rangeTime.node, signature.node), scene.node),
+    element("div", { class: "row" }, rangeDoppler.node, cadence.node, features.node),
   );
 }

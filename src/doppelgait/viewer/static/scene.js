@@ -4,7 +4,7 @@ import { FONT } from "./axes.js";
 import { makeLayers, themeColours } from "./canvas.js";
 import { gateAt, gateColour } from "./range_time.js";
 import { bodyAt, drawBodies, drawPath, middleOf } from "./scene_body.js";
-import { drawFloor, drawGate, drawRadar, drawRings, floorOf } from "./scene_floor.js";
+import { drawFloor, drawGate, drawLabels, drawRadar, drawRings, floorOf } from "./scene_floor.js";
 import { element, fixed, makePanel } from "./ui.js";
 import { makeCamera } from "./view3d.js";
 
@@ -114,6 +114,7 @@ export function makeScene({ session, clock }) {
     for (const body of scene.bodies) drawPath(context, camera, body, colours);
     drawRadar(context, camera, scene, colours);
     seen = drawBodies(context, camera, poses, session.part_colours);
+    drawLabels(context, camera, scene, { places: seen, colours });
     readOut();
   }
 

@@ -27,13 +27,13 @@ export function drawBodies(context, camera, bodies, partColours) {
   const colourOf = (group) => partColours[group] ?? partColours.other ?? "#808080";
   const things = [];
   const seen = [];
-  for (const body of bodies) {
+  for (const [number, body] of bodies.entries()) {
     const places = body.points.map((point) => (point.every(Number.isFinite) ? camera.project(point) : null));
     drawShadow(context, camera, body.points);
     for (const [n, place] of places.entries()) {
       if (!place) continue;
       things.push({ depth: place.depth - 0.01, place, colour: colourOf(body.parts[n]) });
-      seen.push({ ...place, part: body.parts[n], label: body.label, position: body.points[n] });
+      seen.push({ ...place, body: number, part: body.parts[n], label: body.label, position: body.points[n] });
     }
     for (let bone = 0; bone < body.pairs.length; bone += 2) {
       const [i, j] = [body.pairs[bone], body.pairs[bone + 1]];

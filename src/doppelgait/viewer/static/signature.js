@@ -1,6 +1,7 @@
-// Micro-Doppler signature, with the main line, the pieces, and the true Doppler of the body parts.
+// Micro-Doppler signature, of the whole track with its segments, the main lines, and the true Doppler of the body parts.
 
-import { drawCursor, drawLine, drawPicture, makeChart, withEdge } from "./chart.js";
+import { FONT } from "./axes.js";
+import { drawCursor, drawLine, drawPath, drawPicture, makeChart, withEdge } from "./chart.js";
 import { makeBar, makeTones } from "./levels.js";
 import { cellAt, levelDb, paint, valueAt } from "./picture.js";
 import * as state from "./state.js";
@@ -11,7 +12,7 @@ const MAIN_LINE = "#35d0ff";
 const PIECE = "#ffe14d";
 const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
 const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target
-const EXTRAS = [["main-line", "main line", MAIN_LINE], ["pieces", "pieces", PIECE]];
+const EXTRAS = [["main-line", "main line", MAIN_LINE], ["segments", "segments", PIECE]];
 
 export function makeSignature({ session, clock, band }) {
   const panel = makePanel("signature", "Micro-Doppler signature");
@@ -50,11 +51,11 @@ export function makeSignature({ session, clock, band }) {
     redraw();
   }
 
-  /** A long track is analysed in pieces, and the picture is that of one. */
+  /** The picture is that of the whole track where it is known, or that of one segment. */
   function title(target) {
     const piece = shownPiece(target);
     if (!piece) return "Micro-Doppler signature";
-    const which = target.pieces.length > 1 ? `piece ${target.piece + 1} of ${target.pieces.length}, ` : "";
+    const which = target.pieces.length > 1 ? `segment ${target.piece + 1} of ${target.pieces.length}, ` : "segment ";
     return `Micro-Doppler signature, ${which}${span(piece)}`;
   }
 
@@ -65,7 +66,7 @@ export function makeSignature({ session, clock, band }) {
   }
 
   function chosen() {
-    return new Set((state.get("lines") ?? "main-line").split(",").filter(Boolean));
+    return new Set((state.get("lines") ?? "main-line,segments").split(",").filter(Boolean));
   }
 
   function makeSwitches() {
@@ -76,7 +77,7 @@ export function makeSignature({ session, clock, band }) {
     parts.replaceChildren(
       element("legend", {}, "Lines over the signature"),
       ...EXTRAS.map(makeSwitch),
-      element("span", { class: "group" }, groups.length ? "true Doppler:" : "no truth in this recording"),
+      element("span", { class: "group" }, groups.length ? "truth:" : "no truth in this recording"),
       ...lines.map(makeSwitch),
       ...(groups.length ? [every] : []),
     );
@@ -118,8 +119,8 @@ export function makeSignature({ session, clock, band }) {
       if (one.doppler) drawTruth(context, one.doppler, number, keys);
     }
     context.globalAlpha = 1;
-    if (keys.has("pieces")) drawPieces(context, shown.target);
-    if (keys.has("main-line") && shown.target.main_line) drawMainLine(context);
+    if (keys.has("segments") && shown.target.pieces?.length) drawSegments(context, shown.target);
+    if (keys.has("main-line")) for (const one of shown.target.main_lines ?? []) drawMainLine(context, one);
   }
 
   function drawTruth(context, { time, parts: groups, values }, number, keys) {
@@ -133,23 +134,39 @@ export function makeSignature({ session, clock, band }) {
     context.setLineDash([]);
   }
 
-  function drawMainLine(context) {
-    const hertz = shown.arrays[shown.target.main_line];
+  function drawMainLine(context, { x, values }) {
+    const hertz = shown.arrays[values];
     context.setLineDash([6, 4]);
     withEdge(context, MAIN_LINE, 1.6, () =>
-      drawLine(context, chart, hertz.length, (n) => [valueAt(shown.image.x, n), hertz[n]]),
+      drawLine(context, chart, hertz.length, (n) => [valueAt(x, n), hertz[n]]),
     );
     context.setLineDash([]);
   }
 
-  function drawPieces(context, { pieces, piece }) {
+  /** A bar with a number above every segment; the one that the features come from is bright and has its ends drawn. */
+  function drawSegments(context, { pieces, piece }) {
     const { top, bottom } = chart.box;
-    for (const [number, [start, stop]] of (pieces ?? []).entries()) {
-      const [from, to] = [chart.x(start), chart.x(stop)];
-      context.setLineDash(number === (piece ?? number) ? [] : [4, 4]); // dashed: another than the one shown
-      withEdge(context, PIECE, 1.5, () => context.strokeRect(from + 1, top + 2, to - from - 2, bottom - top - 4));
+    context.font = FONT;
+    context.textAlign = "center";
+    context.textBaseline = "top";
+    for (const [number, ends] of pieces.entries()) {
+      const [from, to] = ends.map(chart.x);
+      const own = number === (piece ?? number);
+      context.globalAlpha = own ? 1 : 0.55;
+      const bar = () => drawPath(context, [[from + 1, top + 3], [to - 1, top + 3]]);
+      withEdge(context, PIECE, own ? 4 : 2.5, bar);
+      if (own) {
+        for (const at of [from, to]) withEdge(context, PIECE, 1, () => drawPath(context, [[at, top], [at, bottom]]));
+      }
+      if (pieces.length > 1) {
+        context.lineWidth = 3;
+        context.strokeStyle = "rgba(0, 0, 0, 0.7)";
+        context.strokeText(String(number + 1), (from + to) / 2, top + 7);
+        context.fillStyle = PIECE;
+        context.fillText(String(number + 1), (from + to) / 2, top + 7);
+      }
     }
-    context.setLineDash([]);
+    context.globalAlpha = 1;
   }
 
   function read(time, doppler) {

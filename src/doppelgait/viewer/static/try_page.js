@@ -50,7 +50,6 @@ export async function show(container, session) {
       else run = showRun(below, reference, session);
       say(first ? "" : `redrawn in ${Math.round(performance.now() - began)} ms`);
       first = false;
-      for (const note of answer.notes) status.append(element("span", { class: "note" }, note));
     } catch (error) {
       if (isAborted(error)) return;
       offer(""); // what was copied would be the run before

@@ -44,6 +44,7 @@ export function makePanel(name, title) {
     note.textContent = words ?? "";
     note.hidden = !words;
     body.classList.toggle("hidden", Boolean(words));
+    node.classList.toggle("nothing", Boolean(words)); // gives its space to the others
   }
 }
 
