@@ -17,6 +17,9 @@ from urllib.parse import urlsplit
 import pytest
 
 import processes
+from doppelgait.pipeline import parse_run, run_simulation
+from doppelgait.radar import write_recording
+from viewer_page import WALK
 
 ARGUMENTS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -108,3 +111,17 @@ def page(browser: Any) -> Iterator[Any]:
 def is_foreign(url: str) -> bool:
     """Whether an address is another than 127.0.0.1; data and blobs never leave the page."""
     return urlsplit(url).scheme not in ("data", "blob") and urlsplit(url).hostname != "127.0.0.1"
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recording of a walking person, simulated once."""
+    path = tmp_path_factory.mktemp("run_page") / "walk.h5"
+    write_recording(run_simulation(parse_run(WALK)), path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def url(walk: Path, serve: Serve) -> str:
+    """Address of the page of that recording."""
+    return serve(walk)

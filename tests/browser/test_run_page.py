@@ -8,57 +8,31 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
-from doppelgait.pipeline import analyze, parse_run, run_simulation
-from doppelgait.processing import Analysis, range_doppler, remove_clutter
+from doppelgait.pipeline import analyze
+from doppelgait.processing import Analysis, range_doppler, remove_clutter, signature
 from doppelgait.radar import read_recording
-from doppelgait.radar.recordings import write_recording
 from doppelgait.viewer.payload import ALIGNMENT, MAGIC, as_json
 from doppelgait.viewer.server import page_in_browser
-
-DURATION_S = 2.5
-WALK = {
-    "seed": 7,
-    "duration_s": DURATION_S,
-    "radar_position_m": [0.0, 0.0, 1.0],
-    "radar": {"preset": "x4", "prf_hz": 800},
-    "noise": {"kind": "snr", "snr_db": 25},
-    "targets": [{"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.2}, "range_m": 4.0, "aspect_deg": 0}],
-}
-LEFT, RIGHT, TOP = 58, 58, 4
-"""Margins of the charts in pixels; below, 36, or 10 where the numbers of the axis stand under the next picture."""
-READY = ".run:not(.loading)"
-# colours counted and summed up: two pictures are the same if both numbers are
-LOOK = """(id) => {
-  const canvas = document.getElementById(id);
-  const pixels = new Uint32Array(canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.buffer);
-  let hash = 0;
-  for (const pixel of pixels) hash = (Math.imul(hash, 31) + pixel) | 0;
-  return [hash, new Set(pixels).size];
-}"""
-
-
-@pytest.fixture(scope="module")
-def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("run_page") / "walk.h5"
-    write_recording(run_simulation(parse_run(WALK)), path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def url(walk: Path, serve: Callable[..., str]) -> str:
-    return serve(walk)
-
-
-def opened(page: Any, url: str, query: str = "") -> Any:
-    page.goto(url + query)
-    page.wait_for_selector(READY)
-    until(lambda: look(page, "range-doppler")[1] > 20, "no range-Doppler picture")
-    return page
+from viewer_page import (
+    DURATION_S,
+    LEFT,
+    READY,
+    RIGHT,
+    address,
+    altered,
+    look,
+    opened,
+    read_at,
+    seconds,
+    settled,
+    text,
+    until,
+)
 
 
 def test_the_page_is_opened_by_a_file(browser: Any, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,70 +45,6 @@ def test_the_page_is_opened_by_a_file(browser: Any, url: str, monkeypatch: pytes
         page.wait_for_selector(READY)
     assert page.url.startswith("http://127.0.0.1:")
     page.close()
-
-
-def look(page: Any, name: str) -> tuple[int, int]:
-    """Fingerprint of a canvas and how many colours are in it."""
-    hashed, colours = page.evaluate(LOOK, f"canvas-{name}")
-    return hashed, colours
-
-
-def until(condition: Callable[[], bool], otherwise: str, *, seconds: float = 8.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, otherwise
-        time.sleep(0.03)
-
-
-def address(page: Any) -> str:
-    """Address as it is now; the driver's own copy lags behind while a test only waits."""
-    return str(page.evaluate("location.href"))
-
-
-def settled(page: Any, name: str) -> tuple[int, int]:
-    """Fingerprint of a canvas once it stays the same for a while."""
-    seen = [look(page, name)]
-    while len(seen) < 4 or len(set(seen[-4:])) > 1:
-        time.sleep(0.05)
-        seen.append(look(page, name))
-        assert len(seen) < 100, f"{name} does not come to rest"
-    return seen[-1]
-
-
-def text(page: Any, selector: str) -> str:
-    return str(page.text_content(selector)).replace("\N{MINUS SIGN}", "-")
-
-
-def seconds(page: Any) -> float:
-    return float(text(page, "#time"))
-
-
-def read_at(page: Any, name: str, x: float, y: float) -> tuple[dict[str, float], tuple[float, float]]:
-    """Numbers of a panel's read-out by unit, with the mouse at shares of its axes; and these shares, to the pixel."""
-    box = page.locator(f"#canvas-{name}").bounding_box()
-    width, height = box["width"] - LEFT - RIGHT, box["height"] - TOP - (10 if name in ("range-time", "cadence") else 36)
-    at_x, at_y = round(x * width), round(y * height)
-    page.mouse.move(box["x"] + LEFT + at_x, box["y"] + TOP + height - at_y)
-    found = re.findall(r"(-?[\d.]+) (dB|Hz|m/s|m|s)\b", text(page, f"#hover-{name}"))
-    return {unit: float(number) for number, unit in reversed(found)}, (at_x / width, at_y / height)
-
-
-def altered(page: Any, name: str, change: Callable[[dict[str, Any], dict[str, list[str]]], None]) -> None:
-    """Let ``change(facts, query)`` alter the facts of a payload on its way to the page; the server is asked for the
-    opened recording as it shows it first."""
-
-    def answer(route: Any) -> None:
-        address = route.request.url
-        response = route.fetch(url=address.split("?")[0])
-        body = response.body()
-        end = 8 + int.from_bytes(body[4:8], "little")
-        facts = json.loads(body[8:end])
-        change(facts, parse_qs(urlsplit(address).query))
-        header = as_json(facts)
-        header += b" " * (-len(header) % ALIGNMENT)
-        route.fulfill(response=response, body=MAGIC + len(header).to_bytes(4, "little") + header + body[end:])
-
-    page.route(f"**/api/{name}*", answer)
 
 
 def is_under(read: float, share: float, axis: Any) -> bool:
@@ -205,7 +115,8 @@ def test_hover_values_equal_the_file(page: Any, url: str, walk: Path) -> None:
 
 def _compare(page: Any, recording: Any, result: Any, x: float, y: float) -> None:
     """Read-outs of the four pictures at one place, and the same cells of the arrays that they were made from."""
-    baseband, signature = remove_clutter(recording.baseband, Analysis().resolved("track")), result.signature
+    baseband, gate = remove_clutter(recording.baseband, Analysis().resolved("track")), result.gate
+    whole = signature(gate.crop(baseband), gate, result.analysis, wavelength_m=recording.radar.wavelength_m)
     read, (across, up) = read_at(page, "range-time", x, y)
     assert read["s"] == pytest.approx(DURATION_S * across, abs=0.002)
     assert is_under(read["m"], up, baseband.range)
@@ -214,15 +125,15 @@ def _compare(page: Any, recording: Any, result: Any, x: float, y: float) -> None
 
     read, (across, up) = read_at(page, "signature", x, y)
     assert read["s"] == pytest.approx(DURATION_S * across, abs=0.02)
-    assert is_under(read["Hz"], up, signature.doppler)
-    column = signature.sel(time=read["s"], doppler=read["Hz"], method="nearest")
+    assert is_under(read["Hz"], up, whole.doppler)
+    column = whole.sel(time=read["s"], doppler=read["Hz"], method="nearest")
     assert read["dB"] == pytest.approx(10 * np.log10(float(column)), abs=0.05)
     assert read["m/s"] == pytest.approx(float(column.velocity), abs=2e-3)
 
     read, (across, up) = read_at(page, "range-doppler", x, y)
     assert read["s"] == pytest.approx(1.2, abs=0.01)
     assert is_under(read["m"], across, baseband.range)
-    assert is_under(read["Hz"], up, signature.doppler)
+    assert is_under(read["Hz"], up, whole.doppler)
     cell = _map(recording, read["s"]).sel(range=read["m"], doppler=read["Hz"], method="nearest")
     assert read["dB"] == pytest.approx(10 * np.log10(float(cell)), abs=0.05)
 
@@ -456,7 +367,8 @@ def test_tells_what_it_waits_for_and_what_cannot_be_had(page: Any, url: str) -> 
     assert text(page, "#status") == ""
 
     def room() -> bool:
-        page.mouse.move(*middle)
+        box = page.locator("#canvas-range-time").bounding_box()  # it takes the space of the signature
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] - 20)
         return text(page, "#hover-range-time") == ""
 
     until(room, "no room for times below range-time without a signature")

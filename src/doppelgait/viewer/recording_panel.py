@@ -33,7 +33,7 @@ from doppelgait.viewer.payload import (
     shown_range_db,
 )
 from doppelgait.viewer.run import Run, clutter_key
-from doppelgait.viewer.settings import CHANGEABLE, Changes, number_of, whole_of
+from doppelgait.viewer.settings import Changes, number_of, whole_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -82,7 +82,7 @@ def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = (
         "prf_hz": recording.radar.prf_hz,
         "wavelength_m": recording.radar.wavelength_m,
         "clutter": run.analysis(gate, changes).clutter,
-        "analysis": analysis_facts(run, gate, changes),
+        "analysis": run.analysis_facts(gate, changes),
         "no_sound": why_silent(recording.baseband),
         "range_time": range_time,
         "scene": None
@@ -98,26 +98,6 @@ def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = (
         "truth": [_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
     }
     return pack(facts, arrays)
-
-
-def analysis_facts(run: Run, gate: GateChoice | None, changes: Changes) -> dict[str, Any]:
-    """Return the analysis parameters that the controls change.
-
-    The hop is that in use, in pulses.
-    """
-    analysis = run.analysis(gate, changes)
-    known = {name: getattr(analysis, name) for name in CHANGEABLE}
-    return known if known["hop"] is not None else {**known, "hop": _lossless_hop(run, analysis)}
-
-
-def _lossless_hop(run: Run, analysis: Analysis) -> int | None:
-    baseband = run.needed_recording().baseband
-    if burst_pulses_of(baseband) is not None:
-        return None
-    try:
-        return int(plan_for(baseband, analysis)[0].hop)
-    except AnalysisError:
-        return None
 
 
 def _power(baseband: xr.DataArray) -> xr.DataArray:

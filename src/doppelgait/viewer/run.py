@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -18,11 +19,12 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import Result, analyze
-from doppelgait.processing import Analysis, remove_clutter
+from doppelgait.processing import Analysis, burst_pulses_of, remove_clutter
 from doppelgait.processing.gate import Gate, GateChoice
+from doppelgait.processing.signature import plan_for
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.payload import signature_picture
-from doppelgait.viewer.settings import Changes, Settings
+from doppelgait.viewer.settings import CHANGEABLE, Changes, Settings
 
 Span = tuple[float, float]
 """Start and stop, s."""
@@ -292,6 +294,18 @@ class Run:
         if self.kind == "try":
             return known.resolved(None)  # tracking, too, keeps it
         return known.resolved("track" if self.kind == "recording" else gate or self.settings.gate)
+
+    def analysis_facts(self, gate: GateChoice | None, changes: Changes = ()) -> dict[str, Any]:
+        """Return the analysis parameters that a request may change.
+
+        The hop is that in use, in pulses, where there is a recording to plan it for.
+        """
+        analysis = self.analysis(gate, changes)
+        facts = {name: getattr(analysis, name) for name in CHANGEABLE}
+        if facts["hop"] is None and self.recording is not None and burst_pulses_of(self.recording.baseband) is None:
+            with suppress(AnalysisError):
+                facts["hop"] = plan_for(self.recording.baseband, analysis)[0].hop
+        return facts
 
     def clean_baseband(self, gate: GateChoice | None, changes: Changes = ()) -> xr.DataArray:
         """Return the baseband without clutter, as it is analysed."""

@@ -47,15 +47,17 @@ def targets_payload(
     """
     arrays: Arrays = {}
     # What was stored is as it was stored, whatever is asked for.
-    done = run.analysis(gate, () if run.shows_stored(gate) else changes)
+    applied = () if run.shows_stored(gate) else changes
+    done = run.analysis(gate, applied)
+    facts = {"clutter": done.clutter, "analysis": run.analysis_facts(gate, applied)}
     try:
         targets, notes = run.targets(gate, changes), run.warnings(gate, changes)
     except AnalysisError as error:
-        return pack({"targets": [], "reason": str(error), "notes": [], "clutter": done.clutter, "failed": True}, {})
+        return pack({**facts, "targets": [], "reason": str(error), "notes": [], "failed": True}, {})
     views = targets if piece is None else with_piece(targets, *piece)
     shown = [_target(number, view, done.method, arrays) for number, view in enumerate(views)]
     reason = None if shown else NO_TARGET
-    return pack({"targets": shown, "reason": reason, "notes": notes, "clutter": done.clutter}, arrays)
+    return pack({**facts, "targets": shown, "reason": reason, "notes": notes}, arrays)
 
 
 def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:

@@ -13,7 +13,8 @@ const PEAK = "#35d0ff";
 const FROM_LINE = "from main line"; // what the Doppler axis counts from where the signature was aligned
 const NAMES = { f_mu: "f", "2nd": "2f", "3rd": "3f" };
 
-export function makeCadence({ session, band }) {
+export function makeCadence(page) {
+  const { session, band } = page;
   const panel = makePanel("cadence", TITLE);
   const below = makeBelow(panel);
   const picture = element("canvas");
@@ -24,6 +25,7 @@ export function makeCadence({ session, band }) {
     label: "Cadence-velocity diagram: cadence against Doppler",
     margins: { ...MARGINS, bottom: 10 }, // the spectrum below has the same cadence axis, with its numbers
     read: readMap,
+    page,
     view: () =>
       shown && {
         x: { limits: [0, reach()], name: "cadence", unit: "Hz", labels: false },
@@ -35,6 +37,7 @@ export function makeCadence({ session, band }) {
   const spectrum = makeChart(below, "spectrum", {
     label: "Cadence spectrum with its peaks",
     read: readSpectrum,
+    page,
     view: () =>
       shown?.spectrum && {
         x: { limits: [0, reach()], name: "cadence", unit: "Hz" },
@@ -42,7 +45,7 @@ export function makeCadence({ session, band }) {
       },
     draw: drawSpectrum,
   });
-  return { node: panel.node, show, say: panel.say, redraw, destroy };
+  return { node: panel.node, show, say: panel.say, redraw, tick, destroy };
 
   function show(target, arrays) {
     shown = target && {
@@ -167,6 +170,10 @@ export function makeCadence({ session, band }) {
     const cell = cellAt(x, cadence);
     if (cell === null) return `${fixed(cadence, 3)} Hz`;
     return `cadence ${fixed(valueAt(x, cell), 3)} Hz · ${fixed(shown.arrays[db][cell], 2)} dB`;
+  }
+
+  function tick() {
+    for (const chart of [map, spectrum]) chart.redrawOverlay();
   }
 
   function destroy() {

@@ -12,16 +12,23 @@ export const CURSOR = "#ffffff";
  * Chart on a panel's body. `view()` gives `{x, y, second?}` as `drawAxes` takes them (and other `margins`, where they
  * depend on what is shown), or null while there is nothing;
  * `draw(context, chart)` paints inside the frame; `drawOver(context, chart)` what moves. `read(x, y)` gives the text for
- * the mouse at data coordinates; `drag(x)` is called for a click or drag.
+ * the mouse at data coordinates; `drag(x)` is called for a click or drag. `zoom` holds the axes (see zoom.js) that the
+ * wheel changes, `page` the zoom and the measurement of the whole page.
  */
-export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, read, drag = null, margins = MARGINS }) {
+export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, read, drag = null, margins = MARGINS, zoom = {}, page = {} }) {
   let mouse = null;
+  let [moving, pressed] = [null, null]; // where the mouse went down to scroll, or to measure
   const chart = { box: null, x: null, y: null, view: null, redraw, redrawOverlay, destroy };
   const layers = makeLayers(panel.body, id, { label, draw: drawBase, drawOverlay });
   const canvas = layers.overlay;
   canvas.addEventListener("pointermove", onMove);
   canvas.addEventListener("pointerleave", onLeave);
   canvas.addEventListener("pointerdown", onDown);
+  canvas.addEventListener("pointerup", onUp);
+  if (zoom.x || zoom.y) {
+    canvas.addEventListener("wheel", onWheel, { passive: false });
+    canvas.addEventListener("dblclick", () => !page.measure.on && page.zoom.reset());
+  }
   if (drag) canvas.classList.add("seekable");
   return chart;
 
@@ -55,6 +62,7 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
     if (!chart.view) return;
     inside(context, () => {
       drawOver(context, chart);
+      page.measure?.draw(context, chart);
       if (mouse) drawCross(context);
     });
   }
@@ -90,7 +98,9 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
     const at = place(event);
     const { left, right, top, bottom } = chart.box;
     mouse = at.x >= left && at.x <= right && at.y >= top && at.y <= bottom ? at : null;
-    if (drag && event.buttons === 1 && canvas.hasPointerCapture(event.pointerId)) drag(chart.x.invert(at.x));
+    if (page.measure?.on) page.measure.move(chart, dataAt(at));
+    else if (moving && event.buttons === 1) scroll(at);
+    else if (drag && event.buttons === 1 && canvas.hasPointerCapture(event.pointerId)) drag(chart.x.invert(at.x));
     readOut();
     layers.redrawOverlay();
   }
@@ -102,9 +112,51 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
   }
 
   function onDown(event) {
-    if (!drag || !chart.box || event.button !== 0) return;
+    if (!chart.box || event.button !== 0) return;
+    const at = place(event);
+    if (page.measure?.on) {
+      pressed = at;
+      return page.measure.start(chart, dataAt(at));
+    }
+    if (event.shiftKey && (zoom.x || zoom.y)) moving = at;
+    else if (!drag) return;
     canvas.setPointerCapture(event.pointerId);
-    drag(chart.x.invert(place(event).x));
+    if (!moving) drag(chart.x.invert(at.x));
+  }
+
+  /** A measurement may also be drawn in one go, with the button held. */
+  function onUp(event) {
+    const at = place(event);
+    if (page.measure?.on && pressed && Math.hypot(at.x - pressed.x, at.y - pressed.y) > 4) page.measure.finish(chart, dataAt(at));
+    moving = pressed = null;
+  }
+
+  function dataAt(at) {
+    const { left, right, top, bottom } = chart.box;
+    const inside = [Math.min(Math.max(at.x, left), right), Math.min(Math.max(at.y, top), bottom)];
+    return [chart.x.invert(inside[0]), chart.y.invert(inside[1])];
+  }
+
+  /** What is under the mouse stays there. */
+  function scroll(at) {
+    zoom.x?.shift(chart.x.invert(moving.x) - chart.x.invert(at.x));
+    zoom.y?.shift(chart.y.invert(moving.y) - chart.y.invert(at.y));
+    moving = at;
+  }
+
+  /** Zoom in x, or in y over its numbers, with alt, or where x cannot be zoomed; scroll with shift. */
+  function onWheel(event) {
+    if (!chart.box || event.ctrlKey) return;
+    event.preventDefault();
+    const at = place(event);
+    const [x, y] = dataAt(at);
+    const beside = at.x < chart.box.left || at.x > chart.box.right;
+    const axis = zoom.y && (beside || event.altKey || !zoom.x) ? zoom.y : zoom.x;
+    if (!axis) return;
+    const sideways = Math.abs(event.deltaX) > Math.abs(event.deltaY);
+    const turned = Math.min(Math.max(sideways ? event.deltaX : event.deltaY, -300), 300);
+    if (event.shiftKey || sideways) axis.shift((turned / 1000) * (axis.shown[1] - axis.shown[0]) * (axis === zoom.y ? -1 : 1));
+    else axis.zoom(Math.exp(0.0015 * turned), axis === zoom.y ? y : x);
   }
 
   function readOut() {

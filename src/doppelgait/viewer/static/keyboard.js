@@ -12,13 +12,18 @@ const KEYS = [
   ["[ ]", "target before, next target"],
   ["?", "this list"],
   ["in the scene", "drag or shift + arrows: turn; wheel, pinch or + −: zoom"],
-  ["in the time pictures", "click or drag: move the cursor"],
+  ["in the time pictures", "click or drag: move the cursor; shift + drag: scroll"],
+  ["wheel", "zoom in time; over the numbers of the Doppler axis, or with alt, in Doppler; with shift: scroll"],
+  ["double click, 0", "all of the time and Doppler axes"],
+  ["z Z, a d", "zoom in and out, scroll in time"],
+  ["y Y, s w", "zoom in and out, scroll in Doppler"],
+  ["m, Esc", "measure between two points; end"],
 ];
 const TYPING = "input:not([type=checkbox]), select, textarea, [contenteditable]";
 const TEXT = "input:not([type=checkbox], [type=range]), textarea, [contenteditable]";
 
-/** Listen for the keys of a clock; `moveTarget(±1)` chooses another target. Gives a function that ends it. */
-export function listenToKeys(clock, moveTarget) {
+/** Listen for the keys of a clock and `further` ones; `moveTarget(±1)` chooses another target. Gives a function that ends it. */
+export function listenToKeys(clock, moveTarget, further = {}) {
   const step = (event) => (event.shiftKey ? 10 : 1);
   const actions = {
     " ": () => clock.toggle(),
@@ -31,6 +36,7 @@ export function listenToKeys(clock, moveTarget) {
     l: () => clock.setLoop(!clock.loop),
     "[": () => moveTarget(-1),
     "]": () => moveTarget(1),
+    ...further,
   };
   document.addEventListener("keydown", pressed);
   document.addEventListener("keyup", released);

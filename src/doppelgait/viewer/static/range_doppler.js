@@ -20,7 +20,8 @@ function ownLevels(image, codes) {
   return [high - Math.min(Math.max(high - median + 3, 20), 40), high];
 }
 
-export function makeRangeDoppler({ session, clock, widest }) {
+export function makeRangeDoppler(page) {
+  const { session, clock, widest, zoom } = page;
   const panel = makePanel("range-doppler", "Range-Doppler");
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
@@ -32,11 +33,13 @@ export function makeRangeDoppler({ session, clock, widest }) {
   let targets = null;
   const chart = makeChart(panel, "range-doppler", {
     label: "Range-Doppler map at the time cursor",
+    zoom: { y: zoom.doppler },
+    page,
     read,
     view: () =>
       image && {
         x: { limits: edges(image.x), name: "range", unit: "m" },
-        y: { limits: widest() ?? edges(image.y), name: "Doppler", unit: "Hz" },
+        y: { limits: zoom.doppler.limits(widest() ?? edges(image.y)), name: "Doppler", unit: "Hz" },
         second: image.y.second,
       },
     draw,

@@ -31,7 +31,8 @@ export function gateAt(target, arrays, time) {
   return [arrays[low][n], arrays[high][n]];
 }
 
-export function makeRangeTime({ session, clock }) {
+export function makeRangeTime(page) {
+  const { session, clock, zoom } = page;
   const panel = makePanel("range-time", "Range against time");
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
@@ -41,11 +42,13 @@ export function makeRangeTime({ session, clock }) {
   const chart = makeChart(panel, "range-time", {
     label: "Range against time; click to move the time cursor",
     drag: (time) => clock.seek(time),
+    zoom: { x: zoom.time },
+    page,
     read,
     view: () =>
       shown && {
         margins: isAlone() ? MARGINS : ABOVE,
-        x: { limits: [clock.start, clock.stop], name: "time", unit: "s", labels: isAlone() },
+        x: { limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s", labels: isAlone() },
         y: { limits: edges(shown.image.y), name: "range", unit: "m" },
       },
     draw,

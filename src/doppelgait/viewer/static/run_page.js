@@ -13,9 +13,12 @@ import { makeScene } from "./scene.js";
 import { makeSignature } from "./signature.js";
 import * as state from "./state.js";
 import { makeStatus } from "./status.js";
+import { savePicture, saveTable } from "./save.js";
 import { makeTransport, restoreClock } from "./transport.js";
+import { makeMeasure } from "./measure.js";
 import { makeNotes } from "./notes.js";
 import { clearError, element, fixed, showError } from "./ui.js";
+import { makeZoom } from "./zoom.js";
 
 /**
  * Show a run in a container.
@@ -25,7 +28,9 @@ import { clearError, element, fixed, showError } from "./ui.js";
  */
 export function showRun(container, reference, session) {
   const clock = makeClock();
-  const page = { session, clock, band: () => band(), widest: () => widest() };
+  const zoom = makeZoom(clock);
+  const measure = makeMeasure(() => [tick, panels.cadence.tick].forEach((draw) => draw()));
+  const page = { session, clock, zoom, measure, band: () => band(), widest: () => widest() };
   const panels = {
     rangeTime: makeRangeTime(page), signature: makeSignature(page), scene: makeScene(page),
     rangeDoppler: makeRangeDoppler(page), cadence: makeCadence(page), features: makeFeatures(page),
@@ -36,7 +41,13 @@ export function showRun(container, reference, session) {
   const facts = element("dl", { id: "facts", class: "facts", "aria-label": "The recording" });
   const notes = makeNotes();
   const line = element("div", { class: "notes-line" }, notes.node, status.node);
-  const node = element("div", { class: "run" }, transport.node, controls.node, facts, line, layout(panels));
+  const saving = [
+    element("button", { id: "save-picture", type: "button", title: "The panels as a PNG file", onclick: () => savePicture(shownPanels, fileName()) }, "save picture"),
+    element("button", { id: "save-table", type: "button", title: "Features of all targets as a CSV file", onclick: () => saveTable(runs(), session, fileName()) }, "save table"),
+  ];
+  controls.node.append(measure.button, ...saving);
+  const shownPanels = layout(panels);
+  const node = element("div", { class: "run" }, transport.node, controls.node, facts, line, shownPanels);
   let targets = { targets: [], arrays: {}, selected: 0 };
   let recorded = null; // facts of the recording
   let bands = []; // occupied part of the Doppler axis, by target
@@ -44,7 +55,7 @@ export function showRun(container, reference, session) {
   let job = 0; // number of the newest load; answers to older ones are dropped
   let waiting = 0; // loads on their way
   const endings = [
-    clock.subscribe(tick), state.subscribe(changed), listenToKeys(clock, moveTarget), controls.destroy, clock.destroy,
+    clock.subscribe(tick), state.subscribe(changed), listenToKeys(clock, moveTarget, actions()), controls.destroy, clock.destroy,
   ];
   let sound = null;
   container.replaceChildren(node);
@@ -159,7 +170,8 @@ export function showRun(container, reference, session) {
     notes.show("recording", [reason, ...sentences].filter(Boolean));
   }
 
-  function showTargets({ facts: { targets: found, reason, notes: said }, arrays }) {
+  function showTargets({ facts: { targets: found, reason, notes: said, analysis }, arrays }) {
+    if (recorded) controls.fillAnalysis({ ...recorded, analysis });
     targets = { targets: found, arrays, selected: 0 };
     notes.show("analysis", said ?? []);
     if (!found.length) withoutTargets(reason ?? "No target was found.");
@@ -205,12 +217,27 @@ export function showRun(container, reference, session) {
     return lows.length ? [Math.min(...lows), Math.max(...highs)] : null;
   }
 
+  function actions() {
+    return { ...zoom.actions, m: () => measure.toggle(), Escape: () => measure.toggle(false) };
+  }
+
+  /** Name of saved files: that of the recording without what a file name may not hold. */
+  function fileName() {
+    return (recorded?.name ?? "doppelgait").replace(/[^\w.-]+/g, "_");
+  }
+
+  /** What the saved table holds. */
+  function runs() {
+    return [{ name: recorded?.name ?? "", targets: targets.targets }];
+  }
+
   function moveTarget(by) {
     const count = targets.targets.length;
     if (count) state.set({ target: (targets.selected + by + count) % count || null });
   }
 
   function tick() {
+    zoom.follow();
     for (const panel of [panels.rangeTime, panels.signature, panels.scene, panels.rangeDoppler]) panel.tick();
   }
 
@@ -225,7 +252,7 @@ export function showRun(container, reference, session) {
     } else if (ANALYSIS.some((name) => names.has(name))) analyseAgain();
     else if (names.has("piece")) busy(loadTargets(job));
     else if (names.has("target")) select();
-    if (["map", "lo", "hi", "band"].some((name) => names.has(name))) redraw();
+    if (["map", "lo", "hi", "band", "time", "doppler"].some((name) => names.has(name))) redraw();
     if (names.has("t")) clock.seek(state.getNumber("t", clock.start));
   }
 

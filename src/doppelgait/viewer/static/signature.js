@@ -14,7 +14,8 @@ const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
 const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target
 const EXTRAS = [["main-line", "main line", MAIN_LINE], ["segments", "segments", PIECE]];
 
-export function makeSignature({ session, clock, band }) {
+export function makeSignature(page) {
+  const { session, clock, band, zoom } = page;
   const panel = makePanel("signature", "Micro-Doppler signature");
   const parts = element("fieldset", { id: "parts", class: "parts" }, element("legend", {}, "Lines over the signature"));
   const picture = element("canvas");
@@ -25,11 +26,13 @@ export function makeSignature({ session, clock, band }) {
   const chart = makeChart(panel, "signature", {
     label: "Micro-Doppler signature; click to move the time cursor",
     drag: (time) => clock.seek(time),
+    zoom: { x: zoom.time, y: zoom.doppler },
+    page,
     read,
     view: () =>
       shown && {
-        x: { limits: [clock.start, clock.stop], name: "time", unit: "s" },
-        y: { limits: band(), name: "Doppler", unit: "Hz" },
+        x: { limits: zoom.time.limits([clock.start, clock.stop]), name: "time", unit: "s" },
+        y: { limits: zoom.doppler.limits(band()), name: "Doppler", unit: "Hz" },
         second: shown.image.y.second,
       },
     draw,

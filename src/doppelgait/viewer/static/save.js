@@ -1,0 +1,80 @@
+// What is shown, as files: the panels as a picture (PNG), the features as a table (CSV).
+
+import { featuresOf } from "./features.js";
+import { shownPiece } from "./ui.js";
+
+const TEXTS = "h2, .colour-bar span, th, td, .flags li, .empty, .parts label:has(:checked)";
+
+/** Draw the panels of a page with their canvases and texts, and save that. */
+export async function savePicture(panels, name) {
+  const ratio = Math.max(window.devicePixelRatio || 1, 2);
+  const outer = panels.getBoundingClientRect();
+  const canvas = Object.assign(document.createElement("canvas"), {
+    width: Math.ceil(outer.width * ratio), height: Math.ceil(outer.height * ratio),
+  });
+  const context = canvas.getContext("2d");
+  context.scale(ratio, ratio);
+  context.translate(-outer.left, -outer.top);
+  const page = getComputedStyle(document.body);
+  context.fillStyle = page.backgroundColor;
+  context.fillRect(outer.left, outer.top, outer.width, outer.height);
+  for (const panel of panels.querySelectorAll(".panel")) {
+    const { left, top, width, height } = panel.getBoundingClientRect();
+    context.fillStyle = getComputedStyle(panel).backgroundColor;
+    context.fillRect(left, top, width, height);
+    for (const one of panel.querySelectorAll("canvas")) drawCanvas(context, one);
+    for (const one of panel.querySelectorAll(TEXTS)) drawText(context, one);
+  }
+  const blob = await new Promise((done) => { canvas.toBlob(done, "image/png"); });
+  download(blob, `${name}.png`);
+}
+
+function drawCanvas(context, canvas) {
+  const { left, top, width, height } = canvas.getBoundingClientRect();
+  if (width > 1 && height > 0 && canvas.width) context.drawImage(canvas, left, top, width, height);
+}
+
+function drawText(context, node) {
+  const { left, right, top, bottom, width } = node.getBoundingClientRect();
+  const words = node.textContent.trim();
+  if (!words || !width || node.closest("details:not([open])")) return;
+  const style = getComputedStyle(node);
+  const fromRight = style.textAlign === "right";
+  context.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
+  const swatch = node.querySelector(".swatch"); // the legend of a line has its colour
+  context.fillStyle = swatch ? getComputedStyle(swatch).backgroundColor : style.color;
+  context.textAlign = fromRight ? "right" : "left";
+  context.textBaseline = "middle";
+  const edge = (side) => Number.parseFloat(style[`padding${side}`]) || 0;
+  context.fillText(words, fromRight ? right - edge("Right") : left + edge("Left"), (top + bottom) / 2);
+}
+
+/** Features of all targets that are shown, one row each. */
+export function saveTable(runs, session, name) {
+  download(new Blob([tableOf(runs, session)], { type: "text/csv" }), `${name}.csv`);
+}
+
+/** `runs` are {name, targets}; numbers are written in full. */
+export function tableOf(runs, session) {
+  const rows = [["recording", "target", "class", "gate", "start_s", "stop_s", "feature", "value", "standard_deviation", "unit", "truth"]];
+  for (const { name, targets } of runs) {
+    for (const target of targets) {
+      const [start, stop] = shownPiece(target) ?? ["", ""];
+      for (const { key, value, deviation, unit, truth } of featuresOf(target, session)) {
+        rows.push([name, target.number + 1, target.label, target.gate, start, stop, key, value, deviation, unit, truth]);
+      }
+    }
+  }
+  return rows.map((row) => row.map(cell).join(",")).join("\r\n") + "\r\n";
+}
+
+function cell(value) {
+  const text = value === null || value === undefined ? "" : String(value);
+  return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+}
+
+function download(blob, name) {
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}

@@ -1,0 +1,329 @@
+"""The page of one's own recording: analysis, zoom, measuring, saving, and how the page uses its space."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from doppelgait.pipeline import analyze
+from doppelgait.processing import Analysis
+from doppelgait.radar import read_recording
+from viewer_page import DURATION_S, LEFT, READY, RIGHT, address, altered, look, opened, read_at, seconds, text, until
+
+SEGMENTS = [[0.2, 1.0], [1.2, 2.3]]
+
+
+def features(page: Any) -> dict[str, list[str]]:
+    """Cells of the feature table by the words of the first."""
+    rows = [row.split("\t") for row in page.inner_text("#features tbody").replace("\N{MINUS SIGN}", "-").split("\n")]
+    return {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}
+
+
+def change(page: Any, control: str, value: str) -> None:
+    page.fill(f"#{control}", value)
+    page.press(f"#{control}", "Enter")
+    page.wait_for_selector(READY)
+
+
+def test_the_analysis_is_changed_by_controls(page: Any, url: str, walk: Path) -> None:
+    opened(page, url)
+    numbers = {name: page.input_value(f"#{name}") for name in ("cpi_s", "window_steepness", "hop")}
+    assert numbers == {"cpi_s": "0.1", "window_steepness": "0.4", "hop": "6"}
+    before = {name: look(page, name) for name in ("signature", "range-doppler", "range-time")}
+    page.requested.clear()
+    change(page, "cpi_s", "0.2")
+    until(lambda: look(page, "range-doppler") != before["range-doppler"], "the interval does not change the maps")
+    assert look(page, "signature") != before["signature"]
+    assert look(page, "range-time") == before["range-time"]
+    assert not [one for one in page.requested if "api/recording" in one], "range against time needs no interval"
+    (expected,) = analyze(read_recording(walk), gate="track", analysis=Analysis(cpi_s=0.2))
+    assert float(features(page)["torso velocity"][0]) == pytest.approx(expected.features.torso_velocity_mps, rel=5e-3)
+    for name, value in (("hop", "20"), ("window_steepness", "0.2")):
+        shown = look(page, "signature")
+        change(page, name, value)
+        until(lambda: look(page, "signature") != shown, f"{name} changes nothing")  # noqa: B023
+    assert all(part in address(page) for part in ("cpi_s=0.2", "hop=20", "window_steepness=0.2"))
+    page.click("#standard")
+    page.wait_for_selector(READY)
+    until(lambda: page.input_value("#cpi_s") == "0.1", "the analysis is not as it was at first")
+    until(lambda: look(page, "signature") == before["signature"], "the signature is not as it was at first")
+
+
+def test_an_error_stands_in_one_line_next_to_its_control(page: Any, url: str) -> None:
+    def answer(route: Any) -> None:  # a refusal is told in the console as an error, too
+        refused = route.fetch()
+        route.fulfill(status=200 if refused.ok else 422, body=refused.body(), headers=refused.headers)
+
+    opened(page, url)
+    before, height = look(page, "signature"), page.locator(".controls").bounding_box()["height"]
+    faults: list[str] = []
+    page.on("response", lambda response: faults.append(response.url) if not response.ok else None)
+    change(page, "gate-to", "1") if page.is_visible("#gate-to") else None
+    page.select_option("#gate", "own")
+    page.fill("#gate-from", "3")
+    page.fill("#gate-to", "2")
+    page.press("#gate-to", "Enter")
+    assert "ends before it begins" in text(page, "#fault-gate")
+    altered(page, "targets", lambda facts, query: facts.update(targets=[], failed=True, reason="too short for 9 s"))
+    change(page, "cpi_s", "9")
+    assert text(page, "#fault-cpi_s") == "too short for 9 s"
+    assert text(page, "#fault-gate") == ""
+    line = page.locator("#fault-cpi_s").bounding_box()
+    control = page.locator("#cpi_s").bounding_box()
+    assert abs(line["y"] + line["height"] / 2 - control["y"] - control["height"] / 2) < 6, "not next to its control"
+    assert look(page, "signature") == before, "the pictures stay"
+    assert height < 100
+
+
+def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, url: str) -> None:
+    def with_segments(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
+        facts["targets"][0].update(pieces=SEGMENTS, piece=int(query.get("piece", ["0:1"])[0].split(":")[1]))
+
+    altered(page, "targets", with_segments)
+    opened(page, url)
+    assert read_at(page, "signature", 0.1, 0.5)[0]["dB"] < 0, "there is no signature before the segment"
+    colours = """([x, y]) => {
+      const canvas = document.getElementById("canvas-signature");
+      const ratio = canvas.width / canvas.clientWidth;
+      return [...canvas.getContext("2d").getImageData(x * ratio, y * ratio, 1, 1).data];
+    }"""
+    box = page.locator("#canvas-signature").bounding_box()
+
+    def bar(time_s: float) -> list[int]:
+        x = LEFT + time_s / DURATION_S * (box["width"] - LEFT - RIGHT)
+        return page.evaluate(colours, [x, 7])
+
+    own, other, none = bar(1.5), bar(0.5), bar(1.1)
+    assert own[0] > 240 > 200 < own[1]
+    assert own[0] > other[0] > none[0] + 40, "the segments are not marked"
+    page.select_option("#piece", "0:0")
+    until(lambda: bar(0.5)[0] > 240, "the other segment is not marked as the one shown")
+    page.uncheck("#parts input[value=segments]")
+    until(lambda: bar(0.5)[0] < 200, "the marks cannot be switched off")
+
+
+def test_zoom_and_scroll_are_linked_and_kept(page: Any, url: str) -> None:
+    opened(page, url)
+    box = page.locator("#canvas-signature").bounding_box()
+    middle = (box["x"] + LEFT + 0.5 * (box["width"] - LEFT - RIGHT), box["y"] + 60)
+
+    def ends(name: str) -> list[float]:
+        """Times at the ends of a panel."""
+        found = []
+        for share in (0.002, 0.998):
+            read_at(page, name, share, 0.5)
+            found.append(float(re.search(r"([\d.]+) s", text(page, f"#hover-{name}")).group(1)))
+        return found
+
+    page.mouse.move(*middle)
+    page.mouse.wheel(0, -300)
+    until(lambda: "time=" in address(page), "the wheel does not zoom")
+    page.wait_for_timeout(50)
+    for name in ("signature", "range-time"):
+        low, high = ends(name)
+        assert high - low == pytest.approx(DURATION_S * 2.718**-0.45, rel=0.05), name
+        assert (low + high) / 2 == pytest.approx(DURATION_S / 2, abs=0.1), name
+    page.keyboard.press("d")
+    page.wait_for_timeout(50)
+    assert ends("range-time")[1] > high + 0.2, "the key does not scroll"
+    page.mouse.move(*middle)
+    page.keyboard.down("Shift")
+    page.mouse.down()
+    page.mouse.move(middle[0] + 2000, middle[1], steps=2)
+    page.mouse.up()
+    page.keyboard.up("Shift")
+    page.wait_for_timeout(50)
+    assert ends("signature")[0] < 0.05, "dragging does not scroll"
+    assert seconds(page) == 0, "scrolling moves the cursor"
+    whole = [read_at(page, name, 0.5, 0.98)[0]["Hz"] for name in ("signature", "range-doppler")]
+    page.mouse.move(box["x"] + 20, middle[1])  # over the numbers of the Doppler axis
+    page.mouse.wheel(0, -300)
+    until(lambda: "doppler=" in address(page), "the wheel does not zoom in Doppler")
+    page.wait_for_timeout(50)
+    zoomed = [read_at(page, name, 0.5, 0.98)[0]["Hz"] for name in ("signature", "range-doppler")]
+    assert all(new < old - 20 for new, old in zip(zoomed, whole, strict=True)), "Doppler is not linked"
+    kept = address(page)
+    page.mouse.dblclick(*middle)
+    until(lambda: "time=" not in address(page) and "doppler=" not in address(page), "a double click does not reset")
+    opened(page, kept)
+    assert ends("range-time")[1] < DURATION_S - 0.3, "the address does not keep the zoom"
+
+
+def test_measuring_gives_differences_between_two_points(page: Any, url: str) -> None:
+    opened(page, url)
+    page.keyboard.press("m")
+    assert page.get_attribute("#measure", "aria-pressed") == "true"
+    before = look(page, "range-time-overlay")
+    box = page.locator("#canvas-range-time").bounding_box()
+    page.mouse.click(box["x"] + 100, box["y"] + 30)
+    page.mouse.move(box["x"] + 300, box["y"] + 60)
+    until(lambda: look(page, "range-time-overlay") != before, "the measurement is not drawn")
+    page.mouse.click(box["x"] + 300, box["y"] + 60)
+    assert seconds(page) == 0, "measuring moves the cursor"
+    script = """async ([axes, from, to]) => {
+      const { difference } = await import(new URL("static/measure.js", location.href));
+      return difference(axes, from, to);
+    }"""
+    axes = {"x": {"unit": "s"}, "y": {"unit": "m"}}
+    doppler = {"x": {"unit": "s"}, "y": {"unit": "Hz"}, "second": {"unit": "m/s", "scale": 0.02}}
+    found = [page.evaluate(script, [axes, [1, 4], [1.5, 3]]), page.evaluate(script, [doppler, [1, -10], [3, 40]])]
+    assert [one.replace("\N{MINUS SIGN}", "-") for one in found] == [
+        "Δ 0.500 s · -1.000 m · -2.000 m/s", "Δ 2.000 s · 50.00 Hz · 1.000 m/s",
+    ]  # fmt: skip
+    page.keyboard.press("Escape")
+    assert page.get_attribute("#measure", "aria-pressed") == "false"
+
+
+def test_the_picture_and_the_table_are_saved(page: Any, url: str, walk: Path) -> None:
+    opened(page, url)
+    with page.expect_download() as saved:
+        page.click("#save-picture")
+    assert saved.value.suggested_filename == "walk.h5.png"
+    picture = Path(saved.value.path()).read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    width = int.from_bytes(picture[16:20], "big")
+    assert width >= 2 * page.locator(".panels").bounding_box()["width"] - 2
+    assert len(picture) > 100_000
+    with page.expect_download() as saved:
+        page.click("#save-table")
+    rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))
+    (result,) = analyze(read_recording(walk), gate="track")
+    found = {row["feature"]: row for row in rows}
+    assert float(found["gait_frequency_hz"]["value"]) == result.gait_frequency_hz
+    assert found["gait_frequency_hz"]["unit"] == "Hz"
+    assert float(found["torso_velocity_mps"]["start_s"]) == result.quality["start_s"]
+
+
+def test_features_stand_out_where_they_are_far_from_the_truth(page: Any, url: str) -> None:
+    def far(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
+        target = facts["targets"][0]
+        target["features"]["gait_frequency_hz"] = 2 * target["truth"]["gait_frequency_hz"]
+        target["quality"].update(breathing_rate_hz=0.25, ground_step_length_m=0.7)
+        target["truth"]["breathing_rate_hz"] = 0.26
+
+    altered(page, "targets", far)
+    opened(page, url)
+    names = list(features(page))
+    at = names.index("ground step length")
+    assert names[at + 1] == "radial step length", names
+    assert features(page)["breathing rate"][0] == "0.250"
+    assert page.locator("#features tr:has-text('breathing rate')").get_attribute("title") == "15.0 breaths a minute"
+    assert page.locator("#features tr.far th").all_text_contents() == ["gait frequency"]
+
+
+def test_a_panel_without_content_gives_its_space_away(page: Any, url: str) -> None:
+    def bare(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
+        facts.update(scene=None, bodies=[])
+
+    altered(page, "recording", bare)
+    altered(page, "targets", lambda facts, query: facts["targets"][0].update(cadence_map=None))
+    opened(page, url)
+    width = page.locator(".panels").bounding_box()["width"]
+    assert page.locator("#canvas-signature").bounding_box()["width"] > 0.95 * width
+    assert page.locator(".panel-scene").bounding_box()["height"] < 40
+    assert page.locator(".panel-cadence").bounding_box()["height"] < 40
+    assert page.locator("#canvas-range-doppler").bounding_box()["width"] > 0.45 * width
+
+
+def test_space_plays_unless_a_text_field_has_the_focus(page: Any, url: str) -> None:
+    opened(page, url)
+    for focused in ("#map", "#help", "#loop", "#scrub", "#parts input[value=main-line]"):
+        page.focus(focused)
+        page.keyboard.press("Space")
+        assert page.get_attribute("#play", "aria-pressed") == "true", focused
+        page.keyboard.press("Space")
+        assert page.get_attribute("#play", "aria-pressed") == "false", focused
+    assert not page.is_visible("#help-dialog")
+    assert page.is_checked("#loop")
+    page.focus("#loop")
+    page.keyboard.press("Enter")
+    assert not page.is_checked("#loop"), "Enter switches a box"
+    page.focus("#cpi_s")
+    page.keyboard.press("Space")
+    assert page.get_attribute("#play", "aria-pressed") == "false"
+
+
+def test_warnings_are_shown_once_and_move_nothing(page: Any, url: str) -> None:
+    held: list[Any] = []
+    page.route("**/api/targets*", lambda route: held.append(route))
+    altered(page, "recording", lambda facts, query: facts.update(notes=["the radar is guessed"]))
+    page.goto(url)
+    until(
+        lambda: page.wait_for_timeout(20) or "guessed" in text(page, "#notes"), "the note of the recording is missing"
+    )
+    place = page.locator(".panels").bounding_box()["y"]
+    page.unroute("**/api/targets*")
+    said = ["the radar is guessed", "the gate leaves the frame"]
+    altered(page, "targets", lambda facts, query: facts.update(notes=said))
+    page.select_option("#gate", "truth")  # asks for both again
+    page.wait_for_selector(READY)
+    until(lambda: "2 notes" in text(page, "#notes summary"), "the warning of the analysis is missing")
+    assert page.locator("#notes li").all_text_contents() == said
+    page.click("#notes summary")
+    assert page.is_visible("#notes li >> nth=1")
+    assert page.locator(".panels").bounding_box()["y"] == place, "a warning moves the panels"
+
+
+def test_the_picture_comes_first_in_a_narrow_window(page: Any, url: str) -> None:
+    page.set_viewport_size({"width": 400, "height": 800})
+    opened(page, url)
+    places = {name: page.locator(name).bounding_box() for name in (".time-panels", ".panel-features", ".controls")}
+    assert places[".time-panels"]["y"] < 110
+    assert places[".controls"]["y"] > places[".panel-features"]["y"]
+    play = page.locator("#play").bounding_box()
+    assert play["y"] + play["height"] <= 800, "the time is out of sight"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+
+
+def test_range_doppler_has_the_levels_of_its_frame(page: Any, url: str) -> None:
+    opened(page, url)
+    bar = ".panel-range-doppler .colour-bar span >> nth=1"
+    far = text(page, bar)
+    page.fill("#scrub", "2.4")
+    until(lambda: text(page, bar) != far, "a frame near the radar and one far off have the same levels")
+
+
+def test_no_label_of_the_scene_crosses_a_body(page: Any, url: str) -> None:
+    page.add_init_script("""
+      window.texts = [];
+      const fill = CanvasRenderingContext2D.prototype.fillText;
+      CanvasRenderingContext2D.prototype.fillText = function (words, x, y) {
+        if (this.canvas.id === "canvas-scene") {
+          const { width } = this.measureText(words);
+          window.texts.push({ words, left: x, right: x + width, top: y - 5, bottom: y + 5 });
+        }
+        return fill.apply(this, arguments);
+      };
+      window.points = [];
+      const clear = CanvasRenderingContext2D.prototype.clearRect;
+      CanvasRenderingContext2D.prototype.clearRect = function () {
+        if (this.canvas.id === "canvas-scene") [window.texts, window.points] = [[], []];
+        return clear.apply(this, arguments);
+      };
+      const arc = CanvasRenderingContext2D.prototype.arc;
+      CanvasRenderingContext2D.prototype.arc = function (x, y) {
+        if (this.canvas.id === "canvas-scene") window.points.push([x, y]);
+        return arc.apply(this, arguments);
+      };
+    """)
+    opened(page, url)
+    for view in ("all", "side", "radar", "top", "body"):
+        page.click(f"button[data-view={view}]")
+        for time_s in ("0.2", "1.3", "2.4"):
+            page.fill("#scrub", time_s)
+            page.wait_for_timeout(60)
+            texts, points = page.evaluate("[window.texts, window.points]")
+            assert points
+            (left, top), (right, bottom) = (
+                tuple(pick(axis) for axis in zip(*points, strict=True)) for pick in (min, max)
+            )
+            crossing = [
+                one["words"] for one in texts
+                if one["left"] < right and one["right"] > left and one["top"] < bottom and one["bottom"] > top
+            ]  # fmt: skip
+            assert crossing == [], (view, time_s)
