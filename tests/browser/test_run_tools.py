@@ -10,10 +10,24 @@ from typing import Any
 
 import pytest
 
-from doppelgait.pipeline import analyze
+from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis
-from doppelgait.radar import read_recording
-from viewer_page import DURATION_S, LEFT, READY, RIGHT, address, altered, look, opened, read_at, seconds, text, until
+from doppelgait.radar import read_recording, write_recording
+from viewer_page import (
+    DURATION_S,
+    LEFT,
+    READY,
+    RIGHT,
+    WALK,
+    address,
+    altered,
+    look,
+    opened,
+    read_at,
+    seconds,
+    text,
+    until,
+)
 
 SEGMENTS = [[0.2, 1.0], [1.2, 2.3]]
 
@@ -327,3 +341,33 @@ def test_no_label_of_the_scene_crosses_a_body(page: Any, url: str) -> None:
                 if one["left"] < right and one["right"] > left and one["top"] < bottom and one["bottom"] > top
             ]  # fmt: skip
             assert crossing == [], (view, time_s)
+
+
+def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, serve: Any, tmp_path: Path) -> None:
+    longer = {**WALK, "seed": 8, "duration_s": 3.5, "noise": {"kind": "snr", "snr_db": 15}}
+    write_recording(run_simulation(parse_run(longer)), tmp_path / "longer.h5")
+    opened(page, serve(walk, tmp_path / "longer.h5"))
+    for name in ("other-range-time", "other-signature"):
+        assert look(page, name)[1] > 20, name
+    for name in ("range-time", "signature"):
+        bars = page.locator(f".panel-{name} .colour-bar").all_text_contents()
+        assert len(bars) == 2
+        assert bars[0] == bars[1], "the colours have other levels"
+        own, other = (page.locator(f"#canvas-{one}").bounding_box() for one in (name, f"other-{name}"))
+        assert (own["x"], own["width"]) == (other["x"], other["width"])
+    assert page.get_attribute("#scrub", "max") == "3.5"
+    read_at(page, "signature", 0.2, 0.9)
+    shown = text(page, "#hover-signature")
+    box = page.locator("#canvas-other-signature").bounding_box()
+    page.mouse.move(box["x"] + LEFT + round(0.2 * (box["width"] - LEFT - RIGHT)), box["y"] + 30)
+    until(lambda: text(page, "#hover-other-signature") != "", "the second picture is not read")
+    times = [float(re.search(r"([\d.]+) s", one).group(1)) for one in (shown, text(page, "#hover-other-signature"))]
+    assert times[0] == pytest.approx(times[1], abs=0.02), "the pictures have other times"
+    assert page.locator(".panel-features h2").all_text_contents()[1].startswith("longer.h5: ")
+    with page.expect_download() as saved:
+        page.click("#save-table")
+    rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))
+    assert {row["recording"] for row in rows} == {"walk.h5", "longer.h5"}
+    before = look(page, "other-signature")
+    change(page, "cpi_s", "0.2")
+    until(lambda: look(page, "other-signature") != before, "the second recording keeps another interval")

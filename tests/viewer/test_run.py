@@ -20,6 +20,7 @@ from doppelgait.viewer import recording_panel
 from doppelgait.viewer.recording_panel import range_doppler_payload, recording_payload
 from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of
 from doppelgait.viewer.settings import Settings, parse_changes
+from doppelgait.viewer.source import Shelf, add_other, open_path, parse_reference, session_facts
 from doppelgait.viewer.target_panel import is_aligned, targets_payload, with_piece
 from viewer_client import unpack
 
@@ -302,3 +303,21 @@ def test_the_sound_of_a_long_recording_is_made_tile_by_tile(tmp_path, monkeypatc
     assert max(read) <= 1500
     assert found[0] == whole[0]
     np.testing.assert_allclose(found[1], whole[1], atol=2)
+
+
+def test_a_second_recording_is_one_to_compare_with(recording, tmp_path):
+    for name in ("a.h5", "b.h5"):
+        write_recording(recording, tmp_path / name)
+    write_results(tmp_path / "result.h5", recording, analyze(recording, gate=(1.0, 4.0)))
+    first = open_path(tmp_path / "a.h5", Settings())
+    opened = add_other(first, tmp_path / "b.h5", Settings())
+    shelf = Shelf(opened)
+    assert shelf.run(parse_reference([("run", "2")])) is opened.other
+    assert shelf.run(parse_reference([])) is opened.run
+    assert session_facts(opened, Settings())["other"] == "b.h5"
+    with pytest.raises(ConfigError, match=r"result\.h5: is a result; two recordings"):
+        add_other(first, tmp_path / "result.h5", Settings())
+    with pytest.raises(ConfigError, match="no second recording"):
+        Shelf(first).run(parse_reference([("run", "2")]))
+    with pytest.raises(ConfigError, match="run: must be 2"):
+        parse_reference([("run", "3")])

@@ -21,6 +21,9 @@ def view(
         Path | None,
         typer.Argument(help="Recording of any format, result of 'analyze -o', or dataset; without, only 'Try it'."),
     ] = None,
+    other: Annotated[
+        Path | None, typer.Argument(help="Second recording, shown below the first on the same time line.")
+    ] = None,
     gate: Annotated[
         str | None,
         typer.Option(
@@ -46,11 +49,13 @@ def view(
 
     Example: doppelgait view walk.h5
 
+    Example: doppelgait view measured.h5 simulated.h5
+
     Example: doppelgait view home-alarm --no-browser
     """
     from doppelgait.viewer.server import check_installed, page_in_browser, serve
     from doppelgait.viewer.settings import parse_settings
-    from doppelgait.viewer.source import open_path
+    from doppelgait.viewer.source import add_other, open_path
 
     check_installed()
     if motion_folder is not None and not motion_folder.is_dir():
@@ -58,9 +63,11 @@ def view(
     settings = replace(parse_settings(gate, changes or [], options or []), motion_folder=motion_folder)
     with reader_options():
         opened = None if path is None else open_path(path, settings)
-    run = None if opened is None else opened.run
-    for note in (*run.notes, *run.recording.notes) if run is not None and run.recording is not None else ():
-        say(f"note: {note}")
+        if opened is not None and other is not None:
+            opened = add_other(opened, other, settings)
+    for run in () if opened is None else (opened.run, opened.other):
+        for note in (*run.notes, *run.recording.notes) if run is not None and run.recording is not None else ():
+            say(f"note: {note}")
 
     with ExitStack() as ends:
 

@@ -38,6 +38,8 @@ class Opened:
         Recording or result.
     browser : Browser, optional
         Dataset.
+    other : Run, optional
+        Second recording, to compare the first with.
     """
 
     kind: Literal["recording", "result", "dataset"]
@@ -45,6 +47,7 @@ class Opened:
     path_name: str
     run: Run | None = None
     browser: Browser | None = None
+    other: Run | None = None
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -119,6 +122,21 @@ def open_recording(recording: Recording, name: str, settings: Settings, notes: t
     return Opened("recording", name, name, run=Run(name, "recording", settings, load=lambda: recording, notes=notes))
 
 
+def add_other(opened: Opened, path: str | Path, settings: Settings) -> Opened:
+    """Open a second recording to compare the first with.
+
+    Raises
+    ------
+    DoppelgaitError
+        If one of the two is no recording.
+    """
+    second = open_path(path, settings)
+    for one in (opened, second):
+        if one.kind != "recording":
+            raise ConfigError(f"{one.name}: is a {one.kind}; two recordings can be compared, open this one by itself")
+    return replace(opened, other=second.run)
+
+
 def can_track(recording: Recording) -> bool:
     """Return True if targets can be tracked.
 
@@ -166,7 +184,8 @@ class Reference:
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     """Parse the reference to a run.
 
-    Nothing refers to what was opened, ``example=ID`` to an example, ``try=1`` to the values of the controls.
+    Nothing refers to what was opened, ``run=2`` to the second recording, ``example=ID`` to an example, ``try=1`` to the
+    values of the controls.
 
     Parameters
     ----------
@@ -185,12 +204,16 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
         from doppelgait.viewer.try_it import controls
 
         own = [str(control["name"]) for control in controls()]
-    found = single(query, ["example", "try", "gate", *names, *own])
+    found = single(query, ["example", "try", "run", "gate", *names, *own])
+    if "run" in found and (found["run"] != "2" or trying or "example" in found):
+        raise ConfigError("run: must be 2, and does not go together with try or example")
     if trying and (found["try"] != "1" or "example" in found):
         raise ConfigError("try: must be 1, and does not go together with example")
     gate = Gate.parse(found["gate"], where="gate") if "gate" in found else None
     further = {key: value for key, value in found.items() if key in names and key not in own}
     key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
+    if "run" in found:
+        key = ("other",)
     if trying:
         key = ("try", *sorted((name, value) for name, value in found.items() if name in own))
     changes = parse_changes({key: further.pop(key) for key in CHANGEABLE if key in further})
@@ -229,6 +252,10 @@ class Shelf:
             if self.opened is None or self.opened.run is None:
                 raise ConfigError("no recording is open; name a run with example=ID (of an open dataset) or try=1")
             return self.opened.run
+        if reference.key == ("other",):
+            if self.opened is None or self.opened.other is None:
+                raise ConfigError("run: there is no second recording; name two after 'doppelgait view'")
+            return self.opened.other
         if reference.key not in self._runs:
             kind, *rest = reference.key
             if kind == "try":
@@ -266,6 +293,7 @@ def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
         "kind": "none" if opened is None else opened.kind,
         "name": "" if opened is None else opened.name,
         "path_name": "" if opened is None else opened.path_name,
+        "other": None if opened is None or opened.other is None else opened.other.name,
         **_looks(tuple(classes)),
         "gates": gates_of(run),
         "default_gate": gate_text(settings.gate if run is None else run.settings.gate),

@@ -18,14 +18,14 @@ export function quantity(name) {
   return stem && suffix in UNITS ? [words(stem), UNITS[suffix]] : [words(name), ""];
 }
 
-export function makeFeatures({ session }) {
-  const panel = makePanel("features", "Features");
+export function makeFeatures({ session }, { id = "features", before = "" } = {}) {
+  const panel = makePanel(id, `${before}Features`, "features");
   panel.body.className = "feature-body";
   return { node: panel.node, show, say: panel.say };
 
   function show(target) {
     const title = target ? `Features of ${target.label || "the target"}` : "Features";
-    panel.heading.textContent = [title, span(shownPiece(target))].filter(Boolean).join(", ");
+    panel.heading.textContent = before + [title, span(shownPiece(target))].filter(Boolean).join(", ");
     panel.body.replaceChildren(...(target ? contents(target) : []).filter(Boolean));
   }
 
@@ -37,7 +37,7 @@ export function makeFeatures({ session }) {
     return [
       element(
         "table",
-        { id: "features", class: "features" },
+        { id: id === "features" ? id : null, class: "features" },
         element("thead", {}, row("th", ["feature", "value", "± sd", "unit", "truth"])),
         element("tbody", {}, rows),
       ),

@@ -31,15 +31,15 @@ export function gateAt(target, arrays, time) {
   return [arrays[low][n], arrays[high][n]];
 }
 
-export function makeRangeTime(page) {
-  const { session, clock, zoom } = page;
-  const panel = makePanel("range-time", "Range against time");
+export function makeRangeTime(page, { id = "range-time", before = "" } = {}) {
+  const { session, clock, zoom, scales } = page;
+  const panel = makePanel(id, `${before}Range against time`, "range-time");
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
   const tonesOf = makeTones(session);
   let shown = null; // {image, codes, recording}
   let targets = null; // {targets, arrays, selected}
-  const chart = makeChart(panel, "range-time", {
+  const chart = makeChart(panel, id, {
     label: "Range against time; click to move the time cursor",
     drag: (time) => clock.seek(time),
     zoom: { x: zoom.time },
@@ -59,6 +59,7 @@ export function makeRangeTime(page) {
   function show({ facts, arrays }) {
     const image = facts.range_time;
     shown = image && { image, codes: arrays[image.array], facts, arrays };
+    scales.put("range-time", id, image);
     panel.say(image ? null : facts.reason || "No picture of range against time: this radar has one range bin.");
     redraw();
   }
@@ -74,8 +75,9 @@ export function makeRangeTime(page) {
   }
 
   function redraw() {
-    bar(shown?.image ?? null);
-    if (shown) paint(picture, shown.codes, [shown.image.x.n, shown.image.y.n], tonesOf(shown.image));
+    const image = scales.of("range-time", shown?.image);
+    bar(image ?? null);
+    if (image) paint(picture, shown.codes, [image.x.n, image.y.n], tonesOf(image));
     chart.redraw();
   }
 

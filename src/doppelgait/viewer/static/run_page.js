@@ -3,6 +3,7 @@
 import { getPayload, isAborted } from "./api.js";
 import { makeCadence } from "./cadence.js";
 import { makeClock } from "./clock.js";
+import { makeCompare, makeScales } from "./compare.js";
 import { ANALYSIS, makeControls } from "./controls.js";
 import { makeFeatures } from "./features.js";
 import { listenToKeys } from "./keyboard.js";
@@ -30,11 +31,13 @@ export function showRun(container, reference, session) {
   const clock = makeClock();
   const zoom = makeZoom(clock);
   const measure = makeMeasure(() => [tick, panels.cadence.tick].forEach((draw) => draw()));
-  const page = { session, clock, zoom, measure, band: () => band(), widest: () => widest() };
+  const scales = makeScales(() => redraw());
+  const page = { session, clock, zoom, measure, scales, band: () => band(), widest: () => widest() };
   const panels = {
     rangeTime: makeRangeTime(page), signature: makeSignature(page), scene: makeScene(page),
     rangeDoppler: makeRangeDoppler(page), cadence: makeCadence(page), features: makeFeatures(page),
   };
+  const compare = session.other && session.kind === "recording" && !reference.try ? makeCompare(page, compared) : null;
   const transport = makeTransport(clock);
   const controls = makeControls(session);
   const status = makeStatus();
@@ -46,7 +49,7 @@ export function showRun(container, reference, session) {
     element("button", { id: "save-table", type: "button", title: "Features of all targets as a CSV file", onclick: () => saveTable(runs(), session, fileName()) }, "save table"),
   ];
   controls.node.append(measure.button, ...saving);
-  const shownPanels = layout(panels);
+  const shownPanels = layout(panels, compare);
   const node = element("div", { class: "run" }, transport.node, controls.node, facts, line, shownPanels);
   let targets = { targets: [], arrays: {}, selected: 0 };
   let recorded = null; // facts of the recording
@@ -75,7 +78,7 @@ export function showRun(container, reference, session) {
     controls.clearFaults();
     recorded = null;
     // at the same time: the analysis takes longest
-    await busy(Promise.all([loadRecording(mine), loadTargets(mine)]));
+    await busy(Promise.all([loadRecording(mine), loadTargets(mine), compare?.load(named())]));
     if (mine !== job) return;
     if (recorded?.duration_s === null) withoutRecording();
     sound?.refuse(silence());
@@ -143,13 +146,26 @@ export function showRun(container, reference, session) {
   async function analyseAgain() {
     const mine = ++job;
     await busy(loadTargets(mine).then((done) => done && panels.rangeDoppler.load(named(), recorded?.reason)));
-    if (mine === job) sound?.renew();
+    if (mine !== job) return;
+    sound?.renew();
+    if (compare) await busy(compare.load(named()));
+  }
+
+  /** The second recording is there: time and Doppler of both. */
+  function compared() {
+    if (recorded?.duration_s) fitTime();
+    redraw();
+  }
+
+  function fitTime() {
+    const { start_s: start, duration_s: duration } = recorded;
+    const [from, to] = compare?.times ?? [start, start];
+    setTime(Math.min(start, from), Math.max(start + duration, to));
   }
 
   function showRecording(recording) {
     recorded = recording.facts;
-    const { start_s: start, duration_s: duration } = recorded;
-    if (duration !== null) setTime(start, start + duration);
+    if (recorded.duration_s !== null) fitTime();
     showFacts(recording.facts);
     controls.fillGates(recording.facts);
     controls.fillAnalysis(recording.facts);
@@ -207,7 +223,9 @@ export function showRun(container, reference, session) {
 
   function band() {
     const signature = targets.targets[targets.selected]?.signature;
-    return state.get("band") === "all" && signature ? edges(signature.y) : bands[targets.selected] ?? null;
+    if (state.get("band") === "all" && signature) return edges(signature.y);
+    const known = [bands[targets.selected], compare?.band].filter(Boolean);
+    return known.length ? [Math.min(...known.map((one) => one[0])), Math.max(...known.map((one) => one[1]))] : null;
   }
 
   /** Band in which every target is seen. */
@@ -228,7 +246,7 @@ export function showRun(container, reference, session) {
 
   /** What the saved table holds. */
   function runs() {
-    return [{ name: recorded?.name ?? "", targets: targets.targets }];
+    return [{ name: recorded?.name ?? "", targets: targets.targets }, ...(compare ? [compare] : [])];
   }
 
   function moveTarget(by) {
@@ -239,10 +257,12 @@ export function showRun(container, reference, session) {
   function tick() {
     zoom.follow();
     for (const panel of [panels.rangeTime, panels.signature, panels.scene, panels.rangeDoppler]) panel.tick();
+    compare?.tick();
   }
 
   function redraw() {
     for (const panel of [panels.rangeTime, panels.signature, panels.rangeDoppler, panels.cadence]) panel.redraw();
+    compare?.redraw();
   }
 
   function changed(names) {
@@ -252,7 +272,7 @@ export function showRun(container, reference, session) {
     } else if (ANALYSIS.some((name) => names.has(name))) analyseAgain();
     else if (names.has("piece")) busy(loadTargets(job));
     else if (names.has("target")) select();
-    if (["map", "lo", "hi", "band", "time", "doppler"].some((name) => names.has(name))) redraw();
+    if (["map", "lo", "hi", "band", "time", "doppler", "lines"].some((name) => names.has(name))) redraw();
     if (names.has("t")) clock.seek(state.getNumber("t", clock.start));
   }
 
@@ -269,15 +289,16 @@ export function showRun(container, reference, session) {
     sound?.destroy();
     for (const end of endings) end();
     for (const panel of Object.values(panels)) panel.destroy?.();
+    compare?.destroy();
     node.remove();
   }
 }
 
-function layout({ rangeTime, signature, scene, rangeDoppler, cadence, features }) {
+function layout({ rangeTime, signature, scene, rangeDoppler, cadence, features }, compare) {
   return element(
     "div",
     { class: "panels" },
-    element("div", { class: "row" }, element("div", { class: "stack time-panels" }, rangeTime.node, signature.node), scene.node),
-    element("div", { class: "row" }, rangeDoppler.node, cadence.node, features.node),
+    element("div", { class: "row" }, element("div", { class: "stack time-panels" }, rangeTime.node, signature.node, compare?.stacked), scene.node),
+    element("div", { class: "row" }, rangeDoppler.node, cadence.node, features.node, compare?.features),
   );
 }

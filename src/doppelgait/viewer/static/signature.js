@@ -14,16 +14,16 @@ const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
 const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target
 const EXTRAS = [["main-line", "main line", MAIN_LINE], ["segments", "segments", PIECE]];
 
-export function makeSignature(page) {
-  const { session, clock, band, zoom } = page;
-  const panel = makePanel("signature", "Micro-Doppler signature");
+export function makeSignature(page, { id = "signature", before = "" } = {}) {
+  const { session, clock, band, zoom, scales } = page;
+  const panel = makePanel(id, `${before}Micro-Doppler signature`, "signature");
   const parts = element("fieldset", { id: "parts", class: "parts" }, element("legend", {}, "Lines over the signature"));
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
   const tonesOf = makeTones(session);
   let truth = { list: [], arrays: {} };
   let shown = null; // {image, codes, target, arrays}
-  const chart = makeChart(panel, "signature", {
+  const chart = makeChart(panel, id, {
     label: "Micro-Doppler signature; click to move the time cursor",
     drag: (time) => clock.seek(time),
     zoom: { x: zoom.time, y: zoom.doppler },
@@ -38,7 +38,7 @@ export function makeSignature(page) {
     draw,
     drawOver: (context) => drawCursor(context, chart, clock.time),
   });
-  panel.node.append(parts);
+  if (id === "signature") panel.node.append(parts); // its switches are those of a second signature, too
   return { node: panel.node, showTruth, show, say: panel.say, redraw, tick: chart.redrawOverlay, destroy: chart.destroy };
 
   function showTruth({ facts, arrays }) {
@@ -50,7 +50,8 @@ export function makeSignature(page) {
   /** Show a target's signature; null for none. */
   function show(target, arrays) {
     shown = target && { image: target.signature, codes: arrays[target.signature.array], target, arrays };
-    panel.heading.textContent = title(target);
+    panel.heading.textContent = before + title(target);
+    scales.put("signature", id, target?.signature);
     redraw();
   }
 
@@ -63,8 +64,9 @@ export function makeSignature(page) {
   }
 
   function redraw() {
-    bar(shown?.image ?? null);
-    if (shown) paint(picture, shown.codes, [shown.image.x.n, shown.image.y.n], tonesOf(shown.image));
+    const image = scales.of("signature", shown?.image);
+    bar(image ?? null);
+    if (image) paint(picture, shown.codes, [image.x.n, image.y.n], tonesOf(image));
     chart.redraw();
   }
 
@@ -110,7 +112,6 @@ export function makeSignature(page) {
   function keep(keys) {
     state.set({ lines: [...keys].join(",") || "none" });
     makeSwitches();
-    chart.redraw();
   }
 
   function draw(context) {

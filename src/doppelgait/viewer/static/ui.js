@@ -23,8 +23,8 @@ export function fillSelect(select, choices, chosen) {
   select.value = String(chosen);
 }
 
-/** Panel with a title, a read-out for the mouse (`hover-NAME`), a place for a colour bar, and a body. */
-export function makePanel(name, title) {
+/** Panel of a kind with a title, a read-out for the mouse (`hover-NAME`), a place for a colour bar, and a body. */
+export function makePanel(name, title, kind = name) {
   const heading = element("h2", {}, title);
   const hover = element("output", { id: `hover-${name}`, class: "hover", "aria-live": "off" });
   const tools = element("div", { class: "tools" });
@@ -32,7 +32,7 @@ export function makePanel(name, title) {
   const note = element("p", { class: "empty", hidden: true });
   const node = element(
     "section",
-    { class: `panel panel-${name}`, "aria-label": title },
+    { class: `panel panel-${kind}`, id: name === kind ? null : `panel-${name}`, "aria-label": title },
     element("header", {}, heading, hover, tools),
     body,
     note,
