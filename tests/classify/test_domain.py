@@ -107,7 +107,8 @@ def test_pictures_and_page() -> None:
     assert (level_db.shape, label) == ((640, RADAR.n_range_bins), "range (m)")
     assert axis == pytest.approx(room.range_m)
     page = domain_page({"real": [picture(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
-    assert len(page.axes) == 2
+    assert len(page.axes) == 3
+    assert page.axes[1].get_ylabel() == "level above the median (dB)"
 
 
 def test_statistics_of_a_repeating_and_clipping_sensor() -> None:

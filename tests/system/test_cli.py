@@ -327,7 +327,7 @@ def test_demo_makes_figures_and_a_table(tmp_path):
     done = run("demo", "-o", "demo", cwd=tmp_path)
     assert "torso_velocity_mps" in done.stdout
     names = {path.name for path in (tmp_path / "demo").glob("*.png")}
-    assert {"0-human-overview.png", "1-dog-signature.png", "1-dog-step-doppler.png"} <= names
+    assert {"0-human-overview.png", "1-dog-signature.png", "1-dog-cadence-velocity.png"} <= names
 
 
 def test_the_example_scene_of_the_repository_runs(tmp_path):

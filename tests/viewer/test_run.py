@@ -184,7 +184,9 @@ def test_map_of_moved_columns_says_so(run):
         assert low_hz <= strongest_hz <= high_hz
 
 
-@pytest.mark.parametrize(("aligned", "label"), [(True, "Doppler from the main line (Hz)"), (False, "Doppler (Hz)")])
+@pytest.mark.parametrize(
+    ("aligned", "label"), [(True, "Doppler frequency from the main line (Hz)"), (False, "Doppler frequency (Hz)")]
+)
 def test_figure_names_the_axis_that_the_map_has(aligned, label):
     doppler_hz = np.linspace(-100.0, 100.0, 32)
     coords = {"cadence": np.linspace(0.0, 10.0, 40), "doppler": doppler_hz, "velocity": ("doppler", 0.02 * doppler_hz)}

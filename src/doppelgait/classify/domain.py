@@ -309,7 +309,7 @@ def picture(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
     f_hz, power, _ = windowed_power(split_windows(recording, most=64), recording.radar.prf_hz)
     strongest = power[:, :, int(np.argmax(power.sum(axis=(0, 1))))]
     order = np.argsort(f_hz)
-    return power_to_db(np.maximum(strongest[:, order], 1e-30)), f_hz[order], "Doppler (Hz)"
+    return power_to_db(np.maximum(strongest[:, order], 1e-30)), f_hz[order], "Doppler frequency (Hz)"
 
 
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:

@@ -15,47 +15,64 @@ from matplotlib.figure import Figure
 from doppelgait.classify.alarm import day_table, episode_table
 from doppelgait.classify.evaluation import Evaluation
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
-from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_axes, new_figure, quantity_label
+from doppelgait.viz.style import (
+    ACCENT,
+    BLUE,
+    SERIES_COLOURS,
+    SHARE_COLOURS,
+    draw_grid,
+    legend_below,
+    legend_under,
+    name_axes,
+    new_axes,
+    new_figure,
+    quantity_label,
+)
 
-MODEL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#8c564b")
 BASELINE_COLOUR = "#888888"
 BASELINE_STYLES = {"chance": ":", "nuisance": "--", "speed": "-."}
 MOST_FEATURES = 15
-ALONE = "a class that is there alone"
+CONFIDENCE_LABEL, CORRECT_LABEL = "confidence", "share of correct rows"
+ALONE = "the only class present"
 
 Document = Mapping[str, Any]
 
 
 def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure, one after the other."""
-    yield "scores", "Balanced accuracy of every model with its 95 % interval; dotted: chance.", score_bars(document)
-    yield "confusion", "Rows by class and by what they were taken for.", confusion_maps(document)
+    yield "scores", "Balanced accuracy of every model with its 95 % interval.", score_bars(document)
+    yield (
+        "confusion",
+        "Number of rows by true and by predicted class; the colour is the share of the true class.",
+        confusion_maps(document),
+    )
     for name in next(iter(document["models"].values()))["roc"]:
         yield (
             f"roc-{''.join(c if c.isalnum() else '-' for c in name)}",
-            f"{name} against all others: detected against falsely detected.",
+            f"{name} against all others: share detected against share falsely detected.",
             roc_curves(document, name),
         )
     yield (
         "reliability",
-        "Confidence against the share that is right; on the diagonal probabilities are true.",
-        (reliability_curves(document)),
+        "Share of correct rows against confidence; calibrated probabilities lie on the diagonal. The larger the dot, "
+        "the more rows.",
+        reliability_curves(document),
     )
     if any(model.get("adaptation") for model in document["models"].values()):
-        words = "Own recordings against accuracy (80 % of the draws within the band), and calibration before and after."
+        words = "Accuracy by own recordings (band: 80 % of the draws), and calibration before and after."
         yield "adaptation", words, adaptation_curves(document)
     for condition in document["conditions"]:
         words = document["conditions"][condition]["words"]
         yield (
             f"accuracy-{condition}",
-            f"Balanced accuracy against {words}, with 95 % intervals; hollow: recall of {ALONE}.",
+            f"Balanced accuracy by {words}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}.",
             condition_curves(document, condition),
         )
     for name, model in document["models"].items():
         if model["importance"] and not model["kind"]["baseline"]:
             yield (
                 f"importance-{name}",
-                f"{name}: rise of the log loss where a feature is shuffled.",
+                f"{name}: increase of the log loss when a feature is shuffled.",
                 importance_bars(name, model["importance"]),
             )
 
@@ -67,7 +84,7 @@ def _line_styles(document: Document) -> dict[str, dict[str, Any]]:
         name: {"color": BASELINE_COLOUR, "linestyle": style} for name, style in BASELINE_STYLES.items()
     }
     for number, name in enumerate(trained):
-        looks[name] = {"color": MODEL_COLOURS[number % len(MODEL_COLOURS)], "linestyle": "-"}
+        looks[name] = {"color": SERIES_COLOURS[number % len(SERIES_COLOURS)], "linestyle": "-"}
     return looks
 
 
@@ -82,13 +99,17 @@ def score_bars(document: Document) -> Figure:
                 axes, [(share["value"], place) for share in _known_shares(model["recall"])], looks[name]["color"]
             )
             continue
-        axes.plot([found["low"], found["high"]], [place, place], color=looks[name]["color"], lw=2.5)
-        axes.plot([found["value"]], [place], "o", color=looks[name]["color"], ms=7)
+        spread = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
+        axes.errorbar([found["value"]], [place], xerr=spread, fmt="o", color=looks[name]["color"], lw=2.0, capsize=4)
     axes.set_yticks(range(len(models)), labels=list(reversed(models)))
-    axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0)
-    axes.set_xlim(0.0, 1.02)
-    _draw_grid(axes)
-    name_axes(axes, title="Balanced accuracy", x=f"balanced accuracy (hollow: recall of {ALONE})", y="")
+    axes.errorbar([], [], xerr=[], fmt="o", color="black", lw=2.0, capsize=4, label="value and 95 % interval")
+    axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0, label="chance")
+    if any(model["balanced_accuracy"]["value"] is None for model in models.values()):
+        axes.plot([], [], "D", mfc="none", color="black", label=f"recall of {ALONE}")
+    axes.set(xlim=(0.0, 1.02), ylim=(-0.6, len(models) - 0.4))
+    draw_grid(axes)
+    name_axes(axes, title="Balanced accuracy of every model", x="balanced accuracy", y="")
+    legend_below(figure, axes)
     return figure
 
 
@@ -108,20 +129,21 @@ def confusion_maps(document: Document) -> Figure:
     across = min(4, len(models))
     down = -(-len(models) // across)
     side = max(2.4, 0.8 * len(classes) + 1.2)
-    figure = new_figure(width_in=side * across, height_in=side * down)
+    figure = new_figure(width_in=side * across + 0.8, height_in=side * down)
     panels = list(figure.subplots(down, across, squeeze=False).flat)
     for axes, (name, model) in zip(panels, models.items(), strict=False):
         counts = np.asarray(model["confusion"], dtype=float)
         shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-        axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0)
+        image = axes.imshow(shares, cmap=SHARE_COLOURS, vmin=0.0, vmax=1.0)
         for row, column in np.ndindex(shares.shape):
             colour = "white" if shares[row, column] > 0.6 else "black"
             axes.text(column, row, f"{counts[row, column]:.0f}", ha="center", va="center", color=colour, fontsize=10)
-        axes.set_xticks(range(len(classes)), labels=classes)
+        axes.set_xticks(range(len(classes)), labels=classes, rotation=30, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(classes)), labels=classes)
-        name_axes(axes, title=name, x="taken for", y="is")
+        name_axes(axes, title=name, x="predicted class", y="true class")
     for axes in panels[len(models) :]:
         axes.set_visible(False)
+    figure.colorbar(image, ax=panels, shrink=0.8, aspect=30).set_label("share of the true class", fontsize=9.5)
     return figure
 
 
@@ -133,11 +155,13 @@ def roc_curves(document: Document, label: str) -> Figure:
         curve = model["roc"][label]
         if curve["auc"] is not None:
             axes.plot(curve["false"], curve["true"], lw=1.8, label=f"{name}, AUC {curve['auc']:.3f}", **looks[name])
-    axes.axhline(0.95, color=ACCENT, lw=0.8)
-    axes.text(1.0, 0.945, "95 % detected", ha="right", va="top", fontsize=8.5, color=ACCENT)
-    axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01))
-    _draw_grid(axes)
-    name_axes(axes, title=f"{label} against all others", x="share of the others", y=f"share of {label}")
+    axes.axhline(0.95, color=ACCENT, lw=0.8, label="95 % detected")
+    axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.03))
+    draw_grid(axes)
+    name_axes(
+        axes, title=f"{label} against all other classes", x="share of the other classes, falsely detected",
+        y=f"share of {label}, detected",
+    )  # fmt: skip
     legend_below(figure, axes, columns=2)
     return figure
 
@@ -150,17 +174,18 @@ def reliability_curves(document: Document) -> Figure:
     looks = _line_styles(document)
     figure, axes = new_axes(width_in=7.0, height_in=6.0)
     lowest = 1.0 / len(document["classes"])
-    axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0)
+    axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
     for name, model in document["models"].items():
         if model["kind"]["baseline"]:
             continue
         bins = model["reliability"]
         x, y = ([entry[key] for entry in bins] for key in ("confidence", "accuracy"))
-        text = f"{name}, error {model['expected_calibration_error']:.3f}, Brier {model['brier']:.3f}"
+        error, brier = model["expected_calibration_error"], model["brier"]
+        text = f"{name}: calibration error {error:.3f}, Brier score {brier:.3f}"
         axes.plot(x, y, lw=1.4, label=text, **looks[name])
         axes.scatter(x, y, s=[20.0 + 200.0 * entry["share"] for entry in bins], color=looks[name]["color"], alpha=0.7)
-    _draw_grid(axes)
-    name_axes(axes, title="Calibration", x="confidence", y="share that is right")
+    draw_grid(axes)
+    name_axes(axes, title="Calibration", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
     legend_below(figure, axes, columns=1)
     return figure
 
@@ -179,16 +204,19 @@ def adaptation_curves(document: Document) -> Figure:
     axes.plot([], [], color="black", ls=":", label="without labels")
     best = document["kept"] if document["kept"] in shown else next(iter(shown))
     lowest = 1.0 / len(document["classes"])
-    calibrated.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0)
-    for point in (shown[best][0], shown[best][-1]):
+    calibrated.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
+    for point, colour in zip((shown[best][0], shown[best][-1]), SERIES_COLOURS, strict=False):
         x, y = ([entry[key] for entry in point["reliability"]] for key in ("confidence", "accuracy"))
-        text = f"{best}, {point['n']} recordings, error {point['expected_calibration_error']:.3f}"
-        calibrated.plot(x, y, marker="o", label=text)
-    name_axes(axes, title="Adaptation", x="own recordings of a class", y="balanced accuracy")
-    name_axes(calibrated, title="Calibration", x="confidence", y="share that is right")
+        error = point["expected_calibration_error"]
+        calibrated.plot(
+            x, y, marker="o", color=colour, label=f"{point['n']} own recordings: calibration error {error:.3f}"
+        )
+    axes.fill_between([], [], [], color="black", alpha=0.12, lw=0, label="80 % of the draws")
+    name_axes(axes, title="Adaptation", x="own recordings of each class", y="balanced accuracy")
+    name_axes(calibrated, title=f"Calibration of {best}", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
     for panel in (axes, calibrated):
-        _draw_grid(panel)
-        panel.legend(fontsize=8, loc="lower right")
+        draw_grid(panel)
+        legend_under(panel, columns=2)
     return figure
 
 
@@ -208,12 +236,12 @@ def condition_curves(document: Document, condition: str) -> Figure:
                 _plot_hollow(axes, shares, looks[name]["color"])
         x, y = np.array([middle[id(entry)] for entry in whole]), np.array([entry["value"] for entry in whole])
         spread = np.abs(np.array([[entry["low"], entry["high"]] for entry in whole]).reshape(-1, 2).T - y)
-        axes.errorbar(x, y, yerr=spread, lw=1.4, elinewidth=0.8, marker="o", ms=4, label=name, **looks[name])
+        axes.errorbar(x, y, yerr=spread, lw=1.4, elinewidth=0.8, capsize=2, marker="o", ms=4, label=name, **looks[name])
     for entry in next(iter(facts["models"].values())):
-        axes.text((entry["from"] + entry["to"]) / 2.0, 0.01, f"n = {entry['n']}", fontsize=8, ha="center", va="bottom")
-    axes.set_ylim(0.0, 1.03)
-    _draw_grid(axes)
-    name_axes(axes, title=f"By {facts['column']}", x=facts["words"], y="balanced accuracy")
+        axes.text((entry["from"] + entry["to"]) / 2.0, -0.09, f"n = {entry['n']}", fontsize=8, ha="center")
+    axes.set_ylim(-0.12, 1.05)
+    draw_grid(axes)
+    name_axes(axes, title=f"Accuracy by {facts['words'].rpartition(' (')[0]}", x=facts["words"], y="balanced accuracy")
     legend_below(figure, axes, columns=4)
     return figure
 
@@ -223,15 +251,10 @@ def importance_bars(name: str, importance: Mapping[str, float]) -> Figure:
     shown = list(importance.items())[:MOST_FEATURES]
     figure, axes = new_axes(width_in=8.0, height_in=1.2 + 0.28 * len(shown))
     words: Callable[[str], str] = lambda text: quantity_label(text.removeprefix("extended_"))  # noqa: E731
-    axes.barh([words(key) for key, _ in reversed(shown)], [value for _, value in reversed(shown)], color="#0072b2")
-    _draw_grid(axes)
-    name_axes(axes, title=name, x="rise of the log loss (nats)", y="")
+    axes.barh([words(key) for key, _ in reversed(shown)], [value for _, value in reversed(shown)], color=BLUE)
+    draw_grid(axes)
+    name_axes(axes, title=f"Most important features, {name}", x="increase of the log loss (nat)", y="")
     return figure
-
-
-def _draw_grid(axes: Axes) -> None:
-    axes.grid(color="#e0e0e0", lw=0.6)
-    axes.set_axisbelow(True)
 
 
 __all__: Sequence[str] = ["figures_of"]

@@ -56,7 +56,10 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
             f"{prefix}-signature-normalised",
             viz.signature_normalisation(result.signature, normalised=result.normalised_signature),
         )
-        yield f"{prefix}-step-doppler", viz.step_doppler(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz)
+        yield (
+            f"{prefix}-cadence-velocity",
+            viz.step_doppler(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz),
+        )
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         yield (
             f"{prefix}-cadence-spectrum",

@@ -18,10 +18,10 @@ from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, draw_cadence_amplitude,
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db
-from doppelgait.viz.maps import DOPPLER_LABEL
+from doppelgait.viz.maps import colour_bar
 from doppelgait.viz.signatures import draw_signature
 from doppelgait.viz.spectra import draw_step_doppler
-from doppelgait.viz.style import name_axes
+from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, name_axes
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result
@@ -77,15 +77,17 @@ def summary(material: Material) -> pd.DataFrame:
 def make_interval(cpi_s: float, material: Material) -> Made:
     """Make one of Figs. A.1 to A.6."""
     result, true_hz = _analyze_walk(material, cpi_s)
-    figure, (left, middle, right) = panels(3, width_in=14.0, height_in=4.6)
-    draw_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
-    name_axes(left, title="(a) signature, 30 dB", x="time (s)", y=DOPPLER_LABEL)
-    draw_step_doppler(middle, result.cadence_map, gait_frequency_hz=None, max_cadence_hz=MAX_CADENCE_HZ,
-                      db_range=30.0, doppler_hz=(-200.0, 450.0))  # fmt: skip
-    name_axes(middle, title="(b) step-Doppler map, 30 dB", x="step frequency (Hz)", y="")
+    figure, (left, middle, right) = panels(3, width_in=15.0, height_in=5.0)
+    image = draw_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
+    colour_bar(image, left, quantity="power")
+    name_axes(left, title="(a) signature", x="time (s)", y=DOPPLER_LABEL)
+    image = draw_step_doppler(middle, result.cadence_map, gait_frequency_hz=None, max_cadence_hz=MAX_CADENCE_HZ,
+                              db_range=30.0, doppler_hz=(-200.0, 450.0))  # fmt: skip
+    colour_bar(image, middle, quantity="magnitude")
+    name_axes(middle, title="(b) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
     draw_cadence_amplitude(right, result.cadence_spectrum, found_hz(result), true_hz=true_hz,
-                           title="(c) step-Doppler spectrum")  # fmt: skip
-    figure.suptitle(f"T_d = {cpi_s:g} s", fontsize=11.5, x=0.01, ha="left")
+                           title="(c) cadence spectrum")  # fmt: skip
+    figure.suptitle(f"Processing interval {cpi_s:g} s", fontsize=11.5, x=0.01, ha="left")
     levels = prominences_db(material, cpi_s)
     readings = [
         Reading(f"prominence of {name}", level, "dB") for name, level in zip(HARMONIC_NAMES, levels, strict=True)
@@ -131,8 +133,8 @@ STATED = {
 
 ENTRIES = tuple(
     Entry(
-        f"fig-A.{place}", f"Signature, step-Doppler map and spectrum with T_d = {cpi_s:g} s", STATED[cpi_s],
-        partial(make_interval, cpi_s),
+        f"fig-A.{place}", f"Signature, cadence-velocity diagram and cadence spectrum with T_d = {cpi_s:g} s",
+        STATED[cpi_s], partial(make_interval, cpi_s),
     )
     for place, cpi_s in enumerate(INTERVALS_S, start=1)
 )  # fmt: skip

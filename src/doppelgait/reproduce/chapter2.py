@@ -39,12 +39,12 @@ def make_2_6(material: Material) -> Made:
     measured_hz = np.array([_measure_doppler_hz(radar, speed) for speed in velocity_mps])
     line_hz = velocity_to_doppler_hz(velocity_mps, radar.wavelength_m)
     figure, axes = new_axes(width_in=8.0, height_in=6.0)
-    axes.plot(velocity_mps, line_hz, color="black", lw=1.5, label="2 v / λ")
+    axes.plot(velocity_mps, line_hz, color="black", lw=1.5, label="twice the velocity over the wavelength")
     axes.plot(velocity_mps, measured_hz, "o", color=ACCENT, ms=4, label="measured at 300 frames a second")
     for limit_hz in (-PRF_2_6_HZ / 2, PRF_2_6_HZ / 2):
         axes.axhline(limit_hz, color="gray", lw=1, ls="--")
     axes.grid(color="#e0e0e0", lw=0.6)
-    name_axes(axes, title="Doppler shift of single points", x="radial velocity (m/s)", y="Doppler shift (Hz)")
+    name_axes(axes, title="Doppler frequency of single points", x="radial velocity (m/s)", y="Doppler frequency (Hz)")
     legend_below(figure, axes)
     inside = np.abs(velocity_mps) < 3.0
     slope = float(np.polyfit(velocity_mps[inside], measured_hz[inside], 1)[0])

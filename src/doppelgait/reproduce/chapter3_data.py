@@ -22,7 +22,7 @@ from doppelgait.scene.rcs import RCS_PER_MASS_M2_PER_KG, RcsSpec
 from doppelgait.viz.maps import colour_bar
 from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.ranges import draw_range_time
-from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
+from doppelgait.viz.style import ACCENT, LINE, legend_below, name_axes, new_figure
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -61,10 +61,10 @@ def make_3_11(material: Material) -> Made:
     for panel, (letter, frames) in zip(figure.subplots(1, 2), (("a", 10), ("b", CPI_FRAMES)), strict=True):
         signal = tones(radar, frames, SHIFT_3_11_HZ)
         time_s = np.arange(frames) / PRF_HZ
-        for part, colour, name in ((signal.real, ACCENT, "real part"), (signal.imag, "#0072b2", "imaginary part")):
+        for part, colour, name in ((signal.real, LINE, "real part"), (signal.imag, ACCENT, "imaginary part")):
             panel.plot(time_s * 1e3, part / np.abs(signal).max(), "o-", color=colour, ms=4, label=name)
         panel.grid(color="#e0e0e0", lw=0.6)
-        name_axes(panel, title=f"({letter}) {frames} frames", x="time (ms)", y="amplitude (of the highest)")
+        name_axes(panel, title=f"({letter}) {frames} frames", x="time (ms)", y="amplitude (re maximum)")
         periods[frames] = float(np.ptp(np.unwrap(np.angle(signal))) / (2 * np.pi))
     legend_below(figure, figure.axes[0])
     measured_hz = periods[CPI_FRAMES] * PRF_HZ / (CPI_FRAMES - 1)
@@ -94,14 +94,19 @@ def make_3_12(material: Material) -> Made:
     level_db = power_to_db(power / power.max())
     figure = new_figure(width_in=11.0, height_in=4.5)
     axes = figure.add_subplot()
-    axes.plot(shown_hz, level_db, color=ACCENT, lw=0.9)
+    axes.plot(shown_hz, level_db, color=LINE, lw=0.9)
     for edge_hz in (-PRF_HZ / 2, PRF_HZ / 2):
         axes.axvline(edge_hz, color="gray", ls="--", lw=1)
     for shift_hz, name in zip(shifts_hz, ("wall", "receding", "receding", "approaching"), strict=True):
         top_db = level_db[np.abs(shown_hz - shift_hz).argmin()]
         axes.annotate(name, xy=(shift_hz, top_db), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=9)
     axes.set_ylim(float(np.median(level_db)) - 25, 8)
-    name_axes(axes, title="Doppler spectrum of one range bin, two periods", x="Doppler (Hz)", y="power (dB)")
+    name_axes(
+        axes,
+        title="Doppler spectrum of one range bin, two periods",
+        x="Doppler frequency (Hz)",
+        y="power (dB re maximum)",
+    )
     fine_hz = np.arange(-PRF_HZ / 2, PRF_HZ / 2, 0.05)
     own = _power_at(signal, fine_hz)
     near = [np.abs(fine_hz - shift_hz) < 5.0 for shift_hz in shifts_hz]
@@ -153,11 +158,14 @@ def make_3_13(material: Material) -> Made:
         for shift_hz in shifts_hz:
             alone_hz, alone = spectrum(tones(radar, CPI_FRAMES, shift_hz), PRF_HZ, points=POINTS)
             panel.plot(alone_hz, np.sqrt(alone), color="#b0b0b0", lw=1)
-            panel.axvline(shift_hz, color=ACCENT, ls=":", lw=1.2)
+            panel.axvline(shift_hz, color=LINE, ls=":", lw=1.2)
         frequency_hz, power = spectrum(tones(radar, CPI_FRAMES, shifts_hz), PRF_HZ, points=POINTS)
         panel.plot(frequency_hz, np.sqrt(power), color="black", lw=1.4)
         name_axes(
-            panel, title=f"({letter}) {spacing_hz:.0f} Hz apart", x="Doppler (Hz)", y="magnitude (of the highest)"
+            panel,
+            title=f"({letter}) {spacing_hz:.0f} Hz apart",
+            x="Doppler frequency (Hz)",
+            y="magnitude (re maximum)",
         )
         panel.tick_params(labelleft=True, labelbottom=True)
         seen[letter] = count_and_dip(power)
@@ -248,7 +256,7 @@ def _two_panels(recording: Recording, title: str) -> Figure:
     image = draw_range_time(right, recording.baseband, tracks=None, db_range=None)
     name_axes(right, title="(b) radar data matrix", x="time (s)", y="range (m)")
     left.set(xlim=right.get_xlim(), ylim=right.get_ylim())
-    colour_bar(image, right, quantity="magnitude", reference="1 V")
+    colour_bar(image, right, quantity="magnitude (re maximum)", reference="1 V")
     return figure
 
 

@@ -13,7 +13,7 @@ from doppelgait.radar import Radar, synthesise, synthesise_rf
 from doppelgait.radar.rf import down_convert, sample_rf_frames
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import Material, point_table
-from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
+from doppelgait.viz.style import ACCENT, LINE, legend_below, legend_under, name_axes, new_figure
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -60,12 +60,12 @@ def make_3_4(material: Material) -> Made:
     frequency_hz, power = spectrum(pulse, rate_hz, points=points)
     figure = new_figure(width_in=11.0, height_in=4.5)
     left, right = figure.subplots(1, 2)
-    left.plot(time_s / PULSE_S, pulse, color=ACCENT)
-    name_axes(left, title="(a) rectangular pulse", x="time (pulse durations)", y="amplitude (A)")
+    left.plot(time_s / PULSE_S, pulse, color=LINE)
+    name_axes(left, title="(a) rectangular pulse", x="time (pulse durations)", y="amplitude (re maximum)")
     shown = np.abs(frequency_hz) < 4.5 / PULSE_S
-    right.plot(frequency_hz[shown] * PULSE_S, np.sqrt(power[shown]), color=ACCENT)
+    right.plot(frequency_hz[shown] * PULSE_S, np.sqrt(power[shown]), color=LINE)
     right.axhline(np.sqrt(0.5), color="gray", ls="--", lw=1)
-    name_axes(right, title="(b) magnitude spectrum", x="frequency (1 / pulse duration)", y="magnitude (A τ)")
+    name_axes(right, title="(b) magnitude spectrum", x="frequency (1 / pulse duration)", y="magnitude (re maximum)")
     null = first_null(frequency_hz, power) * PULSE_S
     beyond = power[frequency_hz > null / PULSE_S * 1.01]
     readings = [
@@ -91,12 +91,15 @@ def make_3_5(material: Material) -> Made:
     frequency_hz, power = spectrum(gate, rate_hz, points=1 << 19)
     figure = new_figure(width_in=11.0, height_in=6.5)
     above, below = figure.subplots(2, 1)
-    above.plot(time_s, train, color=ACCENT, lw=0.6)
-    name_axes(above, title="pulse train on a carrier", x="time (repetition intervals)", y="amplitude (A)")
+    above.plot(time_s, train, color=LINE, lw=0.6)
+    name_axes(above, title="pulse train on a carrier", x="time (repetition intervals)", y="amplitude (re maximum)")
     shown = np.abs(frequency_hz) < 2.2 / pulse_s
-    below.plot(frequency_hz[shown], np.sqrt(power[shown]), color=ACCENT, lw=0.7)
+    below.plot(frequency_hz[shown], np.sqrt(power[shown]), color=LINE, lw=0.7)
     name_axes(
-        below, title="spectrum about the carrier", x="frequency less carrier (1 / repetition interval)", y="magnitude"
+        below,
+        title="spectrum about the carrier",
+        x="frequency less carrier (1 / repetition interval)",
+        y="magnitude (re maximum)",
     )
     # Frequencies of the maxima that stand above all others within half a repetition frequency.
     within = 0.9 / pulse_s
@@ -128,16 +131,16 @@ def make_3_8(material: Material) -> Made:
     frequency_hz, power = frequency_hz[above], power[above]
     figure = new_figure(width_in=11.0, height_in=4.5)
     left, right = figure.subplots(1, 2)
-    left.plot(time_s * 1e9, signal, color=ACCENT, lw=0.8, label="s(t)")
-    left.plot(time_s * 1e9, envelope, color="#0072b2", ls=":", lw=2, label="p(t)")
+    left.plot(time_s * 1e9, signal, color=LINE, lw=0.8, label="pulse on the carrier")
+    left.plot(time_s * 1e9, envelope, color=ACCENT, ls=":", lw=2, label="envelope")
     left.set_xlim(-4, 4)
-    name_axes(left, title="(a) transmitted pulse, τ = 1 ns", x="time (ns)", y="amplitude (A)")
-    left.legend(fontsize=9)
-    right.plot(frequency_hz / 1e9, power_to_db(np.maximum(power, 1e-9)), color=ACCENT)
+    name_axes(left, title="(a) transmitted pulse, 1 ns", x="time (ns)", y="amplitude (re maximum)")
+    legend_under(left, columns=2)
+    right.plot(frequency_hz / 1e9, power_to_db(np.maximum(power, 1e-9)), color=LINE)
     right.axhline(-3.01, color="gray", ls="--", lw=1, label="half power")
     right.set(xlim=(5.7, 8.7), ylim=(-60, 3))
-    name_axes(right, title="(b) power spectrum", x="frequency (GHz)", y="power (dB)")
-    legend_below(figure, right)
+    name_axes(right, title="(b) power spectrum", x="frequency (GHz)", y="power (dB re maximum)")
+    legend_under(right)
     width_hz = half_power_width(frequency_hz, power)
     readings = [
         Reading("highest power, at frequency", float(frequency_hz[power.argmax()]) / 1e9, "GHz", 7.2, 0.01, given=True),
@@ -191,14 +194,14 @@ def make_3_9(material: Material) -> Made:
     table = point_table(full, 2, range_m=RANGE_M, velocity_mps=0.0)
     figure = new_figure(width_in=11.0, height_in=4.5)
     axes = figure.add_subplot()
-    for radar, colour, size in ((full, "#b0b0b0", 3), (kept, ACCENT, 6)):
+    for radar, colour, size in ((full, "#b0b0b0", 3), (kept, LINE, 6)):
         baseband = synthesise(table, radar)
         level = np.abs(baseband.values[0]) / np.abs(baseband.values).max()
         label = f"every {radar.bin_spacing_m * 100:.2f} cm: {radar.n_range_bins} range bins"
         axes.plot(baseband.coords["range"].values, level, "o", color=colour, ms=size, label=label)
     axes.axvline(RANGE_M, color="black", lw=0.8, ls=":")
     axes.grid(color="#e0e0e0", lw=0.6)
-    name_axes(axes, title="One frame from 1 to 3 m, a point at 2 m", x="range (m)", y="magnitude (of the highest)")
+    name_axes(axes, title="One frame from 1 to 3 m, a point at 2 m", x="range (m)", y="magnitude (re maximum)")
     legend_below(figure, axes)
     peak_m = float(synthesise(table, full).pipe(abs).isel(slow_time=0).idxmax("range"))
     apart_m = float(np.diff(synthesise(table, full).coords["range"].values).mean())
@@ -236,10 +239,10 @@ def make_3_10(material: Material) -> Made:
     for panel, (title, values) in zip(panels, signals.items(), strict=True):
         frequency_hz, power = spectrum(values, radar.sample_rate_hz, points=1 << 15)
         found[title] = frequency_hz, power
-        panel.plot(frequency_hz / 1e9, power_to_db(np.maximum(power, 1e-12)), color=ACCENT, lw=1)
+        panel.plot(frequency_hz / 1e9, power_to_db(np.maximum(power, 1e-12)), color=LINE, lw=1)
         panel.set(ylim=(-100, 5))
         panel.tick_params(labelleft=True)
-        name_axes(panel, title=title, x="frequency (GHz)", y="power (dB)")
+        name_axes(panel, title=title, x="frequency (GHz)", y="power (dB re maximum)")
     (before_hz, before), (after_hz, after), (_, printed) = found.values()
     positive = before_hz > 0
     image = np.abs(after_hz) > 7e9

@@ -15,7 +15,7 @@ import xarray as xr
 from doppelgait import viz
 from doppelgait.core.labels import axis
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
-from doppelgait.reproduce.drawing import LINE, numbered_marks, panels
+from doppelgait.reproduce.drawing import numbered_marks, panels
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged, verdict
 from doppelgait.reproduce.measures import (
     column_level_rise_db,
@@ -29,10 +29,10 @@ from doppelgait.reproduce.measures import (
     torso_line_hz,
     upper_envelope_hz,
 )
-from doppelgait.viz.maps import DOPPLER_LABEL, velocity_axis
+from doppelgait.viz.maps import colour_bar, velocity_axis
 from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.signatures import draw_signature
-from doppelgait.viz.style import ACCENT, LINE_COLOURS, legend_below, name_axes, new_axes
+from doppelgait.viz.style import ACCENT, DOPPLER_LABEL, LINE, LINE_COLOURS, legend_below, name_axes, new_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,14 +71,19 @@ def make_window(material: Material) -> Made:
     window = gaussian_window(WINDOW_PULSES, WINDOW_STEEPNESS)
     figure, (left, right) = panels(2)
     left.plot(np.arange(1, window.size + 1), window, color=LINE, marker=".")
-    name_axes(left, title="(a) window", x="frame m", y="weight (1)")
+    name_axes(left, title="(a) window", x="number of the frame", y="weight")
     magnitude = np.abs(np.fft.fftshift(np.fft.fft(window, 8192)))
     level_db = 20.0 * np.log10(np.maximum(magnitude / magnitude.max(), 1e-6))
     right.plot(np.linspace(-0.5, 0.5, 8192, endpoint=False), level_db, color=LINE)
     lobe_db = side_lobe_db(window)
     right.axhline(lobe_db, color=ACCENT, ls="--", lw=1.0)
     right.set(ylim=(-100.0, 5.0), xlim=(-0.5, 0.5))
-    name_axes(right, title=f"(b) magnitude, side lobes {lobe_db:.1f} dB", x="Doppler / f_p (1)", y="level (dB)")
+    name_axes(
+        right,
+        title=f"(b) magnitude, side lobes {lobe_db:.1f} dB",
+        x="Doppler frequency (relative to frame rate)",
+        y="level (dB re maximum)",
+    )
     readings = [
         Reading("highest side lobe, M = 40, sigma_w = 0.3", lobe_db, "dB", -65.4, 0.05),
         Reading(
@@ -224,12 +229,14 @@ def make_doppler_limits(material: Material) -> Made:
         recording.truth[0].scatterers, wavelength_m=wavelength_m, title="Doppler limits of the gate"
     )
     low_hz, high_hz = result.gate.doppler_hz or (-np.inf, np.inf)
-    for name, value in (("B_H", high_hz), ("B_L", low_hz)):
+    for name, value in (("upper limit", high_hz), ("lower limit", low_hz)):
         figure.axes[0].axhline(value, color=ACCENT, ls="--", lw=1.4)
         figure.axes[0].annotate(
-            f"{name} = {value:.0f} Hz", (0.005, value), xycoords=("axes fraction", "data"), xytext=(0, 3),
-            textcoords="offset points", color=ACCENT,
+            f"{name} {value:.0f} Hz", (0.5, value), xycoords=("axes fraction", "data"),
+            xytext=(0, 4 if value > 0 else -4), va="bottom" if value > 0 else "top", textcoords="offset points",
+            color=ACCENT, ha="center",
         )  # fmt: skip
+    figure.axes[0].margins(y=0.1)
     doppler_hz = recording.truth[0].doppler_hz(wavelength_m)
     readings = [
         Reading("B_H", high_hz, "Hz", note=f"highest of all points: {doppler_hz.max():.1f} Hz"),
@@ -315,11 +322,12 @@ def make_lines_and_signature(material: Material) -> Made:
     figure, (left, right) = panels(2, height_in=5.6)
     draw_part_lines(left, part_lines(lines), bold=1.8)
     left.set(xlim=(first_s, last_s), ylim=limits_hz)
-    name_axes(left, title="(a) true Doppler of every point", x="time (s)", y=DOPPLER_LABEL)
-    draw_signature(right, result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
+    name_axes(left, title="(a) true Doppler frequency of every point", x="time (s)", y=DOPPLER_LABEL)
+    image = draw_signature(right, result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
     right.set_xlim(first_s, last_s)
-    name_axes(right, title="(b) micro-Doppler signature, 30 dB", x="time (s)", y="")
+    name_axes(right, title="(b) micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
     velocity_axis(right, recording.radar.wavelength_m)
+    colour_bar(image, right, quantity="power")
     legend_below(figure, left)
     top_hz = upper_envelope_hz(result.normalised_signature, ENVELOPE)
     inside = slice(100, -100)  # ends are zero-padded
@@ -357,9 +365,10 @@ def make_five_cycles(material: Material) -> Made:
     steps = find_peaks(top_hz, rate_hz, smoothing_s=SMOOTHING_S)
     torso_hz = torso_line_hz(mu, reach_hz=40.0)
     figure, axes = new_axes()
-    draw_signature(axes, mu, db_range=30.0)
-    name_axes(axes, title="Five gait cycles; 30 dB", x="time (s)", y=DOPPLER_LABEL)
+    image = draw_signature(axes, mu, db_range=30.0)
+    name_axes(axes, title="Five gait cycles", x="time (s)", y=DOPPLER_LABEL)
     velocity_axis(axes, recording.radar.wavelength_m)
+    colour_bar(image, axes, quantity="power")
     axes.plot(axis(mu, "time"), torso_hz, color=LINE_COLOURS[0], lw=1.2)
     _mark_parts(axes, axis(mu, "time")[steps], torso_hz, float(np.quantile(top_hz, 0.98)), float(bottom_hz.min()))
     observed_s = mu.sizes["time"] / rate_hz

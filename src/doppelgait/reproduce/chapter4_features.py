@@ -49,7 +49,7 @@ def make_step_doppler(material: Material) -> Made:
     with_constant = cadence_map(result.normalised_signature, padded=False, tapered=False)
     figure = viz.step_doppler(
         with_constant, gait_frequency_hz=result.gait_frequency_hz, max_cadence_hz=MAX_CADENCE_HZ, db_range=40.0,
-        title="Step-Doppler map, 0 Hz included",
+        title="Cadence-velocity diagram, 0 Hz included",
     )  # fmt: skip
     constant = with_constant.values[0]
     torso_hz = float(axis(with_constant, "doppler")[int(constant.argmax())])
@@ -80,9 +80,7 @@ def make_cadence_spectrum(material: Material) -> Made:
     recording, result = walk(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure, axes = new_axes(height_in=4.6)
-    draw_cadence_amplitude(
-        axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="Step-Doppler spectrum"
-    )
+    draw_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="Cadence spectrum")
     step = found_hz(result)[0]
     readings = [
         Reading("f_m", float("nan") if step is None else step, "Hz",
@@ -111,7 +109,7 @@ def make_first_column(material: Material) -> Made:
     figure, (axes,) = panels(1, width_in=10.5)
     doppler_hz = axis(result.signature, "doppler")
     draw_mean_doppler(
-        axes, result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz, title="Constant part D_1"
+        axes, result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz, title="Mean Doppler spectrum"
     )
     ours = material.result(material.walker(), method="standard", prf_hz=1000.0)
     true_mps = float(recording.truth[0].centre_velocity_mps.mean())
@@ -138,7 +136,7 @@ def make_bandwidth(material: Material) -> Made:
     figure, (axes,) = panels(1, width_in=10.5)
     draw_mean_doppler(
         axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"), threshold=THRESHOLD, normalised=True,
-        title=f"Constant part over its maximum, threshold {THRESHOLD:g}",
+        title=f"Mean Doppler spectrum, normalised; dashed: threshold {THRESHOLD:g}",
     )  # fmt: skip
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     ours = material.result(material.walker(), method="standard", prf_hz=1000.0)
@@ -158,12 +156,12 @@ def make_bandwidth(material: Material) -> Made:
 
 ENTRIES = (
     Entry(
-        "fig-4.12", "Step-Doppler map up to 20 Hz",
+        "fig-4.12", "Cadence-velocity diagram up to 20 Hz",
         "The mean Doppler is about +100 Hz, hence v_m about 2 m/s. The constant part is far stronger than the step "
         "frequency f_m and its harmonics f_2 and f_3.", make_step_doppler,
     ),
     Entry(
-        "fig-4.13", "Step-Doppler spectrum D_g with f_m, f_2 and f_3",
+        "fig-4.13", "Cadence spectrum D_g with f_m, f_2 and f_3",
         "Summed over Doppler and without the mean of every row, the spectrum has peaks at the step frequency and at "
         "twice and three times it.", make_cadence_spectrum,
     ),

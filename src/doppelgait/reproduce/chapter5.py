@@ -19,10 +19,10 @@ from doppelgait.reproduce.drawing import draw_cadence_amplitude, draw_mean_doppl
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db, side_lobe_of_cadence_db
-from doppelgait.viz.maps import DOPPLER_LABEL, doppler_limits_hz
+from doppelgait.viz.maps import colour_bar, doppler_limits_hz
 from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.signatures import draw_signature
-from doppelgait.viz.style import legend_below, name_axes
+from doppelgait.viz.style import DOPPLER_LABEL, draw_grid, legend_below, name_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -126,7 +126,7 @@ def make_ranges(material: Material) -> Made:
         scatterers = truth.scatterers
         draw_part_lines(panel, part_lines(scatterers["range"]))
         name_axes(panel, title=f"({letter}) {mover.about}"[:80], x="time (s)", y="range (m)")
-        panel.grid(color="#e0e0e0", lw=0.6)
+        draw_grid(panel)
         counts.append(scatterers.sizes["scatterer"])
         # Span of the distance of a foot ahead of the body centre; NaN where no foot is known.
         feet = [n for n, part in enumerate(axis(scatterers, "part")) if str(part).endswith("_foot")]
@@ -155,7 +155,8 @@ def make_signatures(material: Material) -> Made:
     shared_hz = min(low for low, _ in limits), max(high for _, high in limits)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        draw_signature(axes, result.normalised_signature, db_range=30.0, doppler_hz=shared_hz)
+        image = draw_signature(axes, result.normalised_signature, db_range=30.0, doppler_hz=shared_hz)
+        colour_bar(image, axes, quantity="power")
         name_axes(axes, title="", x="time (s)", y=DOPPLER_LABEL)
 
     figure = _four_panels(material, draw)
@@ -301,7 +302,7 @@ ENTRIES = (
         make_signatures,
     ),
     Entry(
-        "fig-5.4", "Step-Doppler spectra of the four",
+        "fig-5.4", "Cadence spectra of the four",
         "The walkers have lower side lobes, for they are observed over more gait cycles; for the people the harmonics "
         "hardly stand out, least for the fast one. f_m is the same for both walkers, since the model is said to keep "
         "its step frequency.",

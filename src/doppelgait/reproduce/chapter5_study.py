@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.reproduce.drawing import LINE, panels
+from doppelgait.reproduce.drawing import panels
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RUNS
 from doppelgait.reproduce.scenarios import (
@@ -27,7 +27,18 @@ from doppelgait.reproduce.scenarios import (
     separation_table,
     study,
 )
-from doppelgait.viz.style import legend_below, name_axes, quantity_label
+from doppelgait.viz.style import (
+    BLUE,
+    LINE,
+    ORANGE,
+    REFERENCE,
+    SKY,
+    VERMILLION,
+    draw_grid,
+    legend_below,
+    name_axes,
+    quantity_label,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,8 +46,8 @@ if TYPE_CHECKING:
     from doppelgait.reproduce.material import Material
 
 GROUP_COLOURS = {
-    "recorded person": "#0072b2", "model person": "#56b4e9", "Boulic walker": "#009e73",
-    "recorded dog": "#d55e00", "model dog": "#e69f00",
+    "recorded person": BLUE, "model person": SKY, "Boulic walker": "#000000",
+    "recorded dog": VERMILLION, "model dog": ORANGE,
 }  # fmt: skip
 WALKERS, PEOPLE = "Boulic walker", ("recorded person", "model person")
 COMPARED = (*FEATURE_UNITS, "gait_frequency_hz")
@@ -94,9 +105,9 @@ def make_step_length(material: Material) -> Made:
         slope, offset = _fit_line(part)
         speeds = np.array([0.3, float(part["torso_velocity_mps"].max())])
         panel.plot(speeds, offset + slope * speeds, color=LINE, lw=1.2, ls="--", label="line through the people")
-        panel.axhline(LONG_M, color="#606060", lw=0.8, ls=":")
+        panel.axhline(LONG_M, color=REFERENCE, lw=0.8, ls=":")
         panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
-        name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="|v_m| (m/s)", y="step length L_m (m)")
+        name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="torso speed (m/s)", y="step length (m)")
     legend_below(figure, axes[0])
     length_readings = []
     for length_method in METHODS:
@@ -142,8 +153,7 @@ def _plot_groups(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
         chosen = part[part["group"] == group]
         if len(chosen):
             axes.scatter(chosen[x], chosen[y], s=13, color=colour, alpha=0.75, lw=0, label=f"{group} ({len(chosen)})")
-    axes.grid(color="#e8e8e8", lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes)
 
 
 def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
@@ -246,7 +256,12 @@ def make_features(material: Material) -> Made:
             panel.set_ylim(*limits)
             letter = "abcdef"[row]
             title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
-            name_axes(panel, title=title, x="scenario" if row == len(FEATURE_UNITS) - 1 else "", y=quantity_label(name))
+            name_axes(
+                panel,
+                title=title,
+                x="scenario number" if row == 5 else "",
+                y=quantity_label(name),
+            )
     legend_below(feature_figure, axes[0])
     figure = feature_figure
     separation = separation_table(table, COMPARED, classes=CLASSES)

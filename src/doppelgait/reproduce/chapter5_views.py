@@ -34,11 +34,11 @@ from doppelgait.reproduce.measures import torso_line_hz, upper_envelope_hz
 from doppelgait.reproduce.scenarios import WRONG
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
-from doppelgait.viz.maps import DOPPLER_LABEL
+from doppelgait.viz.maps import colour_bar
 from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.signatures import draw_signature
 from doppelgait.viz.spectra import draw_step_doppler
-from doppelgait.viz.style import LINE_COLOURS, name_axes, new_figure
+from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, LINE_COLOURS, name_axes, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -138,7 +138,7 @@ def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
 
 
 def _five_panels(recording: Recording, result: Result) -> Figure:
-    figure = new_figure(width_in=13.0, height_in=8.0)
+    figure = new_figure(width_in=15.0, height_in=8.6)
     grid = figure.add_gridspec(2, 6)
     wavelength_m = recording.radar.wavelength_m
     lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=wavelength_m)
@@ -149,20 +149,22 @@ def _five_panels(recording: Recording, result: Result) -> Figure:
     draw_part_lines(upper[0], part_lines(lines), bold=1.6)
     times_s = axis(lines, "slow_time")
     upper[0].set(xlim=(times_s[0], times_s[-1]), ylim=limits_hz)
-    name_axes(upper[0], title="(a) true Doppler", x="time (s)", y=DOPPLER_LABEL)
-    draw_signature(upper[1], result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
-    name_axes(upper[1], title="(b) signature, 30 dB", x="time (s)", y="")
-    draw_step_doppler(
+    name_axes(upper[0], title="(a) true Doppler frequencies", x="time (s)", y=DOPPLER_LABEL)
+    image = draw_signature(upper[1], result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
+    colour_bar(image, upper[1], quantity="power")
+    name_axes(upper[1], title="(b) signature", x="time (s)", y=DOPPLER_LABEL)
+    image = draw_step_doppler(
         upper[2], result.cadence_map, gait_frequency_hz=None, max_cadence_hz=20.0, db_range=30.0, doppler_hz=limits_hz
     )
-    name_axes(upper[2], title="(c) step-Doppler map, 30 dB", x="step frequency (Hz)", y="")
+    colour_bar(image, upper[2], quantity="magnitude")
+    name_axes(upper[2], title="(c) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
     draw_cadence_amplitude(lower[0], result.cadence_spectrum, found_hz(result),
-                           true_hz=recording.truth[0].gait_frequency_hz, title="D_g, sum of (c)")  # fmt: skip
+                           true_hz=recording.truth[0].gait_frequency_hz, title="sum of (c)")  # fmt: skip
     doppler_hz = axis(result.signature, "doppler")
     draw_mean_doppler(lower[1], result.mean_doppler_spectrum, doppler_hz, threshold=THRESHOLD, normalised=True,
-                      title="(d) D_1 over its maximum")  # fmt: skip
+                      title="(d) mean Doppler spectrum, normalised")  # fmt: skip
     draw_mean_doppler(lower[2], result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz,
-                      title="(e) D_1")  # fmt: skip
+                      title="(e) mean Doppler spectrum")  # fmt: skip
     return figure
 
 
@@ -201,8 +203,9 @@ def make_aspect(material: Material) -> Made:
     figure, axes = panels(2, height_in=5.0)
     highest_hz = float(upper_envelope_hz(views[0.0].normalised_signature, ENVELOPE).max()) + 60.0
     for letter, panel, (aspect, result) in zip("ab", axes, views.items(), strict=True):
-        draw_signature(panel, result.normalised_signature, db_range=30.0, doppler_hz=(-150.0, highest_hz))
-        name_axes(panel, title=f"({letter}) aspect {aspect:.0f} degrees, 30 dB", x="time (s)", y=DOPPLER_LABEL)
+        image = draw_signature(panel, result.normalised_signature, db_range=30.0, doppler_hz=(-150.0, highest_hz))
+        colour_bar(image, panel, quantity="power")
+        name_axes(panel, title=f"({letter}) aspect angle {aspect:.0f}°", x="time (s)", y=DOPPLER_LABEL)
     widths = {aspect: number(result.features.doppler_bandwidth_hz) for aspect, result in views.items()}
     bin_hz = VIEWS_PRF_HZ / views[0.0].signature.sizes["doppler"]
     readings = [

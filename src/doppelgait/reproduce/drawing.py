@@ -12,8 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.labels import axis
-from doppelgait.viz.maps import DOPPLER_LABEL
-from doppelgait.viz.style import ACCENT, name_axes, new_figure
+from doppelgait.viz.spectra import mark_harmonics
+from doppelgait.viz.style import (
+    ACCENT,
+    CADENCE_LABEL,
+    DOPPLER_LABEL,
+    GREEN,
+    LINE,
+    REFERENCE,
+    SHADE,
+    draw_grid,
+    legend_under,
+    name_axes,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,11 +34,8 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 
-LINE = "#1f3b57"
-SHADE = "#9ecae1"
-TRUE_COLOUR = "#009e73"
 MAX_CADENCE_HZ = 20.0
-NAMES = ("f_m", "f₂", "f₃")
+AMPLITUDE_LABEL = "amplitude"
 
 
 def panels(across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4) -> tuple[Figure, list[Axes]]:
@@ -57,19 +66,12 @@ def draw_cadence_amplitude(
     axes.set(xlim=(0.0, min(max_cadence_hz, float(cadence_hz[-1]))), ylim=(0.0, 1.22 * float(values.max())))
     if true_hz is not None and np.isfinite(true_hz):
         for harmonic in (1, 2, 3):
-            label = "true f and its harmonics" if harmonic == 1 else None
-            axes.axvline(harmonic * true_hz, color=TRUE_COLOUR, lw=1.0, ls=":", zorder=0, label=label)
-        axes.legend(fontsize=8.5, frameon=False, loc="upper right")
-    for name, value in zip(NAMES, found_hz, strict=False):
-        if value is not None and np.isfinite(value):
-            level = float(np.interp(value, cadence_hz, values))
-            axes.plot([value], [level], marker="o", color=ACCENT, ms=5, ls="none")
-            axes.annotate(
-                f"{name}\n{value:.2f} Hz", (value, level), xytext=(3, 5), textcoords="offset points", fontsize=8.5,
-                color=ACCENT,
-            )  # fmt: skip
-    axes.grid(color="#e8e8e8", lw=0.6)
-    name_axes(axes, title=title, x="step frequency (Hz)", y="D_g (1)")
+            label = "true step frequency and harmonics" if harmonic == 1 else None
+            axes.axvline(harmonic * true_hz, color=GREEN, lw=1.0, ls=":", zorder=0, label=label)
+    mark_harmonics(axes, found_hz, cadence_hz, values)
+    draw_grid(axes)
+    name_axes(axes, title=title, x=CADENCE_LABEL, y=AMPLITUDE_LABEL)
+    legend_under(axes, columns=2)
 
 
 def draw_mean_doppler(
@@ -110,19 +112,19 @@ def draw_mean_doppler(
         height = float(np.interp(peak_hz, frequency, level))
         axes.plot([peak_hz], [height], marker="o", color=ACCENT, ms=5, ls="none")
         axes.annotate(
-            f"f_d = {peak_hz:.0f} Hz, A_fd = {height:.2f}", (peak_hz, height), xytext=(0, 6),
+            f"torso {peak_hz:.0f} Hz, height {height:.2f}", (peak_hz, height), xytext=(0, 6),
             textcoords="offset points", ha="center", fontsize=9, color=ACCENT,
         )  # fmt: skip
     if threshold is not None:
         first, last = band_hz(level, frequency, threshold)
-        axes.axhline(threshold * float(level.max()), color="#606060", lw=1.0, ls="--")
+        axes.axhline(threshold * float(level.max()), color=REFERENCE, lw=1.0, ls="--")
         axes.axvspan(first, last, color=SHADE, alpha=0.35, lw=0, zorder=0)
         axes.annotate(
-            f"B_µ = {last - first:.0f} Hz", ((first + last) / 2, 1.1 * float(level.max())), ha="center", fontsize=9,
+            f"bandwidth {last - first:.0f} Hz", ((first + last) / 2, 1.1 * float(level.max())), ha="center", fontsize=9,
             color=LINE,
         )  # fmt: skip
-    axes.grid(color="#e8e8e8", lw=0.6)
-    name_axes(axes, title=title, x=DOPPLER_LABEL, y="D_1 / max D_1 (1)" if normalised else "D_1 (1)")
+    draw_grid(axes)
+    name_axes(axes, title=title, x=DOPPLER_LABEL, y="amplitude (re maximum)" if normalised else AMPLITUDE_LABEL)
 
 
 def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.transforms import Bbox
 
-from doppelgait.viz.style import new_figure
+from doppelgait.viz.style import MAP_COLOURS, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,16 +36,17 @@ def domain_page(pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mappi
     for line, (kind, shown) in enumerate(pictures.items()):
         for column, (level_db, axis, label) in enumerate(shown):
             axes = figure.add_subplot(grid[line, column])
-            middle = float(np.median(level_db))
+            level_db = level_db - np.median(level_db)
             extent = (0.0, float(len(level_db)), float(axis[0]), float(axis[-1]))
-            axes.imshow(
-                level_db.T, origin="lower", aspect="auto", extent=extent, vmin=middle - 10.0, vmax=middle + 25.0,
-                cmap="magma", interpolation="nearest",
+            image = axes.imshow(
+                level_db.T, origin="lower", aspect="auto", extent=extent, vmin=-10.0, vmax=25.0, cmap=MAP_COLOURS,
+                interpolation="nearest",
             )  # fmt: skip
             axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
             axes.set_ylabel(label if column == 0 else "", fontsize=9)
-            axes.set_xlabel("column" if line == len(pictures) - 1 else "", fontsize=8)
+            axes.set_xlabel("number of the column" if line == len(pictures) - 1 else "", fontsize=8)
             axes.tick_params(labelsize=7)
+    figure.colorbar(image, ax=figure.axes, aspect=40, pad=0.02).set_label("level above the median (dB)", fontsize=9)
     axes = figure.add_subplot(grid[-1, :])
     axes.axis("off")
     names = list(table[0])

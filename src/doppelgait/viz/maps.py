@@ -14,12 +14,10 @@ from matplotlib.cm import ScalarMappable
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db, velocity_to_doppler_hz
-from doppelgait.viz.style import MAP_COLOURS
+from doppelgait.viz.style import MAP_COLOURS, VELOCITY_LABEL
 
 FloatArray = npt.NDArray[np.float64]
 
-DOPPLER_LABEL = "Doppler (Hz)"
-VELOCITY_LABEL = "radial velocity (m/s), + approaching"
 NO_DATA = "#bdbdbd"
 AUTO_DB_RANGE = (20.0, 40.0)
 """Smallest and largest dynamic range of a map when the caller asks for none."""
@@ -179,13 +177,16 @@ def draw_map(
 
 
 def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
-    """Add a colour bar with quantity, level and range."""
+    """Add a colour bar with quantity, level and range.
+
+    A quantity without a reference is normalised.
+    """
     low, high = image.get_clim()
     figure = axes[0].get_figure(root=True)
     assert figure is not None
     bar = figure.colorbar(image, ax=list(axes), pad=0.02, fraction=0.06, aspect=28)
-    unit = f"dB re {reference}" if reference else "dB"
-    bar.set_label(f"{quantity} ({unit}), {high - low:.0f} dB shown", fontsize=9.5)
+    words = f"{quantity} (dB re {reference})" if reference else f"normalised {quantity} (dB)"
+    bar.set_label(f"{words}, {high - low:.0f} dB shown", fontsize=9.5)
     bar.ax.tick_params(labelsize=9)
 
 

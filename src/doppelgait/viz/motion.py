@@ -15,25 +15,42 @@ from matplotlib.figure import Figure
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import MOTION, axis
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.viz.maps import DOPPLER_LABEL, checked, velocity_axis
-from doppelgait.viz.style import legend_below, name_axes, new_axes, new_figure
+from doppelgait.viz.maps import checked, velocity_axis
+from doppelgait.viz.style import (
+    ACCENT,
+    BLUE,
+    DOPPLER_LABEL,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    RANGE_LABEL,
+    REFERENCE,
+    SKY,
+    TARGET_STYLES,
+    TIME_LABEL,
+    draw_grid,
+    legend_below,
+    name_axes,
+    new_axes,
+    new_figure,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
 PART_COLOURS = {
-    "torso": "#c1121f",
-    "head": "#cc79a7",
-    "neck": "#cc79a7",
-    "left arm": "#e69f00",
-    "right arm": "#56b4e9",
-    "left foreleg": "#e69f00",
-    "right foreleg": "#56b4e9",
-    "left leg": "#009e73",
-    "right leg": "#0072b2",
-    "left hind leg": "#009e73",
-    "right hind leg": "#0072b2",
+    "torso": ACCENT,
+    "head": PURPLE,
+    "neck": PURPLE,
+    "left arm": ORANGE,
+    "right arm": SKY,
+    "left foreleg": ORANGE,
+    "right foreleg": SKY,
+    "left leg": GREEN,
+    "right leg": BLUE,
+    "left hind leg": GREEN,
+    "right hind leg": BLUE,
     "tail": "#8c564b",
-    "other": "#808080",
+    "other": "#b0b0b0",
 }
 """Colour of every group of body parts, the same in all figures; left warm or green, right blue."""
 
@@ -161,7 +178,7 @@ def draw_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: 
 
 
 def _dash(number: int) -> str:
-    return ("-", "--", ":", "-.")[number % 4]
+    return TARGET_STYLES[number % len(TARGET_STYLES)]
 
 
 def mean_ignoring_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
@@ -251,7 +268,7 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     lines = part_lines(_variable(scatterers, "range"))
     figure, axes = new_axes(ax)
     draw_part_lines(axes, lines)
-    _finish_lines(axes, lines.time_s, title=title, y="range (m)")
+    _finish_lines(axes, lines.time_s, title=title, y=RANGE_LABEL)
     legend_below(figure, axes, inside=ax is not None)
     return figure
 
@@ -260,7 +277,7 @@ def doppler_lines(
     scatterers: xr.Dataset,
     *,
     wavelength_m: float,
-    title: str = "True Doppler of every scatterer",
+    title: str = "True Doppler frequency of every scatterer",
     ax: Axes | None = None,
 ) -> Figure:
     """Plot the true Doppler shift of every scatterer over time.
@@ -307,11 +324,10 @@ def doppler_lines(
 
 
 def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None:
-    name_axes(axes, title=title, x="time (s)", y=y)
+    name_axes(axes, title=title, x=TIME_LABEL, y=y)
     if time_s.size > 1:
         axes.set_xlim(float(time_s[0]), float(time_s[-1]))
-    axes.grid(color="#e0e0e0", lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes)
 
 
 class LabelledMotion(Protocol):
@@ -454,7 +470,7 @@ def _panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
     panels = list(figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False).flat)
     for number, axes in enumerate(panels):
         axes.set(xlim=(-reach, reach), ylim=(low, high), aspect="equal", visible=number < n_frames)
-        axes.axhline(0.0, color="#606060", lw=0.8, zorder=0)
+        axes.axhline(0.0, color=REFERENCE, lw=0.8, zorder=0)
         last = number + across >= n_frames
         axes.tick_params(labelsize=8, labelbottom=last)
         axes.set_xlabel("along the path (m)" if last else "", fontsize=9)

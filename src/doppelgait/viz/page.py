@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.viz.maps import (
-    DOPPLER_LABEL,
     checked_signature,
     colour_bar,
     doppler_limits_hz,
@@ -22,14 +21,25 @@ from doppelgait.viz.maps import (
 from doppelgait.viz.ranges import draw_range_time
 from doppelgait.viz.signatures import draw_signature, reference_of
 from doppelgait.viz.spectra import (
-    CADENCE_LABEL,
-    LEVEL_LABEL,
     draw_cadence_spectrum,
     draw_step_doppler,
     from_main_line,
     step_doppler_label,
 )
-from doppelgait.viz.style import ACCENT, name_axes, new_figure, quantity
+from doppelgait.viz.style import (
+    ACCENT,
+    CADENCE_LABEL,
+    DOPPLER_LABEL,
+    GRID,
+    LEVEL_LABEL,
+    RANGE_LABEL,
+    SHORT_VELOCITY_LABEL,
+    TIME_LABEL,
+    legend_under,
+    name_axes,
+    new_figure,
+    quantity,
+)
 
 
 def overview(
@@ -100,28 +110,28 @@ def overview(
     >>> len(figure.axes) > 0
     True
     """
-    figure = new_figure(width_in=13.0, height_in=8.0)
+    figure = new_figure(width_in=13.0, height_in=8.6)
     figure.suptitle(title, fontsize=13, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1.0), squeeze=False)[:, 0]
     limits_hz = doppler_limits_hz(checked_signature(signature))
     left, right = above.subplots(1, 2)
     image = draw_range_time(left, baseband, tracks=gate, db_range=None)
-    name_axes(left, title="Range against time", x="time (s)", y="range (m)")
+    name_axes(left, title="Range against time", x=TIME_LABEL, y=RANGE_LABEL)
     colour_bar(image, left, quantity="magnitude", reference="1 V")
-    if gate is not None:
-        left.legend(fontsize=8.5, loc="upper right", framealpha=0.6, labelcolor="black")
+    legend_under(left, columns=6)
     signature_image = draw_signature(right, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
-    name_axes(right, title="Micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
-    velocity_axis(right, wavelength_m(signature))
+    name_axes(right, title="Micro-Doppler signature", x=TIME_LABEL, y=DOPPLER_LABEL)
+    velocity_axis(right, wavelength_m(signature), label=SHORT_VELOCITY_LABEL)
+    legend_under(right)
     colour_bar(signature_image, right, quantity="power", reference=reference_of(signature))
     left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
     cadence_image = draw_step_doppler(
         left, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=None, db_range=None,
         doppler_hz=None if from_main_line(cadence_map) else limits_hz,
     )  # fmt: skip
-    name_axes(left, title="Step-Doppler map", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
-    velocity_axis(left, wavelength_m(cadence_map), label="(m/s)")
-    colour_bar(cadence_image, left, quantity="magnitude", reference="1")
+    name_axes(left, title="Cadence-velocity diagram", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
+    velocity_axis(left, wavelength_m(cadence_map), label=SHORT_VELOCITY_LABEL)
+    colour_bar(cadence_image, left, quantity="magnitude")
     ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
     draw_cadence_spectrum(
         middle,
@@ -136,6 +146,8 @@ def overview(
         doubtful="gait_frequency_hz" in doubtful,
     )
     name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
+    for axes in (left, middle):
+        legend_under(axes)
     _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags, doubtful)
     return figure
 
@@ -157,9 +169,11 @@ def _draw_features(
             va="center",
             ha="right",
         )
-        axes.plot([0.0, 1.0], [height - step / 2] * 2, color="#e0e0e0", lw=0.8)
+        axes.plot([0.0, 1.0], [height - step / 2] * 2, color=GRID, lw=0.8)
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    text = "\n".join(textwrap.fill(flag.replace("_", " ").replace(":", ": "), 44) for flag in flags)
+    text = "\n".join(
+        textwrap.fill(flag.replace("_", " ").replace(":", ": ").replace(" db ", " dB "), 44) for flag in flags
+    )
     text = "? low confidence\n" * bool(doubtful) + text
     axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=ACCENT)
 

@@ -12,12 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, Schema
 from doppelgait.core.lazy import LONG_PULSES, every_row
 from doppelgait.viz.maps import (
-    DOPPLER_LABEL,
     amplitude_to_db,
     checked,
     colour_bar,
@@ -27,7 +27,21 @@ from doppelgait.viz.maps import (
     velocity_axis,
     wavelength_m,
 )
-from doppelgait.viz.style import ACCENT, LINE_COLOURS, legend_below, name_axes, new_axes, new_figure
+from doppelgait.viz.style import (
+    ACCENT,
+    DOPPLER_LABEL,
+    LINE,
+    LINE_COLOURS,
+    RANGE_LABEL,
+    SKY,
+    TIME_LABEL,
+    draw_grid,
+    legend_below,
+    map_lines,
+    name_axes,
+    new_axes,
+    new_figure,
+)
 
 ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
 GATE_RANGES = ("range_low", "range_high")
@@ -91,7 +105,7 @@ def range_time(
     """
     figure, axes = new_axes(ax)
     image = draw_range_time(axes, baseband, tracks=tracks, db_range=db_range)
-    name_axes(axes, title=title, x="time (s)", y="range (m)")
+    name_axes(axes, title=title, x=TIME_LABEL, y=RANGE_LABEL)
     colour_bar(image, axes, quantity="magnitude", reference="1 V")
     legend_below(figure, axes, inside=ax is not None)
     return figure
@@ -116,15 +130,17 @@ def draw_range_time(
     )
     limits = axes.get_xlim(), axes.get_ylim()
     named = {"gate": tracks} if isinstance(tracks, xr.Dataset) else dict(tracks or {})
-    for number, (label, gate) in enumerate(named.items()):
+    for (label, gate), (colour, style) in zip(named.items(), map_lines(list(named)), strict=True):
         check_gate(gate, *GATE_RANGES)
         for name in GATE_RANGES:
             axes.plot(
                 gate.coords["time"].values,
                 gate[name].values,
-                color=LINE_COLOURS[number % len(LINE_COLOURS)],
-                lw=1.4,
-                label=label if name == "range_low" else None,
+                lw=1.6,
+                label=(label if label == "gate" else f"gate: {label}") if name == "range_low" else None,
+                path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
+                color=colour,
+                ls=style,
             )
     axes.set(xlim=limits[0], ylim=limits[1])
     return image
@@ -185,7 +201,7 @@ def range_doppler_map(
         limits_db=level_limits_db(level_db, db_range),
     )
     time_s = float(power.coords["time"]) if "time" in power.coords else None
-    name_axes(axes, title=title if time_s is None else f"{title} at {time_s:.2f} s", x="range (m)", y=DOPPLER_LABEL)
+    name_axes(axes, title=title if time_s is None else f"{title} at {time_s:.2f} s", x=RANGE_LABEL, y=DOPPLER_LABEL)
     if gate is not None:
         gates = check_gate(gate, *GATE_RANGES, *GATE_BAND)
         times_s = gates.coords["time"].values
@@ -214,9 +230,6 @@ def range_doppler_map(
 
 FloatArray = npt.NDArray[np.float64]
 
-STATIC = "#1f3b57"
-NOISE = "#56b4e9"
-
 
 def twin_figure(
     *,
@@ -228,7 +241,7 @@ def twin_figure(
     time_s: FloatArray,
     phase_rad: FloatArray,
     gain_db: FloatArray,
-    title: str = "Sensor twin",
+    title: str = "Fitted sensor model",
 ) -> Figure:
     """Plot levels over range, and common phase over time.
 
@@ -245,13 +258,15 @@ def twin_figure(
     figure = new_figure(width_in=10.5, height_in=7.5)
     grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))
     levels = figure.add_subplot(grid[0, :])
-    levels.plot(range_m, static_db, color=STATIC, lw=1.0, label="static echo")
+    levels.plot(range_m, static_db, color=LINE, lw=1.0, label="static echo")
     levels.plot(knots_m, knots_db, color=ACCENT, lw=1.6, marker="o", ms=3.5, label="clutter profile")
-    levels.plot(range_m, noise_db, color=NOISE, lw=1.2, label="noise per frame")
-    name_axes(levels, title=title, x="range (m)", y="level (dB re 1 V)")
+    levels.plot(range_m, noise_db, color=SKY, lw=1.2, label="noise per frame")
+    name_axes(levels, title=title, x=RANGE_LABEL, y="level (dB re 1 V)")
+    draw_grid(levels)
     for column, (values, words) in enumerate(((phase_rad, "common phase (rad)"), (gain_db, "common gain (dB)"))):
         axes = figure.add_subplot(grid[1, column])
-        axes.plot(time_s, values, color=STATIC, lw=0.7)
-        name_axes(axes, title="", x="time (s)", y=words)
+        axes.plot(time_s, values, color=LINE, lw=0.7)
+        name_axes(axes, title="", x=TIME_LABEL, y=words)
+        draw_grid(axes)
     legend_below(figure, levels)
     return figure

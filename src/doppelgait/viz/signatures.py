@@ -12,7 +12,6 @@ from matplotlib.patheffects import withStroke
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.viz.maps import (
-    DOPPLER_LABEL,
     checked_signature,
     colour_bar,
     doppler_limits_hz,
@@ -24,9 +23,12 @@ from doppelgait.viz.maps import (
 )
 from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.style import (
+    DOPPLER_LABEL,
     LINE_COLOURS,
     MAP_COLOURS,
     OVERLAY_COLOURS,
+    TIME_LABEL,
+    YELLOW,
     legend_below,
     name_axes,
     new_axes,
@@ -35,7 +37,7 @@ from doppelgait.viz.style import (
 
 Limits = tuple[float, float]
 
-MAIN_LINE = (LINE_COLOURS[0], "#d9b400")
+MAIN_LINE = (LINE_COLOURS[0], YELLOW)
 """Colour of the main line on the coloured and on the grey map."""
 
 
@@ -98,7 +100,7 @@ def signature(
         db_range=db_range,
         doppler_hz=doppler_hz,
     )
-    name_axes(axes, title=title, x="time (s)", y=DOPPLER_LABEL)
+    name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL)
     velocity_axis(axes, wavelength)
     colour_bar(image, axes, quantity="power", reference=reference_of(signature))
     legend_below(figure, axes, inside=ax is not None)
@@ -108,9 +110,9 @@ def signature(
 def reference_of(signature: xr.DataArray) -> str:
     """Return the reference of the levels.
 
-    It is 1 V² for a raw signature, 1 for a normalised one.
+    It is 1 V² for a raw signature; a normalised one has none.
     """
-    return "1 V²" if signature.attrs["units"] == "V^2" else "1"
+    return "1 V²" if signature.attrs["units"] == "V^2" else ""
 
 
 def draw_signature(
@@ -212,7 +214,7 @@ def signature_normalisation(
     titles = ("(a) signature", "(b) columns normalised")
     for axes, array, title in zip(pair, (signature, normalised), titles, strict=True):
         image = draw_signature(axes, array, db_range=db_range, doppler_hz=limits_hz)
-        name_axes(axes, title=title, x="time (s)", y=DOPPLER_LABEL if axes is pair[0] else "")
+        name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL if axes is pair[0] else "")
         colour_bar(image, axes, quantity="power", reference=reference_of(array))
     velocity_axis(pair[1], wavelength_m(normalised))
     return figure

@@ -15,7 +15,6 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM
 from doppelgait.core.units import power_to_db
 from doppelgait.viz.maps import (
-    DOPPLER_LABEL,
     amplitude_to_db,
     check_db_range,
     checked,
@@ -27,13 +26,23 @@ from doppelgait.viz.maps import (
     velocity_axis,
     wavelength_m,
 )
-from doppelgait.viz.style import ACCENT, LINE_COLOURS, name_axes, new_axes
+from doppelgait.viz.style import (
+    ACCENT,
+    CADENCE_LABEL,
+    DOPPLER_LABEL,
+    FROM_LINE_LABEL,
+    LEVEL_LABEL,
+    LINE,
+    LINE_COLOURS,
+    REFERENCE,
+    SHADE,
+    draw_grid,
+    legend_below,
+    name_axes,
+    new_axes,
+)
 
 FloatArray = npt.NDArray[np.float64]
-
-LEVEL_LABEL = "level (dB re maximum)"
-LINE = "#1f3b57"
-SHADE = "#9ecae1"
 
 
 def cadence_spectrum(
@@ -98,6 +107,7 @@ def cadence_spectrum(
         max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude, doubtful=doubtful,
     )  # fmt: skip
     name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
@@ -113,22 +123,30 @@ def draw_cadence_spectrum(
     cadence_hz = shown.coords["cadence"].values
     level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
     axes.plot(cadence_hz, level_db, color=LINE, lw=1.3)
-    axes.grid(color="#e0e0e0", lw=0.6)
+    draw_grid(axes)
     axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=level_axis_db(level_db, db_range))
-    marks = [("f", gait_frequency_hz), *((f"{n}f", value) for n, value in enumerate(harmonics_hz, start=2))]
-    for name, value in marks:
-        if value is not None and np.isfinite(value) and value <= cadence_hz[-1]:
-            _mark_peak(
-                axes, value, float(np.interp(value, cadence_hz, level_db)), f"{name}\n{value:.2f} Hz" + " ?" * doubtful
-            )
+    mark_harmonics(axes, [gait_frequency_hz, *harmonics_hz], cadence_hz, level_db, doubtful=doubtful)
     if gait_frequency_hz is None:
         axes.text(
             0.99, 0.96, "no gait frequency", transform=axes.transAxes, ha="right", va="top", color=ACCENT, fontsize=9
         )
 
 
-def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str) -> None:
-    axes.plot([cadence_hz], [level_db], marker="o", color=ACCENT, ms=5, ls="none")
+def mark_harmonics(
+    axes: Axes, found_hz: Sequence[float | None], cadence_hz: FloatArray, level: FloatArray, *, doubtful: bool = False
+) -> None:
+    """Mark the gait frequency as 1 and its harmonics as 2, 3, ...
+
+    The legend has their values, with a question mark where they are doubtful.
+    """
+    for number, value in enumerate(found_hz, start=1):
+        if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
+            words = f"{number}: {'gait frequency' if number == 1 else 'harmonic'}, {value:.2f} Hz" + " ?" * doubtful
+            _mark_peak(axes, value, float(np.interp(value, cadence_hz, level)), str(number), label=words)
+
+
+def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, label: str | None = None) -> None:
+    axes.plot([cadence_hz], [level_db], marker="o", color=ACCENT, ms=5, ls="none", label=label)
     axes.annotate(
         text, (cadence_hz, level_db), xytext=(0, 7), textcoords="offset points", ha="center", va="bottom",
         fontsize=9, color=ACCENT,
@@ -224,7 +242,7 @@ def mean_doppler_spectrum(
     figure, axes = new_axes(ax, height_in=4.6)
     level_db = levels_below_peak_db(power, db_range, amplitude=False)
     axes.plot(axis_hz, level_db, color=LINE, lw=1.3)
-    axes.grid(color="#e0e0e0", lw=0.6)
+    draw_grid(axes)
     axes.set(xlim=(float(axis_hz[0]), float(axis_hz[-1])), ylim=level_axis_db(level_db, db_range))
     if bandwidth_hz is not None:
         edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
@@ -235,7 +253,7 @@ def mean_doppler_spectrum(
         )  # fmt: skip
     if threshold is not None:
         threshold_level_db = float(power_to_db(threshold))
-        axes.axhline(threshold_level_db, color="#606060", lw=1.0, ls="--")
+        axes.axhline(threshold_level_db, color=REFERENCE, lw=1.0, ls="--")
         axes.annotate(
             f"threshold {threshold:g} ({threshold_level_db:.1f} dB)",
             (0.99, threshold_level_db),
@@ -245,7 +263,7 @@ def mean_doppler_spectrum(
             ha="right",
             va="bottom",
             fontsize=9,
-            color="#404040",
+            color=REFERENCE,
         )
     if torso_doppler_hz is not None:
         level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
@@ -270,17 +288,13 @@ def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) 
     return middle, middle + span
 
 
-CADENCE_LABEL = "cadence (Hz)"
-FROM_LINE_LABEL = "Doppler from the main line (Hz)"
-
-
 def step_doppler(
     cadence_map: xr.DataArray,
     *,
     gait_frequency_hz: float | None = None,
     max_cadence_hz: float | None = None,
     db_range: float | None = None,
-    title: str = "Step-Doppler map",
+    title: str = "Cadence-velocity diagram",
     ax: Axes | None = None,
 ) -> Figure:
     """Plot a cadence-velocity diagram in dB (the report's Fig. 4.12).
@@ -325,7 +339,8 @@ def step_doppler(
     )
     name_axes(axes, title=title, x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
     velocity_axis(axes, wavelength_m(cadence_map))
-    colour_bar(image, axes, quantity="magnitude", reference="1")
+    colour_bar(image, axes, quantity="magnitude")
+    legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
@@ -367,13 +382,14 @@ def draw_step_doppler(
     limits_hz = doppler_hz or doppler_limits_hz(shown**2)
     axes.set(xlim=(0.0, float(shown.coords["cadence"].values[-1])), ylim=limits_hz)
     if gait_frequency_hz is not None:
-        for number, name in ((1, "f"), (2, "2f"), (3, "3f")):
+        label = f"gait frequency, {gait_frequency_hz:.2f} Hz, and its harmonics 2 and 3"
+        for number in (1, 2, 3):
             cadence_hz = number * gait_frequency_hz
             if cadence_hz < axes.get_xlim()[1]:
-                axes.axvline(cadence_hz, ymin=0.94, color=LINE_COLOURS[0], lw=1.6)
+                axes.axvline(cadence_hz, ymin=0.94, color=LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
                 axes.annotate(
-                    name, (cadence_hz, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0], fontsize=9,
-                    ha="center", va="top",
+                    str(number), (cadence_hz, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0],
+                    fontsize=9, ha="center", va="top",
                 )  # fmt: skip
     return image
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from threading import Lock
@@ -12,7 +12,10 @@ from typing import Literal
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError
@@ -27,23 +30,48 @@ MAP_COLOURS = "magma"
 """Perceptually uniform; starts at black, so an empty room is dark."""
 OVERLAY_COLOURS = "gray"
 """Under lines coloured by body part."""
-LINE_COLOURS = ("#35d0ff", "#9cff57", "#ffffff", "#ff9cf5", "#ffe14d", "#b9a7ff")
-"""Lines on a map: none of them occurs in it."""
+SHARE_COLOURS = "Blues"
+"""Shares from 0 to 1, with black or white numbers on them."""
+
+BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#e69f00", "#009e73", "#cc79a7"
+SKY, VERMILLION, YELLOW = "#56b4e9", "#d55e00", "#f0e442"
+"""Colours of Okabe and Ito (2008), distinct in every colour-vision deficiency; all categories take theirs from here."""
+LINE_COLOURS = (SKY, ORANGE, "#ffffff", PURPLE, YELLOW, GREEN)
+"""Lines on a map, with a black edge."""
+SERIES_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
+"""Lines and markers on white."""
+LINE, SHADE, GRID, REFERENCE = "#1f3b57", "#9ecae1", "#e0e0e0", "#606060"
+"""A single curve, a band, the grid, and lines to compare with."""
 ACCENT = "#c1121f"
-CLASS_COLOURS = {"human": "#0072b2", "dog": "#e69f00", "cat": "#009e73"}
-OTHER_CLASS_COLOURS = ("#cc79a7", "#56b4e9", "#8c564b", "#444444", "#b79f00")
+"""Marks and words on a curve."""
+CLASS_COLOURS = {"human": BLUE, "dog": ORANGE, "cat": GREEN}
+OTHER_CLASS_COLOURS = (PURPLE, SKY, VERMILLION, "#444444")
+ON_MAPS = {BLUE: SKY}
+"""Colours that are too dark for a map, and those that replace them there."""
+TARGET_STYLES = ("-", "--", ":", "-.")
+"""Lines of the first, second, ... target of a class."""
+
+TIME_LABEL, RANGE_LABEL = "time (s)", "range (m)"
+DOPPLER_LABEL = "Doppler frequency (Hz)"
+FROM_LINE_LABEL = "Doppler frequency from the main line (Hz)"
+VELOCITY_LABEL = "radial velocity (m/s), approaching positive"
+SHORT_VELOCITY_LABEL = "radial velocity (m/s)"
+"""On pages of several panels."""
+CADENCE_LABEL = "cadence (Hz)"
+LEVEL_LABEL = "level (dB re maximum)"
 
 UNIT_OF_SUFFIX = {"mps": "m/s", "hz": "Hz", "m": "m", "s": "s", "db": "dB", "deg": "°", "m2": "m²", "kg": "kg"}
 QUANTITY_NAMES = {
     "torso_velocity_mps": "torso velocity",
     "doppler_bandwidth_hz": "Doppler bandwidth",
     "step_length_m": STEP_LENGTHS["step_length_m"],
-    "harmonic_ratio_2": "harmonic ratio f₂/f",
-    "harmonic_ratio_3": "harmonic ratio f₃/f",
+    "harmonic_ratio_2": "second harmonic ratio",
+    "harmonic_ratio_3": "third harmonic ratio",
     "limb_torso_ratio": "limb-torso ratio",
     "snr_mu_db": "SNR of the signature",
     "n_periods": "observed periods",
 }
+SHORT_WORDS = {"doppler": "Doppler", "sd": "standard deviation", "snr": "SNR"}
 FEATURE_NAMES = tuple(QUANTITY_NAMES)[:6]
 """The six features in their order (E-39)."""
 QUANTITY_NAMES |= STEP_LENGTHS
@@ -56,14 +84,17 @@ def quantity(name: str) -> tuple[str, str]:
     """
     stem, _, suffix = name.rpartition("_")
     unit = UNIT_OF_SUFFIX.get(suffix, "1") if stem else "1"
-    words = (stem if unit != "1" else name).replace("_", " ")
+    words = " ".join(SHORT_WORDS.get(word, word) for word in (stem if unit != "1" else name).split("_"))
     return QUANTITY_NAMES.get(name, words), unit
 
 
 def quantity_label(name: str) -> str:
-    """Return the axis label of a column: words and unit."""
+    """Return the axis label of a column: words and unit.
+
+    A number without a unit has words alone.
+    """
     words, unit = quantity(name)
-    return f"{words} ({unit})"
+    return words if unit == "1" else f"{words} ({unit})"
 
 
 def class_colours(classes: Iterable[str]) -> dict[str, str]:
@@ -75,6 +106,20 @@ def class_colours(classes: Iterable[str]) -> dict[str, str]:
     others = [name for name in names if name not in CLASS_COLOURS]
     extra = {name: OTHER_CLASS_COLOURS[n % len(OTHER_CLASS_COLOURS)] for n, name in enumerate(others)}
     return {name: CLASS_COLOURS.get(name) or extra[name] for name in names}
+
+
+def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
+    """Return colour and line style of targets on a map.
+
+    A target with a known class, such as "0 human", has the colour of the class; several of a class differ in style.
+    """
+    known = [next((name for name in CLASS_COLOURS if name in label.split()), "") for label in labels]
+    looks = []
+    for number, name in enumerate(known):
+        colour = CLASS_COLOURS.get(name, LINE_COLOURS[number % len(LINE_COLOURS)])
+        style = TARGET_STYLES[known[:number].count(name) % len(TARGET_STYLES)] if name else "-"
+        looks.append((ON_MAPS.get(colour, colour), style))
+    return looks
 
 
 def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
@@ -110,6 +155,12 @@ def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
     axes.tick_params(labelsize=9)
 
 
+def draw_grid(axes: Axes) -> None:
+    """Draw the grid behind everything else, the same everywhere."""
+    axes.grid(color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+
+
 def legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
     """Put a legend below the axes, or inside them.
 
@@ -122,8 +173,30 @@ def legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool =
             if inside
             else figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
         )
-        for line in legend.get_lines():
-            line.set(linewidth=max(line.get_linewidth(), 1.5), alpha=1.0)
+        strengthen(legend)
+
+
+def legend_under(axes: Axes, *, columns: int = 1) -> None:
+    """Put the legend of one panel below its labels.
+
+    Pages of several panels need it where the panels differ.
+    """
+    if axes.get_legend_handles_labels()[0]:
+        strengthen(
+            axes.legend(
+                loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, fontsize=8.5, frameon=False,
+                borderaxespad=0.0,
+            )
+        )  # fmt: skip
+
+
+def strengthen(legend: Legend) -> None:
+    """Make thin lines and small or pale marks of a legend readable."""
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set(linewidth=max(handle.get_linewidth(), 1.5), alpha=1.0)
+        elif isinstance(handle, PathCollection):
+            handle.set(sizes=[30.0], alpha=1.0)
 
 
 def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,6 @@ from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.viz.maps import (
-    DOPPLER_LABEL,
     checked_signature,
     colour_bar,
     doppler_limits_hz,
@@ -25,12 +25,17 @@ from doppelgait.viz.maps import (
 )
 from doppelgait.viz.signatures import Limits, draw_signature, reference_of
 from doppelgait.viz.style import (
+    DOPPLER_LABEL,
     FEATURE_NAMES,
+    SHORT_VELOCITY_LABEL,
+    TIME_LABEL,
     class_colours,
+    draw_grid,
     legend_below,
     name_axes,
     new_axes,
     new_figure,
+    quantity,
     quantity_label,
 )
 
@@ -40,7 +45,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-BINS = 30
+BINS = (8, 30)
 TAIL = 0.002
 """Share at either end that a histogram's first and last bin take in, so that single outliers do not flatten it."""
 
@@ -113,10 +118,9 @@ def feature_scatter(
             values[x][chosen], values[y][chosen], s=size, color=colour, alpha=0.65, lw=0,
             label=_count(name, known, members),
         )  # fmt: skip
-    axes.grid(color="#e0e0e0", lw=0.6)
-    axes.set_axisbelow(True)
+    draw_grid(axes)
     x_label, y_label = quantity_label(x), quantity_label(y)
-    words = f"{y_label.rpartition(' (')[0]} against {x_label.rpartition(' (')[0]}"
+    words = f"{quantity(y)[0]} against {quantity(x)[0]}"
     name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
     legend_below(figure, axes, inside=ax is not None)
     return figure
@@ -170,7 +174,7 @@ def feature_matrix(
     for axes, name in zip(panels, features, strict=False):
         column = values[name]
         known = np.isfinite(column)
-        edges = bin_edges(column[known])
+        edges = bin_edges(column[known], len(table))
         for label, colour in class_colours(classes.tolist()).items():
             members = classes == label
             inside = np.clip(column[members & known], edges[0], edges[-1])
@@ -178,36 +182,36 @@ def feature_matrix(
             axes.stairs(
                 100.0 * counts / max(inside.size, 1),
                 edges,
-                color=colour,
                 fill=True,
-                alpha=0.4,
-                lw=1.2,
+                facecolor=(colour, 0.15),
                 edgecolor=colour,
-                label=_count(label, known, members),
+                lw=1.6,
+                label=label,
             )
-        axes.set_ylim(0.0, 1.3 * max(axes.get_ylim()[1], 1e-9))
-        axes.legend(fontsize=8.5, frameon=False, loc="upper right")
-        axes.grid(color="#e8e8e8", lw=0.6)
-        axes.set_axisbelow(True)
+        draw_grid(axes)
         name_axes(axes, title="", x=quantity_label(name), y="share of class (%)")
+        words = ", ".join(_count(label, known, classes == label) for label in class_colours(classes.tolist()))
+        axes.set_title("\n".join(textwrap.wrap(words, 56)), fontsize=8.5, loc="left")
     for axes in panels[len(features) :]:
         axes.set_visible(False)
     figure.suptitle(title, fontsize=11.5, x=0.01, ha="left")
+    legend_below(figure, panels[0])
     return figure
 
 
-def bin_edges(known: FloatArray) -> FloatArray:
-    """Return the edges of 30 bins; shape (31,).
+def bin_edges(known: FloatArray, n_rows: int) -> FloatArray:
+    """Return the edges of 8 to 30 bins, about the root of twice the rows.
 
     The bins lie between the outer quantiles of the values, or around equal values.
     """
+    bins = int(np.clip(math.sqrt(2.0 * n_rows), *BINS))
     if not known.size:
-        return np.linspace(0.0, 1.0, BINS + 1)
+        return np.linspace(0.0, 1.0, bins + 1)
     low, high = (float(level) for level in np.quantile(known, [TAIL, 1.0 - TAIL]))
     if not high > low:
         reach = max(abs(low) * 0.05, 0.5)
         low, high = low - reach, high + reach
-    return np.linspace(low, high, BINS + 1)
+    return np.linspace(low, high, bins + 1)
 
 
 def contact_sheet(
@@ -274,10 +278,10 @@ def contact_sheet(
     for number, axes in enumerate(panels):
         axes.set_visible(number < len(arrays))
         axes.tick_params(labelbottom=number + across >= len(arrays))
-    figure.supxlabel("time (s)", fontsize=10)
+    figure.supxlabel(TIME_LABEL, fontsize=10)
     figure.supylabel(DOPPLER_LABEL, fontsize=10)
     for number in range(across - 1, len(arrays), across):
-        velocity_axis(panels[number], wavelength_m(arrays[0]), label="(m/s)")
+        velocity_axis(panels[number], wavelength_m(arrays[0]), label=SHORT_VELOCITY_LABEL)
     colour_bar(image, *panels, quantity="power", reference=reference_of(arrays[0]))
     return figure
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from doppelgait.classify import classify as run_classification
 from doppelgait.classify import load_model
+from doppelgait.classify.report import figures_of
 from doppelgait.cli.analyze import analyze
 from doppelgait.cli.classify import classify, evaluate
 from doppelgait.cli.live import live
@@ -18,6 +19,7 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning,
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import Radar, read_recording, write_recording
 from doppelgait.radar.frames import write_frames
+from figure_faults import faults
 from tiny_dataset import built, tiny_plan
 
 APP = typer.Typer()
@@ -54,6 +56,13 @@ def folder(tmp_path_factory):
 
 def test_the_report_is_there(folder):
     assert {"index.html", "scores.json", "answers.csv", "plan.json"} <= {p.name for p in (folder / "report").iterdir()}
+
+
+def test_figures_of_the_report_have_no_faults(folder):
+    document = json.loads((folder / "report" / "scores.json").read_text())
+    found = {name: faults(figure) for name, _, figure in figures_of(document)}
+    assert {"scores", "confusion", "reliability", "roc-human"} <= set(found)
+    assert {name: words for name, words in found.items() if words} == {}
 
 
 def test_json_is_the_document(folder, tmp_path_factory, tmp_path):

@@ -13,6 +13,7 @@ import pytest
 
 import dataset_plans
 from checkout import ROOT
+from doppelgait import viz
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import file_sha256
@@ -21,6 +22,7 @@ from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.finish import SUMS, write_splits, write_sums
 from doppelgait.dataset.shard_files import ShardFiles, hash_contents
 from doppelgait.dataset.verify import verify_dataset
+from figure_faults import faults
 
 N = 30
 
@@ -145,7 +147,13 @@ def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
 @pytest.mark.slow
 def test_every_class_has_a_page(built, tmp_path, monkeypatch):
     monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 6)  # two pages of 24 take 10 s to lay out and draw
+    drawn = []
+    save = viz.save_figure
+    monkeypatch.setattr(
+        viz, "save_figure", lambda figure, path: drawn.append(figure) or save(figure, path), raising=False
+    )
     found = verify(built, figures=tmp_path / "pages" / "new")
+    assert [faults(figure) for figure in drawn] == [[], [], []]
     names = ["signatures-dog.png", "signatures-human.png", "features.png"]
     assert [path.name for path in found.figures] == names
     assert sorted(path.name for path in (tmp_path / "pages" / "new").iterdir()) == sorted(names)

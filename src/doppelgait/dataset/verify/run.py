@@ -107,7 +107,7 @@ def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
             for names, unit in ((speeds, "{:+.1f} m/s"), (levels, "{:.0f} dB")):
                 known = [row[name] for name in names if name in row.index and pd.notna(row[name])]
                 parts += [unit.format(known[0])] if known else []
-            titles.append("  ".join(parts))
+            titles.append(f"{parts[0]}: {', '.join(parts[1:])}" if parts[1:] else parts[0])
             places.append(number)
         if len(arrays) == SHEET_SIZE:
             break
@@ -116,7 +116,9 @@ def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
     order = np.argsort(places)
     figure = contact_sheet([arrays[n] for n in order], titles=[titles[n] for n in order], columns=SHEET_COLUMNS)
     name = contents.description.get("name")
-    words = f"{name}: {label}, {len(arrays)} of {len(members)} rows, each over its noise floor"
+    words = (
+        f"{name}: {label}, {len(arrays)} of {len(members)} rows (row: radial velocity, SNR), each over its noise floor"
+    )
     figure.suptitle(words, fontsize=11.5, x=0.01, ha="left")
     return figure
 

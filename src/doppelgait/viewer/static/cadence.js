@@ -9,7 +9,7 @@ import * as state from "./state.js";
 import { element, fixed, makePanel, words } from "./ui.js";
 
 const TITLE = "Cadence-velocity diagram";
-const PEAK = "#35d0ff";
+const PEAK = "#56b4e9";
 const FROM_LINE = "from main line"; // what the Doppler axis counts from where the signature was aligned
 const NAMES = { f_mu: "f", "2nd": "2f", "3rd": "3f" };
 

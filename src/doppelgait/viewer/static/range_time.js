@@ -6,7 +6,7 @@ import { cellAt, edges, levelDb, paint, valueAt } from "./picture.js";
 import { element, fixed, makePanel } from "./ui.js";
 
 /** Colours of the gates by number of the target; none of them occurs in the maps. */
-export const GATE_COLOURS = ["#35d0ff", "#9cff57", "#ffffff", "#ff9cf5", "#ffe14d", "#b9a7ff"];
+export const GATE_COLOURS = ["#56b4e9", "#e69f00", "#ffffff", "#cc79a7", "#f0e442", "#009e73"];
 
 /** Margins while the signature below has the same time axis, with its numbers. */
 const ABOVE = { ...MARGINS, bottom: 10 };

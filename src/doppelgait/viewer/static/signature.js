@@ -8,7 +8,7 @@ import * as state from "./state.js";
 import { bodyOf } from "./truth.js";
 import { element, fixed, makePanel, shownPiece, span } from "./ui.js";
 
-const MAIN_LINE = "#35d0ff";
+const MAIN_LINE = "#56b4e9";
 const PIECE = "#ffe14d";
 const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
 const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target

@@ -1,0 +1,43 @@
+"""Figures of ``analyze``: no fault that a reader would see, and vector files."""
+
+from __future__ import annotations
+
+import pytest
+
+import doppelgait as dg
+from doppelgait.cli.figures import _figures
+from figure_faults import faults
+
+
+@pytest.fixture(scope="module")
+def figures():
+    radar = dg.Radar.preset("x4", range_stop_m=8.0)
+    walk, trot = (
+        dg.motion.human_gait(speed_mps=1.3, duration_s=2.5),
+        dg.motion.quadruped_gait(gait="trot", duration_s=2.5),
+    )
+    scene = dg.Scene([dg.Target(walk, label="human", range_m=5.0), dg.Target(trot, label="dog", range_m=3.5)])
+    recording = dg.simulate(scene, radar, rng=dg.rng(2), snr_db=20)
+    return dict(_figures(recording, dg.analyze(recording, gate="truth"), dg.Analysis().resolved(None)))
+
+
+def test_every_figure_is_named_by_the_vocabulary(figures):
+    kinds = {name.removeprefix("0-human-").removeprefix("1-dog-") for name in figures}
+    assert kinds >= {"range-time", "overview", "range-doppler", "signature", "cadence-velocity", "cadence-spectrum"}
+    assert not [name for name in figures if "step-doppler" in name]
+
+
+def test_no_figure_has_faults(figures):
+    assert {name: faults(figure) for name, figure in figures.items() if faults(figure)} == {}
+
+
+def test_faults_are_found(figures):
+    figure = figures["range-time"]
+    axes = figure.axes[0]
+    axes.text(0.5, 0.5, "one word", transform=axes.transAxes)
+    axes.text(0.5, 0.5, "another", transform=axes.transAxes)
+    axes.text(1.5, 0.5, "far to the right", transform=axes.transAxes, in_layout=False)
+    axes.set_xlabel("D_g")
+    words = "; ".join(faults(figure))
+    for fault in ("'one word' overlaps 'another'", "leaves the canvas", "'D_g' has no unit", "'D_g' has a symbol"):
+        assert fault in words
