@@ -33,7 +33,7 @@ import doppelgait
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """Describe the machine of the measurement."""
     import numba
 
     return {
@@ -50,7 +50,7 @@ def machine() -> dict[str, Any]:
 
 
 def processor_name() -> str:
-    """The processor's own name where Linux tells it."""
+    """Return the processor's name, on Linux."""
     try:
         with open("/proc/cpuinfo") as facts:
             return next(line.split(":")[1].strip() for line in facts if line.startswith("model name"))

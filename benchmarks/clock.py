@@ -46,7 +46,7 @@ def timing(seconds: Iterable[float]) -> Timing:
 
 
 def combine(function: Callable[..., float], *timings: Timing) -> Timing:
-    """A quantity from minima and the same from medians."""
+    """Return a quantity from minima, and from medians."""
     return {key: function(*(timing[key] for timing in timings)) for key in ("min", "median")}
 
 

@@ -80,7 +80,7 @@ def loader_sizes(dataset: Dataset, workers: int) -> Iterator[int]:
 
 
 def plain_sizes(dataset: Dataset) -> Iterator[int]:
-    """The floor: whole shards in order by plain h5py."""
+    """Read whole shards in order by plain h5py: the floor."""
     import h5py
 
     for shard in dataset.index["shard"].unique():
@@ -103,7 +103,7 @@ def reading(dataset: Dataset) -> dict[str, Any]:
 
 
 def large_index(dataset: Dataset, rows: int) -> dict[str, Any]:
-    """Times and memory of a process of its own that opens a dataset of many rows; without arrays."""
+    """Measure time and memory of opening a large index in a new process."""
     repeats = -(-rows // len(dataset))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -136,7 +136,10 @@ def exporting(dataset: Dataset) -> dict[str, Any]:
 
 
 def streaming(dataset: Dataset, count: int) -> dict[str, float]:
-    """Simulated on the fly, without a disk; the first examples load the kernels."""
+    """Simulate on the fly, without a disk.
+
+    The first examples load the kernels.
+    """
     examples = iter(stream_examples(PlanConfig.model_validate(dataset.description["config"])))
     for _ in islice(examples, 4):
         pass

@@ -95,7 +95,7 @@ def measure_builds(*, quick: bool) -> dict[str, Any]:
 
 
 def run_fresh_and_print(program: str) -> tuple[str, float]:
-    """What a program prints, and its peak memory in MB."""
+    """Return what a program prints, and its peak memory in MB."""
     peak = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
     done = subprocess.run([sys.executable, "-c", f"{program}; {peak}"], capture_output=True, text=True, check=True)
     *_, printed, peak_mb = done.stdout.split()

@@ -60,7 +60,10 @@ def make_row(key: tuple[str, Any, str], size: float, seconds: Timing) -> dict[st
 
 
 def make_case(axis: str, value: Any) -> tuple[float, dict[str, Work]]:
-    """The size of a case along its axis, and its stages; what does not vary is as in scenario S."""
+    """Return the size of a case along its axis, and its stages.
+
+    What does not vary is as in scenario S.
+    """
     n_scatterers = value if axis == "scatterers" else N_SCATTERERS
     scene = walking_scene(n_scatterers, value if axis == "seconds" else DURATION_S, SPEED_MPS)
     radar = make_radar(value if axis == "range bins" else 8)

@@ -38,7 +38,10 @@ def obvious_signature(baseband: Any, first_bin: Any, n_bins: int, window: Any, n
 
 
 def obvious_edge_signature(baseband: Any, low: Any, high: Any, window: Any, n_doppler: int) -> Any:
-    """The same, but a bin counts by the share of its cell between the gate's edges ``low`` and ``high``, in bins."""
+    """Compute the same, but weight a bin by its share inside the gate.
+
+    ``low`` and ``high`` are the edges of the gate in bins.
+    """
     out = np.empty((low.size, n_doppler))
     for j in range(low.size):
         bins = np.arange(int(np.rint(low[j])), int(np.rint(high[j])) + 1)
@@ -66,12 +69,15 @@ def scipy_spectrogram(gated: Any, window: Any, n_doppler: int) -> Any:
 
 
 def scipy_spectrogram_by_bin(gated: Any, window: Any, n_doppler: int) -> Any:
-    """The same with one call a bin, which holds less memory and is faster."""
+    """Compute the same with one call a bin: less memory, faster."""
     return sum(scipy_spectrogram(row[None], window, n_doppler) for row in gated)
 
 
 def scipy_short_time_fft(gated: Any, window: Any, n_doppler: int) -> Any:
-    """The same by ``scipy.signal.ShortTimeFFT``, all bins in one call, columns whose window lies inside the record."""
+    """Compute the same by ``scipy.signal.ShortTimeFFT``, all bins in one call.
+
+    Only columns with the window inside the recording.
+    """
     from scipy.signal import ShortTimeFFT
 
     transform = ShortTimeFFT(

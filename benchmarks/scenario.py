@@ -49,7 +49,7 @@ class Case:
 
 
 def walking_scene(n_scatterers: int, duration_s: float, speed_mps: float) -> Scene:
-    """A person of ``n_scatterers`` points who walks towards the radar."""
+    """Make a person of ``n_scatterers`` points who walks towards the radar."""
     walk = boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=duration_s)
     pairs = [(a, b) for a in range(N_MARKERS) for b in range(a + 1, N_MARKERS)][: n_scatterers - N_MARKERS]
     between = [(walk.position_m[:, a] + walk.position_m[:, b]) / 2 for a, b in pairs]
@@ -70,7 +70,10 @@ def scenario() -> tuple[Radar, Scene, Analysis]:
 
 
 def make_radar(decimation: int) -> Radar:
-    """The X4, keeping every ``decimation``-th sample of 23.328 GS/s (the chip itself keeps every eighth)."""
+    """Make the X4 with every ``decimation``-th sample of 23.328 GS/s.
+
+    The chip itself keeps every eighth.
+    """
     return Radar.preset("x4", range_stop_m=RANGE_STOP_M, decimation=decimation)
 
 

@@ -173,7 +173,7 @@ def motion_work() -> dict[str, Work]:
 
 
 def stage_ratios(seconds: Seconds) -> dict[str, Timing]:
-    """Times faster than the obvious NumPy, or than the peer that is named."""
+    """Compute the speed relative to the obvious NumPy or the named peer."""
     whole = total(seconds["obvious: synthesis"], seconds["obvious: signature, hop 1"])
     matrix, planes = seconds["synthesis, data matrix"], seconds["synthesis, planes"]
     hop_1, of_planes = seconds["signature, hop 1"], seconds["signature of planes, hop 1"]
@@ -201,7 +201,7 @@ def stage_ratios(seconds: Seconds) -> dict[str, Timing]:
 
 
 def floor_ratios(seconds: Seconds, n_transforms: int) -> dict[str, Timing]:
-    """Times slower than the floor."""
+    """Compute the time relative to the floor."""
     full = seconds["floor: write planes, full rate"]
     flop_floor = combine(lambda s: n_transforms * FLOP_PER_TRANSFORM / SGEMM_FLOP * s, seconds["floor: sgemm 1024"])
     return {

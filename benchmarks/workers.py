@@ -49,7 +49,10 @@ def total_rate(counts: list[list[float]]) -> Timing:
 
 
 def run_workers(count: int, seconds: float) -> list[dict[str, Any]]:
-    """Reports of ``count`` fresh processes, made as a dataset's workers are, that work at the same time."""
+    """Collect reports of ``count`` new processes that work at the same time.
+
+    They are started as a dataset's workers are.
+    """
     environment = {**os.environ, **WORKER_ENVIRONMENT}
     command = [sys.executable, "-c", WORKER_PROGRAM, str(Path(__file__).parent), str(seconds)]
     pipe = subprocess.PIPE
