@@ -330,7 +330,7 @@ def _load_packages() -> None:
         if not new:
             return
         _LOADED.update(entry.value for entry in new)
-        for group in plugin_groups().values():  # doppelgait's own names come first: nobody else may take them
+        for group in plugin_groups().values():  # doppelgait's own names come first: no other package may take them
             for module in group._built_in:
                 import_module(module)
         for entry in new:

@@ -38,7 +38,7 @@ def borrow_planes(shape: tuple[int, ...]) -> Planes:
     It is memory that the thread has used before, where some is free.
 
     New memory of this size costs a third of the echoes that are written to it, because the system clears every page.
-    The memory is free again when nobody refers to the planes or a view of them.
+    The memory is free again when nothing refers to the planes or a view of them.
     """
     n_values = math.prod(shape)
     spare: list[Planes] = _of_thread.__dict__.setdefault("spare", [])
@@ -149,7 +149,7 @@ class Samples:
 
     @classmethod
     def own(cls, matrix: Matrix) -> Samples:
-        """Wrap a complex64 matrix that nobody else uses.
+        """Wrap a complex64 matrix that nothing else uses.
 
         The samples may change it.
         """
@@ -157,7 +157,7 @@ class Samples:
 
     @classmethod
     def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
-        """Wrap planes that nobody else uses.
+        """Wrap planes that nothing else uses.
 
         They have the shape (2, samples, n_pulses or more), and the samples may change them.
         """

@@ -1,6 +1,6 @@
 """Posterior of the gait frequency f_mu of a signature (E-33).
 
-Four sets of rows speak: the whole signature and the limbs relative to the torso, each as it is and whitened over time
+Four sets of rows speak: the whole signature and the limbs relative to the torso, each unchanged and whitened over time
 with rows of equal weight (coloured noise). For each frequency of a grid they give nine terms each: how well the rows
 repeat after one period, half of it, one and a half and a third, and which share of the power lies at the harmonics and
 halfway between them. A weighted sum of these and of a weak prior is the logarithm of the posterior. Weights are those

@@ -28,7 +28,7 @@ LEAST_SCALE_M = 1e-6
 OUTLIER_SD = 3.0
 
 RANGE_SD_M = 0.02
-"""Error of a range whose error is not given: the body's sway against its path."""
+"""Error of a range whose error is unknown: the body's sway against its path."""
 ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
 """What a steady walker's mean acceleration, speed and direction depart from constant velocity. Set on simulated people,
 dogs and cats of other seeds than those of the tables."""

@@ -1,4 +1,4 @@
-"""Make other movers from recorded clips.
+"""Make other targets from recorded clips.
 
 A clip gets another speed, size and stride, or two clips are blended. The lengths between the points of the body are
 restored, feet on the ground stay where they are, and what still slides or bends too far is refused.
@@ -81,7 +81,7 @@ LIKE = 0.7
 """Least normalised correlation of the limbs of two clips in the same phase of the stride."""
 PHASES = 60
 CLIP_OVERLAP = 0.4
-"""A blended clip goes on for this part of a stride after its whole strides, so that it can be looped."""
+"""A blended clip continues for this part of a stride after its whole strides, so that it can be looped."""
 COMMON = 0.75
 """Two clips must share this part of their points, and every body part."""
 
@@ -113,7 +113,7 @@ class Hybrid(FrozenModel):
     @classmethod
     def _check_other(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
         if value is not None and (value.get("kind") != "file" or {"hybrid", "loop_to_s"} & set(value)):
-            raise ValueError('must be a recording as it is: { kind = "file", path = "...", segment = 1 }')
+            raise ValueError('must be an unchanged recording: { kind = "file", path = "...", segment = 1 }')
         return value
 
     @model_validator(mode="after")

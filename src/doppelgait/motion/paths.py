@@ -284,7 +284,7 @@ class Path(FrozenModel):
     speed_mps : float, optional
         Speed along the path, within 30 % of the motion's own, which it is by default.
     side_m, ahead_m : float
-        The body keeps this far to the left of the path's point and this much further along the path, as somebody
+        The body keeps this far to the left of the path's point and this much further along the path, as a person
         does who accompanies another.
     """
 

@@ -74,7 +74,7 @@ def _next_swap(
     stepping = step[first:] > limit[first:]
     for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):
         points = np.flatnonzero(stepping[frame - first])
-        # step [i, j] that is left if from this frame on the path of point i goes on as that of point j
+        # step [i, j] that is left if from this frame on the path of point i continues as that of point j
         start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
         near = position[start : frame + 2, points]
         last, arriving, leaving, gap = (values[frame - start] for values in _paths(near, rate_hz))

@@ -37,7 +37,7 @@ class Variation(FrozenModel):
     Parameters
     ----------
     limb_swing : float
-        Factor of the swing of legs about the trunk, of an animal those in front too; 1 as it is.
+        Factor of the swing of legs about the trunk, of an animal those in front too; 1 leaves it unchanged.
     arm_swing : float
         Factor of the swing of a person's arms.
     trunk_ripple : float

@@ -24,7 +24,7 @@ FAR_M = 100.0
 SMOOTHED_S = 0.5
 """Peaks of Doppler are replaced by their median over this time: a limb outshines the torso for less."""
 OPPOSITE_MPS = 0.5
-"""A torso at this speed or more: the limbs of somebody who walks the other way do not stay there."""
+"""A torso at this speed or more: the limbs of a person who walks the other way do not stay there."""
 OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.1
 """Share of this time with power on both sides, and the least of the weaker side over the stronger one's."""
 SURE_PFA = 1e-6

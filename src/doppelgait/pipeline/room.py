@@ -62,7 +62,7 @@ def through_room(
     -------
     Dataset (slow_time, scatterer) or None
         Angles are there for the scatterers of ``table`` alone, if it has them. None where every pulse counts: an effect
-        is not smooth, pulses are rare, the receiver is elsewhere, somebody goes by the radar within reach, or a
+        is not smooth, pulses are rare, the receiver is elsewhere, a person goes by the radar within reach, or a
         scatterer goes through a wall.
     """
     smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)

@@ -48,7 +48,7 @@ STILL_SPAN_M = 0.6
 SAME_PLACE_M = 0.6
 """A body that comes to rest and one that starts this near to it later are one, if"""
 LONGEST_REST_S = 10.0
-"""no longer time passed than this, or somebody breathes there in between."""
+"""no longer time passed than this, or a person breathes there in between."""
 STILL_SPEED_MPS, MIN_REST_S = 0.1, 2.0
 REST_SPEED_MPS, START_SPEED_MPS = 0.6, 1.0
 """Highest speeds before and after a rest: who starts has moved for a while when seen."""

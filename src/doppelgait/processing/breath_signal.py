@@ -31,7 +31,7 @@ class BreathSpectrum:
     power : ndarray, shape (W, F, N)
         Power at plus and minus each frequency, over the window's own level in that bin.
     mean_power : ndarray, shape (F, N)
-        Median over the windows of the power as it is.
+        Median over the windows of the unnormalised power.
     starts : ndarray, shape (W,)
         First sample of every window.
     window_pulses, fft_length : int

@@ -36,7 +36,7 @@ ALIGN_ABOVE_HZ = 10.0
 def column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
     """Find every column's strongest cell and its Doppler.
 
-    The cell as it is, V^2, and the Doppler refined by a parabola through its neighbours, Hz; shapes (J,).
+    The power of the cell, V^2, and the Doppler refined by a parabola through its neighbours, Hz; shapes (J,).
     """
     from doppelgait.core.kernels import columns
 
@@ -224,7 +224,7 @@ def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
     """Measure the radial velocity of a range track (E-34).
 
     Of the cubic R = sum_n a_n P_n(x) in Legendre polynomials the slope is -2 a_1 / T_o; the way over the time,
-    -2 (a_1 + a_3) / T_o, has the third coefficient besides: that of somebody who walks past.
+    -2 (a_1 + a_3) / T_o, has the third coefficient besides: that of a person who walks past.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def settle_velocity(
 ) -> tuple[FloatArray, bool]:
     """Decide between main line and track velocity (E-34).
 
-    The track's where limbs outshine the trunk or somebody stops, provided that the body is there: its strongest cells
+    The track's where limbs outshine the trunk or a person stops, provided that the body is there: its strongest cells
     near the track's line are within 10 dB of the strongest of all.
 
     Parameters

@@ -107,7 +107,7 @@ def place_feet(
     size_m : mapping of float
         ``thigh``, ``shank`` and ``foot``, the distance from ankle to tip.
     left_ahead_m : float
-        Left feet are put down so much further ahead, right ones less far: the trunk goes on evenly.
+        Left feet are put down so much further ahead, right ones less far: the trunk moves on evenly.
 
     Raises
     ------
