@@ -375,7 +375,7 @@ def read_frames(path: Path) -> Recording:
         first = int(np.argmax(jumps))
         warn_caller(
             f"{path}: the frame counter does not go on at {jumps.sum():,} places, first from {numbers[first]:,} to "
-            f"{numbers[first + 1]:,}: frames sent twice, or another start of the sender; time goes on there"
+            f"{numbers[first + 1]:,}: frames sent twice, or another start of the sender; time continues there"
         )
         block = pulses or 1
         steps[jumps] = block - numbers[:-1][jumps] % block + numbers[1:][jumps] % block

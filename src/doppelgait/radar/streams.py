@@ -270,7 +270,7 @@ class _Clock:
             return self._time_s, 0, ""
         step, jump = frame.counter - last[0], ""
         if not 0 < step <= LARGEST_GAP:
-            jump = f"the frame counter goes from {last[0]:,} to {frame.counter:,}; time goes on by one frame"
+            jump = f"the frame counter goes from {last[0]:,} to {frame.counter:,}; time continues by one frame"
             self._ahead_s = self._time_s + 1.0 / self._radar.prf_hz - by_counter_s
             step = 1
         elif not 0 < frame.clock_s - last[1] <= by_counter_s + self._ahead_s - self._time_s + FAR_S:

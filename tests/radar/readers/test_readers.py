@@ -348,7 +348,7 @@ def test_every_layout_of_an_array_is_the_same_recording(tmp_path, name):
     assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (24e9, 100)
     assert recording.radar.range_axis_m() == pytest.approx(recording.baseband["range"].values)
     assert recording.radar.range_resolution_m == pytest.approx(0.04)
-    assert any("radar: not told" in note for note in recording.notes)
+    assert any("radar: not stated" in note for note in recording.notes)
 
 
 def test_options_need_no_toml_file_and_win_over_one(tmp_path):

@@ -233,7 +233,7 @@ def test_a_chain_that_bites_its_tail_or_leaves_is_refused(tmp_path: Path) -> Non
         read_xethru(folder)
     last.write_bytes(content)
     shutil.rmtree(parts[2])
-    with pytest.raises(RecordingError, match="goes on there"):
+    with pytest.raises(RecordingError, match="continues there"):
         read_xethru(folder)
 
 

@@ -19,7 +19,7 @@ MEDIAN_FRAMES = 9
 FALSE_ALARMS = 1e-3
 """Cells of noise alone expected over the threshold in a whole recording."""
 BUSY_SHARE = 0.03
-"""A bin over the threshold in more frames than this has a mover in it, not interference."""
+"""A bin over the threshold in more frames than this has a target in it, not interference."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Burst
     noise_power_v2 : float
         Noise power of a cell.
     quiet : ndarray of bool, shape (N,)
-        Bins without movers; only these are looked at.
+        Bins without targets; only these are looked at.
     """
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():

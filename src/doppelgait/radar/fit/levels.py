@@ -58,7 +58,7 @@ def noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
 
     Each bin gives sum |d|^2 / (2 n), corrected for the share taken out with the common factor; the level is the median
     over bins, divided by the median of the gamma law that such a sum follows. Static echoes, slow drift, phase jitter
-    and movers in less than about a third of the bins do not enter.
+    and targets in less than about a third of the bins do not enter.
 
     Parameters
     ----------

@@ -452,7 +452,7 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
     low /= AT_QUANTILE
     around = np.concatenate([np.arange(-6, -1), np.arange(2, 7)])
     floor = np.median(low[(np.arange(window)[:, None] + around) % window], axis=1)
-    # bins share noise by the chip's filter, and a mover makes neighbours unequal: a third of the cells counts
+    # bins share noise by the chip's filter, and a target makes neighbours unequal: a third of the cells counts
     needed = 1.0 + LINE_SIGMAS * 2.0 / math.sqrt(part.shape[0] * max(n_bins / 3.0, 1.0))
     stands = (low > floor * max(needed, float(db_to_power(LINE_DB)))) & (np.minimum(
         np.arange(window), window - np.arange(window)

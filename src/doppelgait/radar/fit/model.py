@@ -37,7 +37,7 @@ Mask = npt.NDArray[np.bool_]
 MIN_FRAMES = 32
 MIN_BINS = 8
 MOVER_DB = 4.0
-"""Slow-time variance over the noise floor from which a bin is said to hold a mover; static rooms stay within 1.5 dB."""
+"""Slow-time variance over the noise floor from which a bin holds a target; static rooms stay within 1.5 dB."""
 MOVER_BINS = 3
 """Neighbouring bins that must show it."""
 MAX_PHASE_VARIANCE = 0.05
@@ -143,7 +143,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
 
     The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, whose angle is the
     phase and whose size the gain of that frame, plus white Gaussian noise (E-18) that may be correlated between
-    neighbouring bins. Movers, interference and dropped frames are found first and left out.
+    neighbouring bins. Targets, interference and dropped frames are found first and left out.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def _name(recording: Recording) -> str:
 
 
 def _separate(samples: ComplexArray, range_m: FloatArray) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[Mover, ...]]:
-    """Separate interference, noise, static part and movers.
+    """Separate interference, noise, static part and targets.
 
     In two passes, as each hides the others at first.
     """
@@ -254,7 +254,7 @@ def _static_and_noise(samples: ComplexArray, range_m: FloatArray, quiet: Mask) -
 
 
 def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) -> tuple[Mask, tuple[Mover, ...]]:
-    """Return bins without movers, and the movers by range."""
+    """Return bins without targets, and the targets by range."""
     excess = np.mean(np.abs(rest) ** 2, axis=0) / max(noise.power_v2.value, np.finfo(float).tiny)
     busy = excess > float(db_to_power(MOVER_DB))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(int), [0]])))
@@ -269,7 +269,7 @@ def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) 
 
 
 BUSY_SHARE = 1.0 / 3.0
-"""Share of bins with movers from which the median no longer gives the noise."""
+"""Share of bins with targets from which the median no longer gives the noise."""
 PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
 SHORT_S = 10.0
 
@@ -281,7 +281,7 @@ def flags_of(fit: SensorFit) -> tuple[str, ...]:
         where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.movers)
         flags.append(f"the room was not empty: slow-time variance over the noise at {where}; those bins were left out")
         if sum(m.stop_m - m.start_m for m in fit.movers) > BUSY_SHARE * (fit.range_m[-1] - fit.range_m[0]):
-            flags.append("movers in more than a third of the frame: noise, phase and clutter cannot be trusted")
+            flags.append("targets in more than a third of the frame: noise, phase and clutter cannot be trusted")
     if not fit.noise.flat:
         flags.append(f"the noise is not flat in range: {fit.noise.slope_db_per_m.value:+.2f} dB/m")
     low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB

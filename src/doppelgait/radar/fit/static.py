@@ -72,7 +72,7 @@ class StaticPart:
     factor : ndarray, shape (I,)
         Common factor z per frame: its angle is the phase of the frame, its size the gain; mean size about 1.
     rest_v : ndarray, shape (I, N)
-        What is left: noise and movers, V.
+        What is left: noise and targets, V.
     """
 
     echo_v: ComplexArray
@@ -93,7 +93,7 @@ def static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticP
     samples_v : ndarray, shape (I, N)
         Frames.
     bins : ndarray of bool, shape (N,), optional
-        Bins to take the common factor from; all by default. Leave out those with movers.
+        Bins to take the common factor from; all by default. Leave out those with targets.
     """
     from scipy.linalg import eigh
 

@@ -150,15 +150,15 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     # what neither the array nor its TOML file nor the options state
     notes = []
     if facts.conjugate is None:
-        notes.append("conjugate: not told; a rising phase is taken as approaching")
+        notes.append("conjugate: not stated; a rising phase is taken as approaching")
     if facts.scale_v is None:
-        notes.append("scale_v: not told; the values are taken as V")
+        notes.append("scale_v: not stated; the values are taken as V")
     if facts.radar is not None and "preset" in facts.radar:
         notes.append(f"radar = {facts.radar['preset']}: pulse, power and antennas are the preset's")
     elif facts.radar is None and n_bins == 1:
-        notes.append("radar: not told; one range bin is taken as a continuous wave, its range as nothing")
+        notes.append("radar: not stated; one range bin is taken as a continuous wave, its range as nothing")
     elif facts.radar is None:
-        notes.append(f"radar: not told; an echo is taken as one range bin wide ({known['bin_spacing_m']:g} m)")
+        notes.append(f"radar: not stated; an echo is taken as one range bin wide ({known['bin_spacing_m']:g} m)")
     return Frame(
         slow_time_axis_s(n_pulses, known["prf_hz"]) if slow_time_s is None else slow_time_s,
         ranges if range_m is None else range_m,

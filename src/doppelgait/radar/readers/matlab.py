@@ -243,7 +243,7 @@ def read_matlab(
 
     The file holds the frames as ``Data_Matrix``, ``Data_Matrix_1`` ..., in the normalised unit of the driver
     (1 = 1024 DAC codes), and ``actual_fps``, ``bin_length`` and ``range_axis``, ``range_vector`` or ``frame_start``.
-    The frames are mixed with the carrier, low-passed and thinned to every 8th bin
+    The frames are mixed with the carrier, low-passed and decimated to every 8th bin
     (:func:`~doppelgait.radar.xethru.downconvert.down_convert_frames`, E-17), so that the phase falls with range and
     an approaching target has positive Doppler.
 

@@ -239,7 +239,7 @@ def _foreign_radar(
         raise RecordingError(f"{path}: SigMF tells no range axis; give bin_spacing_m (and range_start_m if not 0)")
     spacing_m = check_number(path, "bin_spacing_m", bin_spacing_m, above=0, most=1e4)
     start_m = check_number(path, "range_start_m", range_start_m or 0.0, above=-1e-9, most=1e6)
-    notes.append("the pulse is not told: its range resolution is taken as one range bin")
+    notes.append("the pulse is not stated: its range resolution is taken as one range bin")
     radar = radar_of_facts(
         path,
         name=name,

@@ -286,7 +286,7 @@ def convert_records(
     for option in needed:
         value = source.options[option]
         if value is not None:
-            source.notes.append(f"{option} = {value}: given by the user")
+            source.notes.append(f"{option} = {value}: set by the user")
         elif HEADER_FIELDS[option] in (source.records.dtype.names or ()):
             value = _constant(source, HEADER_FIELDS[option])
         if option == "prf_hz" and not value and rate_hz is not None:
@@ -376,7 +376,7 @@ def _from_rf(
         if steps is None:
             _refuse_missing(source, ["counts_per_unit"])
         above, most = LIMITS["counts_per_unit"]
-        source.notes.append(f"counts_per_unit = {steps}: given by the user; the mean of all counters is taken as 0")
+        source.notes.append(f"counts_per_unit = {steps}: set by the user; the mean of all counters is taken as 0")
         steps = check_number(source.path, "counts_per_unit", steps, above=above, most=most)
         frames = source.records["counts"] / steps
         frames -= frames.mean()  # the middle of the threshold sweep; no antenna passes 0 Hz
