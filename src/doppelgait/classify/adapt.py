@@ -169,14 +169,14 @@ def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, In
     Returns
     -------
     tuple of ndarray of int, or None
-        Rows of those recordings, and the rows of all movers who are in none of them, which may be scored; None where
-        not every class has so many recordings and somebody left.
+        Rows of those recordings, and the rows of all targets who are in none of them, which may be scored; None where
+        not every class has so many recordings and a target left.
     """
     names = recordings_of(rows)
     own: list[int] = []
     for number in range(len(rows.classes)):
         candidates = np.flatnonzero(rows.labels == number)
-        # mover by mover, so that as few movers as possible are lost to the score
+        # target by target, so that as few targets as possible are lost to the score
         movers = rng.permutation(np.unique(rows.groups[candidates]))
         ordered = [name for mover in movers for name in
                    rng.permutation(np.unique(names[candidates][rows.groups[candidates] == mover]))]  # fmt: skip
@@ -195,8 +195,8 @@ def adaptation_curve(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Score a model against the number of own recordings.
 
-    Every count is drawn :data:`REPEATS` times; scored are only movers of whom nothing was drawn, so that each count has
-    other movers to score: what is gained is the difference to ``before``, the same movers by the model as it was.
+    Every count is drawn :data:`REPEATS` times; only targets of whom nothing was drawn are scored, so that each count
+    has other targets to score: what is gained is the difference to ``before``, the same targets by the model as it was.
 
     Returns
     -------
@@ -250,10 +250,10 @@ def adapt_to_rows(
     curve = adaptation_curve(model, part, inputs, rng)
     if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
         notes.append(
-            f"no score after {', '.join(gone)} own recordings of a class: too few, or no mover would be left to score"
+            f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
         )
     if "subject" in part.index and part.index["subject"].astype(str).str.startswith("file/").all():
-        notes.append("own recordings name no subject: each counts as a mover of its own, though one may be in several")
+        notes.append("own recordings name no subject: each counts as a target of its own, though one may be in several")
     return adapt(model, inputs, part.labels, recordings_of(part)), curve, notes
 
 

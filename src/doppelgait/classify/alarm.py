@@ -43,7 +43,7 @@ class EpisodeSection(FrozenModel):
     label : str
         Name of the kind.
     should_trigger : bool
-        Whether somebody is there whom the alarm is for.
+        Whether a person is there whom the alarm is for.
     animals : int
         Animals in it, for triggers per animal-hour.
     hours_per_day : float

@@ -189,7 +189,7 @@ class Comparison:
     n_real, n_synthetic : int
         Recordings.
     held_out : str
-        ``recordings``; with fewer than four of a kind ``parts of recordings``: the classifier has then learnt from
+        ``recordings``; with fewer than four of a kind ``parts of recordings``: the classifier is then trained on
         other parts of the recordings that it is tested on, which raises the AUC and narrows its interval.
     """
 

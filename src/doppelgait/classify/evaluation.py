@@ -66,7 +66,9 @@ def document_of(
     """
     tested = next(iter(answers.values()))
     said = list(notes) + [
-        f"nobody of {name} is tested" for number, name in enumerate(rows.classes) if not (tested.labels == number).any()
+        f"no target of class {name} is tested"
+        for number, name in enumerate(rows.classes)
+        if not (tested.labels == number).any()
     ]
     models = {}
     for name, found in answers.items():

@@ -264,10 +264,10 @@ FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
 ADAPTATION_TEXT = (
-    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on movers of whom no "
+    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of whom no "
     "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. Each count leaves other movers to score: compare with the same movers before. Without "
-    "labels: the same recordings, as if nobody knew what they show, but that "
+    "range. Each count leaves other targets to score: compare with the same targets before. Without "
+    "labels: the same recordings, as if their classes were unknown, but that "
     "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
@@ -347,7 +347,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
     rows = []
     for fold in document["folds"]:
-        words = {key: f"{fold[key]['n']} of {fold[key]['movers']} movers" for key in ("train", "held", "test")}
+        words = {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
         rows.append({"fold": fold["name"], **words})
     plans = []
     for facts, role in ((data, "learnt"), (other, "tested")):
@@ -363,7 +363,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     best, details = str(document["kept"] or trained[0]), []
     for column, models in document["breakdowns"].items():
         shares = [
-            {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
+            {column: entry["value"], "is": entry["label"], "rows": entry["n"], "targets": entry["movers"],
              "share right": f"{number(entry['share_value'])} ({number(entry['low'])} to {number(entry['high'])})"}
             for entry in models[best]
         ]  # fmt: skip
@@ -380,7 +380,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
             [{str(key): text for key, text in row.items()} for row in score_table(document)],
             baselines=baselines,
         ),
-        "<p>Balanced accuracy with its 95 % interval over movers (bootstrap; exact where there are few movers or no "
+        "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
         "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
         "the class (nuisance); the speed alone.</p>",
@@ -393,7 +393,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
             for name, words in pictures
         ),
         *details,
-        "<h2>Who learnt, who was tested</h2>",
+        "<h2>Training and test data</h2>",
         _format_table(rows),
         *plans,
     ]
@@ -409,7 +409,7 @@ def _day_parts(document: Mapping[str, Any]) -> list[str]:
     words = (
         f"<h2>The alarm over a day: {escape(found['day'])}</h2><p>{escape(found['model'])} triggers for "
         f"{escape(found['alarm'])}. False triggers with intervals of 95 % (weighted Poisson counts), over simulated "
-        f"episodes, {found['repeats']} of each kind; missed: episodes with somebody without a trigger; time from the "
+        f"episodes, {found['repeats']} of each kind; missed: episodes that should trigger and do not; time from the "
         "start of an episode.</p>"
     )
     return [words, _format_table(day_table(found)), _format_table(episode_table(found))]
@@ -483,8 +483,8 @@ def adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
             span = f"{number(point['low'])} to {number(point['high'])}"
             rows.append({"model": name, "own recordings of a class": str(point["n"]),
                          "balanced accuracy": f"{number(point['balanced_accuracy'])} ({span})",
-                         "same movers before": number(point["before"]), "without labels": number(point["unlabelled"]),
-                         "movers": f"{point['movers']:.0f}",
+                         "same targets before": number(point["before"]), "without labels": number(point["unlabelled"]),
+                         "targets": f"{point['movers']:.0f}",
                          "ECE": number(point["expected_calibration_error"])})  # fmt: skip
     return rows
 

@@ -11,7 +11,7 @@ file gives, and an overlap of two bodies counts only while it lasts. :class:`Tra
    person through the same door). Calibrated probabilities of a window are its likelihoods, up to a factor, because they
    hold for equally frequent classes. A window that overlaps the one before is new only in part, and its log likelihood
    counts by that part: hop / window in a steady stream. A window that may not be decided (a flag, conditions or
-   features that were not learnt) is no evidence.
+   features that were not in the training data) is no evidence.
 3. *Decision.* A class is decided when its fused probability reaches the model's limit, and stays until another class
    reaches it, so that the decision does not flicker.
 """
