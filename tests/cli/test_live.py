@@ -55,7 +55,7 @@ def test_a_full_disk_is_said_once_and_loses_nothing_before(tmp_path, monkeypatch
     room[0] = True
     log.write("fourth")
     assert (tmp_path / "log").read_text() == "first\nfourth\n"
-    assert "goes on; 2 lines are missing" in capsys.readouterr().err
+    assert "continues; 2 lines are missing" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")

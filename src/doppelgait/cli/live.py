@@ -73,7 +73,7 @@ class DecisionLog:
             self.lost += 1
             return
         if self.lost:
-            say(f"note: --log {self.path}: goes on; {self.lost:,} lines are missing")
+            say(f"note: --log {self.path}: continues; {self.lost:,} lines are missing")
             self.lost = 0
 
     def _append(self, content: bytes) -> None:

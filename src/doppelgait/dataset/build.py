@@ -383,9 +383,7 @@ def _stoppable(target: Path) -> Iterator[None]:
         with stop_in_order():
             yield
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"{target}: stopped; what was built is kept, the same command goes on with it"
-        ) from None
+        raise KeyboardInterrupt(f"{target}: stopped; what was built is kept, the same command continues it") from None
 
 
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:

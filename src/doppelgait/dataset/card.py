@@ -125,7 +125,7 @@ MODEL_SENTENCES = {
     "quadruped": (
         "Dog motion: a simplified quadruped whose parameters come from one measured dog and published gait laws."
     ),
-    "none": "Examples of nobody hold the noise, clutter and background of the scene; their gate follows no one.",
+    "none": "Examples of empty scenes hold the noise, clutter and background of the scene; their gate follows no one.",
 }
 """What a reader should know of a motion model, by its kind."""
 
@@ -225,7 +225,7 @@ def _leaks(leaks: Sequence[str]) -> str:
     named = [f"- `{leak}`: {LEAK_SENTENCES.get(leak, 'set by class, so that it reveals the class')}." for leak in leaks]
     return (
         "## Leaks\n\nThis dataset remakes a published one, with what gives the class away in it. A score on it is not "
-        "a measure of how well people and animals are told apart.\n\n" + "\n".join(named) + "\n\n"
+        "a measure of how well people and animals are distinguished.\n\n" + "\n".join(named) + "\n\n"
     )
 
 
@@ -312,12 +312,12 @@ def import_card(
     if tracked:
         gates.append(
             f"{tracked} rows: targets were found and followed; the label went to the track with the most seconds, each "
-            "by its confidence, and features are those of its longest steady piece. "
+            "by its confidence, and features are those of its longest steady segment. "
             f"{int((index['n_tracks'] > 1).sum())} rows have further tracks (`n_tracks`), which are not in this "
             "dataset."
         )
     if tracked < len(index):
-        gates.append(f"{len(index) - tracked} rows: the gate was given by hand, from one range to another.")
+        gates.append(f"{len(index) - tracked} rows: the gate was set by hand, from one range to another.")
     windows = "A recording, or the part of it that its line names, is one row."
     if config.window_s is not None:
         windows = (

@@ -229,7 +229,7 @@ DOPPLER_ENTRIES = (
     Entry(
         "fig-3.13", "Doppler resolution: two points at four spacings",
         "31 frames at 300 Hz, 0.1 s, resolve 10 Hz. At 72 and 24 Hz the two are obvious, at 14 Hz they begin to blend, "
-        "at 5 Hz they cannot be told apart.",
+        "at 5 Hz they cannot be distinguished.",
         make_3_13,
     ),
 )  # fmt: skip

@@ -258,7 +258,7 @@ def make_3_10(material: Material) -> Made:
     ]  # fmt: skip
     text = (
         "the echo is shifted to 0 Hz. As printed (Eq. 3.27a) the product is with the real part only: the spectrum "
-        "stays symmetrical, so approaching and receding could not be told apart, and an image stays at 8.7 GHz; the "
+        "stays symmetrical, so approaching and receding could not be distinguished, and an image stays at 8.7 GHz; the "
         "complex product and a low-pass (E-17) give what the report's Eq. 3.28 assumes."
     )
     return Made(figure, readings, judged(readings, text))

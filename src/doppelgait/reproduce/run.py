@@ -117,7 +117,7 @@ def _format_section(one: Outcome) -> str:
         head = "<tr><th>quantity</th><th>here</th><th>report</th><th>within</th><th></th><th></th></tr>"
         parts.append(f'<div class="wide"><table>\n{head}\n{rows}\n</table></div>' if rows else "")
         parts.append(f"<p><b>Judgement:</b> {escape(one.made.judgement)}</p>")
-    sources = "; ".join(one.used) or "no mover"
+    sources = "; ".join(one.used) or "no target"
     parts.append(f'<p class="how">Made from {escape(sources)}, in {one.seconds:.1f} s.</p>')
     parts += [f'<p class="how">Warning while it was made: {escape(remark)}</p>' for remark in one.remarks]
     return "\n".join([*parts, "</section>"])

@@ -200,7 +200,7 @@ class LimitedServer(uvicorn.Server):
             loop.call_soon(self._close_some)
         if loop.time() - self._lacked_s > QUIET_S:
             print(
-                f"note: the viewer takes no further connection for the moment: {error.strerror}; it goes on when "
+                f"note: the viewer takes no further connection for the moment: {error.strerror}; it continues when "
                 "connections are closed ('ulimit -n' shows how many files may be open)",
                 file=sys.stderr, flush=True,
             )  # fmt: skip

@@ -317,7 +317,7 @@ def all_controls() -> tuple[Control, ...]:
             low=0.5, high=25.0, step=0.5, default=3.0, who=("fan",),
         ),
         Control(
-            "company", "beside it", "A second mover, one metre to the side, at the same speed.", "choice",
+            "company", "beside it", "A second target, one metre to the side, at the same speed.", "choice",
             default="nobody", values={"nobody": "nobody", "person": "a person", "dog": "a dog"}, who=LEGGED,
         ),
         # Where it moves, seen from the radar.
@@ -327,7 +327,7 @@ def all_controls() -> tuple[Control, ...]:
             by_who={"fan": {"default": 60.0}},  # towards the radar the blades turn across the line of sight
         ),
         Control(
-            "range_m", "range", "Distance from the radar in the middle of the time; more where a mover came too near.",
+            "range_m", "range", "Distance from the radar in the middle of the time; more where a target came too near.",
             unit="m", low=1.0, high=15.0, step=0.1, default=4.0, limits=range_limits(radars),
         ),
         # The radar, its noise and the analysis.
