@@ -267,8 +267,8 @@ def test_the_table_of_a_scene_is_made() -> None:
     ("table", "says"),
     [
         ({"speed_factor": 2.0}, r"speed_factor"),
-        ({"other": {"kind": "boulic"}, "share": 0.5}, "must be a recording as it is"),
-        ({"other": {"kind": "file", "path": "b", "hybrid": {}}}, "must be a recording as it is"),
+        ({"other": {"kind": "boulic"}, "share": 0.5}, "must be an unchanged recording"),
+        ({"other": {"kind": "file", "path": "b", "hybrid": {}}}, "must be an unchanged recording"),
         ({"factor": 1.0}, "factor"),
         ({"share": 0.5}, "share without other is not allowed: a blend needs both"),
         ({"other": {"kind": "file", "path": "b"}}, "other without share is not allowed: a blend needs both"),
