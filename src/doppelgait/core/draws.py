@@ -124,7 +124,7 @@ def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling 
 
 
 def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
-    """Return name, numbers and ``times`` of a distribution, or None for another table."""
+    """Parse a distribution of a plan, None for other tables."""
     if len(table) == 1 or (len(table) == 2 and TIMES in table):
         for name, numbers in table.items():
             if name == CYCLE or name in DISTRIBUTIONS:
@@ -159,7 +159,7 @@ def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str
 
 
 def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float:
-    """Multiply a draw by the value of a key of the same table."""
+    """Multiply a draw by another key of its table."""
     said = f"{key}: {TIMES} = {name!r}"
     if not isinstance(name, str) or sibling is None:
         raise ConfigError(f'{said}: is not allowed; it names a key of the same table, such as {TIMES} = "height_m"')

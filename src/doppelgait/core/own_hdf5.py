@@ -269,7 +269,10 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
 
 
 def _check_lengths(dataset: Any, name: str, count: int) -> None:
-    """Refuse texts that declare to be longer than their file; the library allocates what they declare."""
+    """Refuse texts longer than their file.
+
+    The library allocates the length that they declare.
+    """
     import h5py
 
     if dataset.id.get_create_plist().get_layout() != h5py.h5d.CONTIGUOUS:
@@ -339,7 +342,7 @@ def _signature_at(head: bytes) -> int | None:
 
 
 def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Yield positions of a mark, each with it and the bytes after it.
+    """Yield the positions of a mark and its following bytes.
 
     The file is read in pieces: of a map that is searched every page stays in memory.
     """

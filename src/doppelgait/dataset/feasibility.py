@@ -1,4 +1,4 @@
-"""Feasibility of a plan: rows that alias, leave the frame, or have little SNR.
+"""Count a plan's rows beyond the limits of the radar.
 
 Motions are made and observed as a simulation observes them; no echo is synthesised. The names of limits are those that
 simulation and analysis put into the index of a built dataset (``warnings``, ``quality_flags``).
@@ -108,7 +108,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
 def _leaves_frame(
     range_m: npt.NDArray[np.float64], slow_time_s: npt.NDArray[np.float64], radar: Radar, analysis: Analysis
 ) -> bool:
-    """Return True if a part of the gate around these ranges lies outside the frame."""
+    """Return True if the gate is partly outside the frame."""
     bins_m = radar.range_axis_m()
     gate = Gate.around(slow_time_s, range_m, span_m=analysis.gate_span_m)
     if radar.burst_pulses is not None:

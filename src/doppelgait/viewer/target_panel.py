@@ -132,7 +132,7 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
 
 
 def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | None:
-    """Describe a segment's main line at no more columns than a picture has."""
+    """Describe a segment's main line at the picture's columns."""
     if view.signature is None or view.signature.sizes["time"] == 0 or view.main_line_hz is None:
         return None
     times_s, line_hz = axis(view.signature, "time"), view.main_line_hz

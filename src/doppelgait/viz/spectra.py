@@ -135,7 +135,7 @@ def draw_cadence_spectrum(
 def mark_harmonics(
     axes: Axes, found_hz: Sequence[float | None], cadence_hz: FloatArray, level: FloatArray, *, doubtful: bool = False
 ) -> None:
-    """Mark the gait frequency as 1 and its harmonics as 2, 3, ...
+    """Mark the gait frequency and its harmonics by number.
 
     The legend has their values, with a question mark where they are doubtful.
     """

@@ -200,7 +200,7 @@ def feature_matrix(
 
 
 def bin_edges(known: FloatArray, n_rows: int) -> FloatArray:
-    """Return the edges of 8 to 30 bins, about the root of twice the rows.
+    """Return the edges of 8 to 30 histogram bins.
 
     The bins lie between the outer quantiles of the values, or around equal values.
     """
