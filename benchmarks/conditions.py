@@ -12,7 +12,7 @@ from scenario import Case, prepare, scenario
 
 from doppelgait.radar import Antenna, Radar, synthesise
 from doppelgait.radar.antenna import apply_antenna
-from doppelgait.radar.impairments import apply_impairments, make_impairment, pulse_times
+from doppelgait.radar.impairments import apply_impairments, make_impairment, shift_pulse_times
 from doppelgait.scene import assemble
 from doppelgait.scene.environment import Setting, apply_environment, make_effect
 
@@ -64,7 +64,7 @@ def impairment_work(case: Case) -> dict[str, Work]:
         specs = [make_impairment({"kind": name.split(",")[0], **options})]
         act = partial(apply_impairments, samples, specs)
         if name == "frame_jitter":
-            act = partial(pulse_times, case.slow_time_s, specs)
+            act = partial(shift_pulse_times, case.slow_time_s, specs)
         work[f"impairment {name}"] = partial(act, radar=case.radar, rng=generator)
     return work
 

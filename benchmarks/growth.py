@@ -12,7 +12,7 @@ from clock import Timing, Work, measure
 from scenario import DURATION_S, N_SCATTERERS, fill_planes, make_radar, new_planes, prepare, walking_scene
 
 from doppelgait.processing import Analysis
-from doppelgait.processing.signature import signature_of_planes
+from doppelgait.processing.signature import compute_plane_signature
 from doppelgait.radar import add_noise, synthesise
 
 SPEED_MPS = 0.6
@@ -73,7 +73,9 @@ def make_case(axis: str, value: Any) -> tuple[float, dict[str, Work]]:
     stages = {
         "synthesis, planes": lambda: fill_planes(case, planes),
         "synthesis, matrix": lambda: synthesise(case.table, radar),
-        "signature, hop 1": lambda: signature_of_planes(planes[0], planes[1], 0, cut, wavelength_m=radar.wavelength_m),
+        "signature, hop 1": lambda: compute_plane_signature(
+            planes[0], planes[1], 0, cut, wavelength_m=radar.wavelength_m
+        ),
         "noise, matrix": lambda: add_noise(clean, noise_power_v2=1e-12, rng=np.random.default_rng(1)),
     }
     return float(radar.n_range_bins if axis == "range bins" else value), stages

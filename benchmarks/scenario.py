@@ -16,10 +16,10 @@ from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import boulic_walk
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.signature import Cut, cut_out
+from doppelgait.processing.signature import GatedTransform, cut_out
 from doppelgait.radar import Radar
-from doppelgait.radar.simulate import scatterer_arrays
-from doppelgait.scene import Scene, Target, assemble, body_track, place
+from doppelgait.radar.simulate import compute_scatterer_arrays
+from doppelgait.scene import Scene, Target, assemble, compute_body_track, place
 
 N_SCATTERERS = 41
 DURATION_S = 5.0
@@ -42,7 +42,7 @@ class Case:
     range_m: Any
     amplitude_v: Any
 
-    def cut(self, hop: int | None) -> Cut:
+    def cut(self, hop: int | None) -> GatedTransform:
         """Gate and transform at a hop; None is the lossless one."""
         settings = self.analysis.model_copy(update={"hop": hop})
         return cut_out(self.gate, self.slow_time_s, self.radar.range_axis_m(), settings)
@@ -82,9 +82,9 @@ def prepare(radar: Radar, scene: Scene, analysis: Analysis) -> Case:
     placed = place(scene)
     slow_time_s = np.arange(round(placed.observation_s * radar.prf_hz)) / radar.prf_hz
     table = assemble(placed, slow_time_s, angles=False)
-    track_m = body_track(placed.targets[0], scene, slow_time_s).range_m
+    track_m = compute_body_track(placed.targets[0], scene, slow_time_s).range_m
     gate = Gate.around(slow_time_s, track_m, span_m=analysis.gate_span_m, source="given")
-    return Case(radar, scene, analysis, slow_time_s, table, gate, *scatterer_arrays(table, radar))
+    return Case(radar, scene, analysis, slow_time_s, table, gate, *compute_scatterer_arrays(table, radar))
 
 
 def new_planes(case: Case) -> Any:

@@ -26,7 +26,7 @@ from doppelgait.motion import boulic_walk, human_gait, quadruped_gait, sample_do
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.processing import Analysis, signature
-from doppelgait.processing.signature import signature_of_planes
+from doppelgait.processing.signature import compute_plane_signature
 from doppelgait.radar import Recording, add_noise, synthesise
 from doppelgait.scene import assemble
 
@@ -130,7 +130,7 @@ def signature_work(case: Case) -> dict[str, Work]:
         work |= {
             f"signature, {name}": of_matrix,
             f"signature of planes, {name}": partial(
-                signature_of_planes, planes[0], planes[1], 0, cut, wavelength_m=wavelength_m
+                compute_plane_signature, planes[0], planes[1], 0, cut, wavelength_m=wavelength_m
             ),
             f"features, {name}": partial(analyze_signature, of_matrix(), case.gate, settings, label=None),
         }

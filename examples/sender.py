@@ -20,7 +20,7 @@ from itertools import chain, islice
 from urllib.parse import urlsplit
 
 from doppelgait.radar import open_stream
-from doppelgait.radar.frames import END_RECORD, Header, frame_record, header_record
+from doppelgait.radar.frames import END_RECORD, Header, encode_frame, encode_header
 
 HEADER_PERIOD_S = 1.0
 """Time between headers in datagrams, for receivers that start later."""
@@ -43,14 +43,14 @@ def connect(address: tuple[str, int]) -> socket.socket:
 def pieces(source: str, speed: float, seconds: float | None) -> Iterator[tuple[bytes, bytes]]:
     """Yield (header, record) of every frame when its time has come."""
     with open_stream(source, timeout_s=0) as stream:
-        opening = header_record(Header(stream.radar, stream.range_m))
+        opening = encode_header(Header(stream.radar, stream.range_m))
         stop = None if seconds is None else round(seconds * stream.radar.prf_hz)
         begun_s, first_s = time.monotonic(), None
         for number, (time_s, row) in enumerate(islice(stream, stop)):
             first_s = time_s if first_s is None else first_s
             if speed and (wait_s := begun_s + (time_s - first_s) / speed - time.monotonic()) > 0:
                 time.sleep(wait_s)
-            yield opening, frame_record(number, time_s, row)
+            yield opening, encode_frame(number, time_s, row)
     yield opening, END_RECORD
 
 

@@ -35,16 +35,16 @@ from doppelgait.classify.scores import (
     CONDITIONS,
     balanced_accuracy,
     balanced_interval,
-    bin_edges,
-    clopper_pearson,
-    condition_values,
-    share_interval,
+    clopper_pearson_interval,
+    find_condition_values,
+    make_bin_edges,
+    wilson_interval,
 )
 from doppelgait.core.config import validate
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset
-from doppelgait.viz.style import new_figure
+from doppelgait.viz.style import make_figure
 
 PLAN = Path(__file__).parent / "plans" / "evidence.toml"
 DURATIONS_S = (1.0, 2.0, 4.0, 8.0)
@@ -97,7 +97,7 @@ def easy(index: pd.DataFrame) -> pd.Series:
     3 periods or more, within 30 degrees, SNR_mu of 15 dB or more.
     """
     aspect = CONDITIONS[1]
-    _, aspect_deg = condition_values(index, aspect)
+    _, aspect_deg = find_condition_values(index, aspect)
     periods = index["truth_gait_frequency_hz"] * index["observation_s"]
     near = pd.Series(aspect_deg <= WIDEST_DEG, index=index.index)
     return (periods >= LEAST_PERIODS) & near & (index["quality_snr_mu_db"] >= LEAST_SNR_DB)
@@ -218,7 +218,7 @@ def by_column(index: pd.DataFrame, columns: Sequence[str], names: Sequence[str])
     lines.append("| --- " * (len(columns) + len(names) + 2) + "|")
     for values, rows in index.groupby(list(columns), observed=True, dropna=False):
         shares = [percent(float(rows[f"right:{name}"].mean())) for name in names]
-        low, high = share_interval(
+        low, high = wilson_interval(
             rows[f"right:{names[0]}"].to_numpy(dtype=bool), rows["recording"].to_numpy(dtype=str)
         )
         words = " | ".join(map(str, values))
@@ -234,7 +234,7 @@ def by_recording(index: pd.DataFrame, columns: Sequence[str], names: Sequence[st
         cells = []
         for name in names:
             right = rows.groupby("recording")[f"right:{name}"].mean() > 0.5
-            low, high = clopper_pearson(float(right.sum()), right.size)
+            low, high = clopper_pearson_interval(float(right.sum()), right.size)
             cells.append(f"{right.sum()} of {right.size} ({percent(low)}-{percent(high)})")
         share = rows.groupby("recording")[f"right:{names[0]}"].mean()
         wrong = ", ".join(Path(recording).stem for recording in share.index[share <= 0.5])
@@ -267,11 +267,11 @@ def draw_curves(main: pd.DataFrame, by_time: dict[float, pd.DataFrame], names: S
 
     With intervals of the first model.
     """
-    figure = new_figure(width_in=13.0, height_in=4.0)
+    figure = make_figure(width_in=13.0, height_in=4.0)
     panels = figure.subplots(1, 3, sharey=True)
     for panel, condition in zip(panels, (CONDITIONS[0], CONDITIONS[1]), strict=False):
-        _, values = condition_values(main, condition)
-        edges = bin_edges(values, condition.step)
+        _, values = find_condition_values(main, condition)
+        edges = make_bin_edges(values, condition.step)
         middle = (edges[:-1] + edges[1:]) / 2
         sets = [main[(values >= low) & (values < high)] for low, high in itertools.pairwise(edges)]
         draw_lines(panel, middle.tolist(), sets, names)

@@ -41,21 +41,21 @@ from recipe import mean_and_range
 from sim_to_real_inputs import SIX
 from sklearn.metrics import f1_score
 
-from doppelgait.classify.data import feature_values
+from doppelgait.classify.data import convert_features
 from doppelgait.classify.learned import (
     FloatArray,
     Inputs,
+    LabelledRows,
     Learned,
-    Part,
-    features_in,
     join_inputs,
-    levels_in,
     log_softmax,
+    select_features,
+    select_levels,
 )
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.scores import auc, balanced_accuracy
-from doppelgait.classify.training import MEMBERS, fit, kind_of
+from doppelgait.classify.training import MEMBERS, find_kind, fit
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -121,7 +121,7 @@ def examples(sensor: str, seed: int, n_movers: int, out: Path) -> pd.DataFrame:
     rows = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # aliasing is counted from the rows
-        stream = stream_examples(plan, folder=base).numbered()
+        stream = stream_examples(plan, folder=base).iterate_numbered()
         while len(rows) < 2 * n_movers:
             number, example = next(stream)
             signature = example.arrays["signature"]
@@ -150,7 +150,7 @@ def features_of(rows: pd.DataFrame) -> dict[str, FloatArray]:
     """Return all features as model inputs, in units without the carrier."""
     names = [*SIX, *sorted(name for name in rows if name.startswith("extended_"))]
     wavelength_m = SPEED_OF_LIGHT_MPS / rows["carrier_hz"].to_numpy(dtype=np.float64)
-    return feature_values({name: rows[name] for name in names}, wavelength_m)
+    return convert_features({name: rows[name] for name in names}, wavelength_m)
 
 
 def inputs_of(rows: pd.DataFrame, names: Sequence[str], pictures: str) -> Inputs:
@@ -190,7 +190,7 @@ class Trained:
 
 def log_probabilities(models: Mapping[str, Learned], inputs: Inputs) -> dict[str, FloatArray]:
     """Return log-probabilities of every member, (n, 2), not calibrated."""
-    views = {True: features_in(inputs), False: levels_in(inputs)}
+    views = {True: select_features(inputs), False: select_levels(inputs)}
     return {name: model.log_probability(views[name in FEATURES]) for name, model in models.items()}
 
 
@@ -213,10 +213,10 @@ def train(
     held = (rows["number"] // 2 % HELD_OF == HELD_OF - 1).to_numpy()
     models: dict[str, Learned] = {}
     for name in FEATURES:
-        learn, kept = (Part(features_in(inputs[part]), labels[part]) for part in (~held, held))
-        models[name] = fit(kind_of(name), learn, kept, n_classes=2, seed=seed)
+        learn, kept = (LabelledRows(select_features(inputs[part]), labels[part]) for part in (~held, held))
+        models[name] = fit(find_kind(name), learn, kept, n_classes=2, seed=seed)
     for label, own in settings.items():
-        learn, kept = (Part(levels_in(inputs[part]), labels[part]) for part in (~held, held))
+        learn, kept = (LabelledRows(select_levels(inputs[part]), labels[part]) for part in (~held, held))
         models[f"network, {label}"] = train_network(learn, kept, n_classes=2, seed=seed, spec=spec, settings=own)
     raw = log_probabilities(models, inputs[held])
     members = {name: (model, calibrate(raw[name], labels[held])) for name, model in models.items()}

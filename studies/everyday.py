@@ -37,7 +37,7 @@ from scipy.optimize import linear_sum_assignment
 
 import doppelgait as dg
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion.retime import fit_centre
 from doppelgait.pipeline import Conditions, Result, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
@@ -188,7 +188,7 @@ def true_bandwidth_hz(body: Body, recording: Recording, result: Result) -> float
     else:
         gate = Gate.from_truth(body.truth, recording.slow_time_s, settings).during(start_s, stop_s)
     whole = synthesise(body.truth.scatterers, radar)
-    pulses = np.searchsorted(axis(whole, "slow_time"), recording.slow_time_s - 0.5 / radar.prf_hz)
+    pulses = np.searchsorted(read_axis(whole, "slow_time"), recording.slow_time_s - 0.5 / radar.prf_hz)
     baseband = gate.crop(whole.isel(slow_time=pulses).assign_attrs(recording.facts))
     return analyze_gated(baseband, radar.wavelength_m, gate, settings, None).features.doppler_bandwidth_hz
 

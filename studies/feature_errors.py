@@ -26,7 +26,7 @@ from acceptance_tables import FAILURE, markdown
 from gait_frequency import SNR_MU_DB, Example, observe, run_study, signatures
 
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar.recording import Recording
@@ -82,7 +82,7 @@ def estimates(example: Example, recording: Recording) -> Iterator[dict[str, Any]
     for method, analysis, levels_db in RUNS:
         gate = Gate.from_truth(
             recording.truth[0],
-            axis(recording.baseband, "slow_time"),
+            read_axis(recording.baseband, "slow_time"),
             analysis,
             wavelength_m=recording.radar.wavelength_m,
         )

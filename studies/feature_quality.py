@@ -29,9 +29,9 @@ import pandas as pd
 import doppelgait.features as feature_layer
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.rng import Streams
-from doppelgait.features import Extraction, Observed
+from doppelgait.features import Extraction, Observation
 from doppelgait.features.extended import measure_extended
-from doppelgait.features.uncertainty import uncertainties_of
+from doppelgait.features.uncertainty import estimate_uncertainties
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 from doppelgait.pipeline import analyze, simulate
@@ -124,11 +124,11 @@ def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
     return {**facts, **_measured_values(*_last), **_true_values(made.truth[0])}
 
 
-def _measured_values(observed: Observed, extraction: Extraction) -> dict[str, Any]:
+def _measured_values(observed: Observation, extraction: Extraction) -> dict[str, Any]:
     known = replace(observed, extraction=extraction)
-    sd = uncertainties_of(known)
+    sd = estimate_uncertainties(known)
     without = replace(observed, extraction=replace(extraction, gait_frequency_hz=None))
-    no_gait = uncertainties_of(without)["torso_velocity_mps"]
+    no_gait = estimate_uncertainties(without)["torso_velocity_mps"]
     extended = measure_extended(known).values
     values = {**extraction.features.as_dict(), "gait_frequency_hz": extraction.gait_frequency_hz, **extended}
     return {**values, **{f"sd_{name}": value for name, value in sd.items()}, "sd_without_gait": no_gait}

@@ -35,8 +35,8 @@ import xarray as xr
 from row_runs import collect_rows, make_parser
 
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.features.gait_frequency import GRID_HZ, LEAST_PERIODS, rhythms_of, terms_of
-from doppelgait.motion.gait import find_steps, with_gait_facts
+from doppelgait.features.gait_frequency import GRID_HZ, LEAST_PERIODS, compute_terms, measure_target_rhythms
+from doppelgait.motion.gait import add_gait_facts, find_steps
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
@@ -47,7 +47,7 @@ from doppelgait.motion.segments import crop, find_segments
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.target import observe as observe_signature
-from doppelgait.processing import Analysis, Gate, signature, thin, within_frame
+from doppelgait.processing import Analysis, Gate, crop_to_frame, decimate, signature
 from doppelgait.radar import Radar, add_noise
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene, Target
@@ -182,7 +182,7 @@ def stretches(path: Path) -> dict[int, Motion]:
     """
     try:
         motion = read(path)
-        found = {n: with_gait_facts(crop(motion, s)) for n, s in enumerate(find_segments(motion), start=1)}
+        found = {n: add_gait_facts(crop(motion, s)) for n, s in enumerate(find_segments(motion), start=1)}
     except (DoppelgaitError, ValueError):
         return {}
     return {n: m for n, m in found.items() if _gait_is_known(m)}
@@ -383,9 +383,9 @@ def fit_example(example: Example) -> list[dict[str, Any]]:
     doubtful = truth_hz * seconds < 1.5 or min(example.aspect_deg, 180.0 - example.aspect_deg) > 60.0
     rows = []
     for _, mu in signatures(example, recording, Analysis(), FIT_SNR_DB):
-        seen = observe_signature(within_frame(thin(mu))[0], Analysis())[0]
-        rhythms = rhythms_of(seen.aligned, seen.excess, seen.floor_v2)
-        evidence, prior = terms_of(rhythms, float(seen.line_mps.mean()))
+        seen = observe_signature(crop_to_frame(decimate(mu))[0], Analysis())[0]
+        rhythms = measure_target_rhythms(seen.aligned, seen.excess, seen.floor_v2)
+        evidence, prior = compute_terms(rhythms, float(seen.line_mps.mean()))
         terms = np.concatenate([evidence.reshape(-1, GRID_HZ.size), prior]).astype(np.float32)
         weight = (1.0 if example.source == "model" else 2.0) * (0.3 if doubtful else 1.0)
         rows.append({"truth_hz": truth_hz, "weight": weight, "terms": terms, "seconds": seconds})

@@ -18,14 +18,14 @@ import numpy.typing as npt
 import xarray as xr
 from gates import MOVERS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, truth_of, walk_past
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.confusers import fan
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.clutter import ClutterKind, torso_share_removed, without_clutter
+from doppelgait.processing.clutter import ClutterKind, predict_torso_share_removed, remove_static_clutter
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import track
 from doppelgait.radar.impairments import ThermalNoise, noise_power_per_sample_v2
@@ -127,7 +127,7 @@ def print_false(minutes: int) -> None:
             scans = find_scans(made.baseband, wavelength_m=X4.wavelength_m)
             count += sum(len(scan.detections) for scan in scans)
             found += track(scans, velocity_span_mps=X4.wavelength_m * X4.prf_hz / 2)
-            still = without_clutter(made.baseband, kind="mean")
+            still = remove_static_clutter(made.baseband, kind="mean")
             before += len(tracks_in(still, X4, Detector(clutter="none")))
         at_fan = sum(bool(movers) and abs(float(np.median(one.range_m)) - FAN_M) < 0.8 for one in found)
         print(
@@ -196,12 +196,12 @@ def losses_db(recording: Recording, kind: ClutterKind) -> list[float]:
     Measured and closed form.
     """
     before = torso_of(recording)
-    after = without_clutter(before, kind=kind)
-    truth, times_s = recording.truth[0], axis(before, "slow_time")
+    after = remove_static_clutter(before, kind=kind)
+    truth, times_s = recording.truth[0], read_axis(before, "slow_time")
     gate = Gate.around(times_s, truth.centre_range_m, span_m=SPAN_M, source="truth")
     energy = (np.abs(before.values) ** 2).sum(axis=1)
     left = (np.abs(after.values) ** 2).sum(axis=1)
-    share = torso_share_removed(
+    share = predict_torso_share_removed(
         gate, times_s, kind=kind, wavelength_m=X4.wavelength_m, prf_hz=X4.prf_hz, n_pulses=times_s.size
     )
     near = np.abs(times_s - times_s.mean()) <= NEAR_S

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from tracking import SCENES, Truth
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.motion.motion import Motion
@@ -33,15 +33,15 @@ from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, remove_clutter
-from doppelgait.processing.clutter import without_clutter
-from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.processing.clutter import remove_static_clutter
+from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import Track, track
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.simulate import synthesise
 from doppelgait.scene import Scene, Target
-from doppelgait.viz.style import legend_below, name_axes
+from doppelgait.viz.style import name_axes, place_legend_below
 
 SEED = 7300
 SPAN_M = 1.6
@@ -153,7 +153,7 @@ def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: 
     yield Pair(radar, kind, level_db, "whole", seven(best), seven(whole))
     if best is not None:
         settings = Analysis(clutter="median", extended=False)
-        clean = remove_clutter(without_common_phase(cluttered.baseband), settings)
+        clean = remove_clutter(remove_common_phase(cluttered.baseband), settings)
         gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, settings)
         gate = gate.during(best.quality["start_s"], best.quality["stop_s"])
         true = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings, None)
@@ -233,7 +233,7 @@ def share_inside(baseband: xr.DataArray, gate: xr.Dataset | None) -> tuple[float
         return np.nan, 0.0
     part = gate.crop(baseband)
     bins = np.arange(part.sizes["range"])
-    low, high = gate.edges(axis(part, "range"), axis(part, "slow_time"), sharp=False)
+    low, high = gate.edges(read_axis(part, "range"), read_axis(part, "slow_time"), sharp=False)
     # a cell at the edge counts by the share of it that is inside (E-27)
     inside = np.clip(np.minimum(bins + 0.5, high[:, None]) - np.maximum(bins - 0.5, low[:, None]), 0.0, 1.0)
     energy = np.abs(part.values).astype(np.float64) ** 2
@@ -297,8 +297,8 @@ def draw_gates(name: str, run: int) -> Figure:
     rng = np.random.default_rng([SEED, 6, list(SCENES).index(name), run])
     recording = simulate(SCENES[name](rng), X4, angles=False)
     baseband = spoilt(recording.baseband, 20.0, rng)
-    clean = without_clutter(without_common_phase(baseband), kind="median")
-    times_s, range_m = axis(clean, "slow_time"), axis(clean, "range")
+    clean = remove_static_clutter(remove_common_phase(baseband), kind="median")
+    times_s, range_m = read_axis(clean, "slow_time"), read_axis(clean, "range")
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
     level_db = 20 * np.log10(np.abs(clean.values[::20]) + 1e-30)
@@ -315,7 +315,7 @@ def draw_gates(name: str, run: int) -> Figure:
                           lw=0, label=f"track gate {number + 1}")  # fmt: skip
     axes.set_xlim(times_s[0], times_s[-1])
     name_axes(axes, title=f"{name}, SNR_frame 20 dB", x="time (s)", y="range (m)")
-    legend_below(figure, axes)
+    place_legend_below(figure, axes)
     return figure
 
 

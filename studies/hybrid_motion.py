@@ -26,14 +26,14 @@ from doppelgait.core.config import validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
-from doppelgait.dataset.hybrids import with_hybrids
-from doppelgait.motion.gait import with_gait_facts
+from doppelgait.dataset.hybrids import add_hybrids
+from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.hybrid import Hybrid, make_hybrid
-from doppelgait.motion.hybrid_checks import foot_slide
+from doppelgait.motion.hybrid_checks import measure_foot_slide
 from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
-from doppelgait.motion.rigid import RIGID_M, pair_lengths, rigid_pairs
+from doppelgait.motion.rigid import RIGID_M, find_rigid_pairs, measure_pair_lengths
 
 FloatArray = npt.NDArray[np.float64]
 SPREAD_FEATURES = (*FEATURES, "speed_mps")
@@ -44,7 +44,7 @@ def read_clips(folder: Path) -> Iterator[tuple[str, str, str, Motion]]:
     for clip in find_clips(folder):
         short = clip.start_s is not None and clip.stop_s is not None and clip.stop_s - clip.start_s < SHORTEST_S
         try:
-            motion = with_gait_facts(clip.read(folder))
+            motion = add_gait_facts(clip.read(folder))
         except DoppelgaitError:
             continue
         if not short:
@@ -57,7 +57,7 @@ def read_clips(folder: Path) -> Iterator[tuple[str, str, str, Motion]]:
     for row in rows:
         start_s, stop_s = (int(row[key]) / float(row["frame_rate_hz"]) for key in ("start_frame", "end_frame"))
         try:
-            motion = with_gait_facts(read(folder / row["file"], start_s=start_s, stop_s=stop_s))
+            motion = add_gait_facts(read(folder / row["file"], start_s=start_s, stop_s=stop_s))
         except DoppelgaitError:
             continue
         half = f"{'MANN' if 'mann' in row['file'] else 'Tencent'} {'ab'[files.index(row['file']) % 2]}"
@@ -66,14 +66,14 @@ def read_clips(folder: Path) -> Iterator[tuple[str, str, str, Motion]]:
 
 def length_error(motion: Motion, pairs: npt.NDArray[np.int32]) -> float:
     """Return the rms deviation of the lengths of rigid pairs from their means, as a share of these."""
-    length = pair_lengths(motion.position_m, pairs)
+    length = measure_pair_lengths(motion.position_m, pairs)
     return float(np.sqrt(np.mean((length / length.mean(axis=0) - 1.0) ** 2)))
 
 
 def stiff_pairs(motion: Motion) -> npt.NDArray[np.int32]:
     """Return the pairs of neighbours whose distance the recording keeps."""
-    pairs = rigid_pairs(np.asarray(motion.position_m))
-    length = pair_lengths(motion.position_m, pairs)
+    pairs = find_rigid_pairs(np.asarray(motion.position_m))
+    length = measure_pair_lengths(motion.position_m, pairs)
     return pairs[(length.std(axis=0) < RIGID_M) & (length.mean(axis=0) > 0.03)]
 
 
@@ -86,7 +86,7 @@ def compare(folder: Path, draws: int) -> Iterator[dict[str, Any]]:
         for motion in motions:
             motion.position_m.setflags(write=False)
         plain = [{"kind": "file", "path": str(number)} for number in range(len(mine))]
-        tables = with_hybrids(plain, motions, [entry[2] for entry in mine], "blend")
+        tables = add_hybrids(plain, motions, [entry[2] for entry in mine], "blend")
         for number, ((mover, _, _, motion), table) in enumerate(zip(mine, tables, strict=True)):
             about = {"mover": mover, "half": half, "clip": f"{motion.label} {motion.facts.file_time_s:.2f}"}
             pairs = stiff_pairs(motion)
@@ -104,7 +104,7 @@ def compare(folder: Path, draws: int) -> Iterator[dict[str, Any]]:
                         made = make_hybrid(motion, hybrid, lambda other, all_of=motions: all_of[int(other["path"])])
                         row["blended"] = hybrid.other is not None
                     looped = loop(made, duration_s=OBSERVATION_S, rng=rng)
-                    row |= {"slide": foot_slide(looped), "clip_slide": foot_slide(made)}
+                    row |= {"slide": measure_foot_slide(looped), "clip_slide": measure_foot_slide(made)}
                     if made.markers == motion.markers and len(pairs):
                         row |= {"length": length_error(looped, pairs), "clip_length": length_error(made, pairs)}
                     yield row | measure(looped, mover.partition(" ")[0] if mover.startswith("dog") else "human")

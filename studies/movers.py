@@ -32,7 +32,7 @@ from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene, Target
-from doppelgait.viz.signatures import draw_signature
+from doppelgait.viz.signatures import plot_signature
 from doppelgait.viz.style import name_axes
 
 OBSERVATION_S = 3.0
@@ -123,7 +123,7 @@ def draw_pair(title: str, observed: dict[str, tuple[Recording, Result]]) -> Figu
         lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=RADAR.wavelength_m)
         for row, truth in enumerate((None, lines)):
             axes = panels[row, column]
-            draw_signature(axes, result.signature, truth_doppler=truth, db_range=DB_RANGE, doppler_hz=limits_hz)
+            plot_signature(axes, result.signature, truth_doppler=truth, db_range=DB_RANGE, doppler_hz=limits_hz)
             name_axes(axes, title=f"{name}: {title}" if row == 0 else "", x="time (s)", y="Doppler (Hz)")
     return figure
 

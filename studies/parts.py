@@ -28,18 +28,18 @@ import xarray as xr
 
 import doppelgait.processing.parts as parts_module
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.units import slow_time_axis_s
-from doppelgait.dataset.card import markdown_table
+from doppelgait.dataset.card import format_markdown_table
 from doppelgait.motion.models import human_gait, quadruped_gait, sample_person
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, froude_speed_mps, hip_height_m
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
 from doppelgait.motion.segments import crop, find_segments
-from doppelgait.processing import Analysis, Gate, line_order, main_line_hz, signature
+from doppelgait.processing import Analysis, Gate, choose_line_order, main_line_hz, signature
 from doppelgait.processing.parts import locate_parts, measure_parts
 from doppelgait.radar import Radar, synthesise
-from doppelgait.scene import Scene, Target, assemble, body_track, place
+from doppelgait.scene import Scene, Target, assemble, compute_body_track, place
 from doppelgait.scene.rcs import RcsSpec
 
 RADAR = Radar.preset("x4-long", range_start_m=1.0, range_stop_m=9.5)
@@ -111,7 +111,7 @@ def observe(motion: Motion, aspect_deg: float, rcs: str, seed: int, seconds: flo
     time_s = slow_time_axis_s(int(seconds * RADAR.prf_hz), RADAR.prf_hz)
     table = assemble(placed, time_s, angles=False, rng=np.random.default_rng(seed))
     numbers = np.array([part_number(str(part)) for part in table["part"].values])
-    track = body_track(placed.observed[0], placed.scene, time_s)
+    track = compute_body_track(placed.observed[0], placed.scene, time_s)
     none = synthesise(table.isel(scatterer=[0]), RADAR) * 0.0
     echoes = [
         synthesise(table.isel(scatterer=np.flatnonzero(numbers == n)), RADAR) if (numbers == n).any() else none
@@ -133,9 +133,9 @@ def score(body: Body, snr_db: float, seed: int, rng_key: int = 5) -> dict[str, A
     mu = body.view(heard)
     true_v2 = np.stack([body.view(echo).values for echo in body.echoes]).astype(np.float64)
     energy = true_v2.sum(axis=(1, 2))
-    line_hz = main_line_hz(mu, order=line_order(SECONDS))
+    line_hz = main_line_hz(mu, order=choose_line_order(SECONDS))
     half_hz = FIXED_MPS * 2.0 / RADAR.wavelength_m
-    near = np.abs(axis(mu, "doppler")[None, :] - line_hz[:, None]) < half_hz
+    near = np.abs(read_axis(mu, "doppler")[None, :] - line_hz[:, None]) < half_hz
     banded = true_v2[0][near].sum() + true_v2[1:, ~near].sum()
     line_mps = float(np.median(line_hz)) * RADAR.wavelength_m / 2.0
     row = {
@@ -232,7 +232,7 @@ def draw_picture(path: Path) -> None:
         if mask is None:
             raise DoppelgaitError(f"no parts: {reason}")
         found = measure_parts(mask.power_v2(body.whole, ANALYSIS, wavelength_m=RADAR.wavelength_m))
-        time_s, speed_mps = axis(mu, "time"), axis(mu, "velocity")
+        time_s, speed_mps = read_axis(mu, "time"), read_axis(mu, "velocity")
         level_db = 10 * np.log10(mu.values / mu.values.max(axis=1, keepdims=True) + 1e-9)
         true_v2 = np.stack([body.view(echo).values for echo in body.echoes])
         shown = level_db > -30
@@ -280,17 +280,17 @@ def main() -> None:
     table = pd.DataFrame(rows)
     clean = table[np.isinf(table["snr_db"])]
     print("Aspects, no noise\n")
-    print(markdown_table(summarise(clean, ("body", "scatterers", "aspect_deg"))))
+    print(format_markdown_table(summarise(clean, ("body", "scatterers", "aspect_deg"))))
     print("\nNoise, 0 degrees\n")
-    print(markdown_table(summarise(table[table["aspect_deg"] == 0], ("body", "scatterers", "snr_db"))))
+    print(format_markdown_table(summarise(table[table["aspect_deg"] == 0], ("body", "scatterers", "snr_db"))))
     known = clean[clean["reason"] == ""]
     print("\nTorso velocity: median error in m/s of the main line and of the torso part, no noise\n")
     errors = known.groupby(["body", "scatterers"], sort=False)[["line_error_mps", "torso_error_mps"]].median()
-    print(markdown_table(errors.round(3).reset_index()))
+    print(format_markdown_table(errors.round(3).reset_index()))
     if options.mocap:
         recorded = pd.DataFrame(recorded_rows(options.mocap))
         print("\nRecorded, 0 degrees, no noise\n")
-        print(markdown_table(summarise(recorded, ("body", "scatterers"))))
+        print(format_markdown_table(summarise(recorded, ("body", "scatterers"))))
 
 
 if __name__ == "__main__":

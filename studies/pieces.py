@@ -21,7 +21,7 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.processing.breathing import find_breathing
-from doppelgait.processing.pieces import Piece, find_pieces
+from doppelgait.processing.pieces import TrackSegment, find_track_segments
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -49,7 +49,7 @@ def legs(source: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArra
     return times, np.interp(times, LEG_S * np.arange(5), corners), LEG_S * np.arange(1, 4)
 
 
-def change_points_s(pieces: tuple[Piece, ...]) -> list[float]:
+def change_points_s(pieces: tuple[TrackSegment, ...]) -> list[float]:
     """Return the middles between segments."""
     return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(pieces)]
 
@@ -80,7 +80,7 @@ def turns_table(trials: int, seed: int) -> None:
                 source = np.random.default_rng(seed + trial)
                 times, clean, true = legs(source)
                 track = clean + errors(source, times.size, sd_m=sd_m, memory_s=memory_s)
-                found = change_points_s(find_pieces(times, track, range_sd_m=max(sd_m, 0.05)))
+                found = change_points_s(find_track_segments(times, track, range_sd_m=max(sd_m, 0.05)))
                 offsets += offsets_s(found, true)
                 found_all, true_all = found_all + len(found), true_all + true.size
             f1 = 2 * len(offsets) / (found_all + true_all)
@@ -94,7 +94,7 @@ def cut_share(track: Callable[[FloatArray, float], FloatArray], *, trials: int, 
     for trial in range(trials):
         source = np.random.default_rng(seed + trial)
         clean = track(times, float(source.uniform(0, 2 * np.pi)))
-        cut += len(find_pieces(times, clean + source.normal(0, 0.065, times.size))) > 1
+        cut += len(find_track_segments(times, clean + source.normal(0, 0.065, times.size))) > 1
     return cut / trials
 
 

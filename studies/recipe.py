@@ -31,8 +31,8 @@ from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from doppelgait.classify.adapt import adaptation_curve
-from doppelgait.classify.data import Rows, rows_of, table_of
+from doppelgait.classify.adapt import score_adaptation
+from doppelgait.classify.data import Rows, collect_inputs, collect_rows
 from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import Linear
 from doppelgait.classify.model import Calibration, Facts, Model
@@ -153,7 +153,7 @@ def recordings_wrong(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
 def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
     """Tabulate scores against own recordings, and the calibration error.
 
-    Means over the seeds of :func:`doppelgait.classify.adapt.adaptation_curve`, rows under the charter's conditions. The
+    Means over the seeds of :func:`doppelgait.classify.adapt.score_adaptation`, rows under the charter's conditions. The
     model that is adapted has the log-odds of the answers as its only input.
     """
     odds_alone = Linear(np.zeros(1), np.zeros(0, dtype=np.int64), np.zeros(1), np.ones(1), np.array([[0.0], [1.0]]),
@@ -170,7 +170,7 @@ def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
         labels = (rows["label"] == "human").to_numpy(dtype=np.int64)
         own = Rows((), rows, count, np.arange(len(rows)), facts.classes, labels, rows["subject"].to_numpy(dtype=str))
         odds = log_odds(rows[f"p:{name}"])[:, None]
-        curves.append(adaptation_curve(model, own, odds, np.random.default_rng(seed)))
+        curves.append(score_adaptation(model, own, odds, np.random.default_rng(seed)))
     columns = {
         "same movers before": "before",
         "balanced accuracy": "balanced_accuracy",
@@ -197,9 +197,9 @@ def domain_table(found: Mapping[str, Sequence[Dataset]], tested: Dataset, seed: 
         for label in labels:
             areas = []
             for learnt in datasets:
-                rows = rows_of(learnt, tested)
+                rows = collect_rows(learnt, tested)
                 part = np.flatnonzero((rows.index["label"] == label) & easy(rows.index))
-                values = table_of(rows, "extended").values[part]
+                values = collect_inputs(rows, "extended").values[part]
                 real = rows.origin[part] == 1
                 told = np.isfinite(values).any(axis=0)
                 judge = make_pipeline(

@@ -26,13 +26,13 @@ import numpy as np
 from sensor_units import POPULATION, fit_units, own_score, population_scores, summary
 
 from doppelgait import viz
-from doppelgait.classify.domain import Comparison, compare_recordings, comparison_rows, picture, simulate_like
+from doppelgait.classify.domain import Comparison, compare_recordings, comparison_rows, plot_recording, simulate_like
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import fit_kind, kind_preset
+from doppelgait.radar.fit import fit_kind, format_kind_preset
 from doppelgait.radar.readers import read_recording, read_several
-from doppelgait.viz.domains import domain_page
+from doppelgait.viz.domains import plot_domains
 
 SEEDS = 16
 PEOPLE_AT_M = 3.0
@@ -84,14 +84,14 @@ def judged(
 ) -> dict[str, Comparison]:  # fmt: skip
     """Fit to some recordings, compare with others, draw the page."""
     model = out / f"{name}.toml"
-    model.write_text(kind_preset(fit_kind(train, radar=radar, people_at_m=people_at_m)), encoding="utf-8")
+    model.write_text(format_kind_preset(fit_kind(train, radar=radar, people_at_m=people_at_m)), encoding="utf-8")
     scene, folder = plan if plan is not None else (None, None)
-    found, pictures = {}, {"real": [picture(one) for one in test[:4]]}
+    found, pictures = {}, {"real": [plot_recording(one) for one in test[:4]]}
     for words, preset in (("before", shipped), ("after", str(model))):
         made = simulate_like(list(test) * copies, preset, plan=scene, folder=folder, seed=7)
         found[words] = compare_recordings(test, made)
-        pictures[f"{words}: {Path(preset).stem}"] = [picture(one) for one in made[:4]]
-    page = domain_page(pictures, comparison_rows(found), title=f"{name}: {len(test)} real recordings not fitted to")
+        pictures[f"{words}: {Path(preset).stem}"] = [plot_recording(one) for one in made[:4]]
+    page = plot_domains(pictures, comparison_rows(found), title=f"{name}: {len(test)} real recordings not fitted to")
     viz.save_figure(page, out / f"{name}.png")
     return found
 

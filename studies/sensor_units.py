@@ -16,7 +16,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import Estimate, Measured, Pooled, SensorKind, fit_kind
+from doppelgait.radar.fit import Estimate, PooledQuantity, SensorKind, SensorMeasurement, fit_kind
 
 UNITS = 12
 SECONDS, PRF_HZ = 4.0, 500.0
@@ -79,7 +79,7 @@ def fit_units(seed: int, count: int = UNITS) -> tuple[list[Unit], SensorKind]:
     return units, fit_kind(recordings)
 
 
-def own_score(one: Measured, name: str, truth: float) -> float:
+def own_score(one: SensorMeasurement, name: str, truth: float) -> float:
     """Return the error of one unit's estimate over its uncertainty."""
     found: Estimate | None = one.estimates.get(name)
     return math.nan if found is None else (found.value - truth) / found.sd
@@ -94,7 +94,7 @@ def population_scores(kind: SensorKind, units: list[Unit]) -> dict[str, tuple[fl
     """
     scores = {}
     for name, (mean, sd) in POPULATION.items():
-        pooled: Pooled | None = kind.pooled.get(name)
+        pooled: PooledQuantity | None = kind.pooled.get(name)
         if pooled is None or math.isnan(pooled.spread):  # shown by fewer than three units
             continue
         if name == "gain_db":

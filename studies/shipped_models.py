@@ -21,10 +21,10 @@ import numpy as np
 import pandas as pd
 from classification import CLASSES, SOURCES, with_half
 
-from doppelgait.classify.data import rows_of, table_of
+from doppelgait.classify.data import collect_inputs, collect_rows
 from doppelgait.classify.model import Model
 from doppelgait.classify.open_set import blocked_rows
-from doppelgait.classify.shipped import FOLDER, model_cards, shipped_model
+from doppelgait.classify.shipped import FOLDER, load_shipped_model, read_model_cards
 from doppelgait.core.config import validate
 from doppelgait.dataset import build_dataset, open_dataset
 from doppelgait.dataset.config import PlanConfig
@@ -48,9 +48,9 @@ def recorded(name: str, folder: Path, out: Path, n_examples: int) -> Dataset:
 
 def answers(model: Model, tested: Dataset, folder: Path) -> pd.DataFrame:
     """Return the tested rows with ``right``, ``decided`` and ``half``."""
-    rows = rows_of(tested)
+    rows = collect_rows(tested)
     order = [model.facts.classes.index(label) for label in rows.classes]
-    values = table_of(rows, model.facts.features).values
+    values = collect_inputs(rows, model.facts.features).values
     probability = model.probability(values)[:, order]
     sure = probability.max(axis=1) >= model.facts.abstain_below
     index = rows.index.assign(
@@ -84,8 +84,8 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="write the scores into the cards")
     options = parser.parse_args()
     folder = options.motion_folder.absolute()
-    for name, card in model_cards().items():
-        rows = answers(shipped_model(name), recorded(name, folder, options.out, options.examples), folder)
+    for name, card in read_model_cards().items():
+        rows = answers(load_shipped_model(name), recorded(name, folder, options.out, options.examples), folder)
         found: dict[str, Any] = {"all": summary(rows)}
         found |= {half: summary(part) for half, part in rows.groupby("half")}
         found["by_gait"] = {

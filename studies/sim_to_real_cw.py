@@ -35,7 +35,7 @@ from xband_measures import FloatArray
 
 from doppelgait.classify.domain import Comparison, compare_recordings
 from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.processing import Analysis
 from doppelgait.processing.bursts import burst_signature
 from doppelgait.radar import Recording
@@ -107,7 +107,7 @@ def measure(recording: Recording) -> Bursts:
     mu = burst_signature(
         recording.baseband, None, Analysis(doppler_bins=1024), wavelength_m=recording.radar.wavelength_m
     )  # fmt: skip
-    power, velocity = mu.values.astype(np.float64), axis(mu, "velocity")
+    power, velocity = mu.values.astype(np.float64), read_axis(mu, "velocity")
     quiet = np.abs(velocity) > NOISE_FROM_MPS
     noise = np.median(power[:, quiet], axis=1) / np.log(2.0)  # the mean of an exponential law by its median
     approaching = np.where(velocity > SPEEDS_MPS[0] / 2.0, power, 0.0)

@@ -33,7 +33,7 @@ from doppelgait.radar.impairments import apply_impairments
 from doppelgait.radar.measured import label_measured
 from doppelgait.radar.simulate import synthesise_samples
 from doppelgait.scene import Scene, Target
-from doppelgait.scene.bodies import Ellipsoids, body_of, own_points
+from doppelgait.scene.bodies import Ellipsoids, find_body, find_own_points
 from doppelgait.scene.rcs import RcsSpec, total_rcs_m2
 from doppelgait.scene.scatterers import View
 
@@ -101,7 +101,7 @@ class Plan:
 def joints_of(motion: Motion) -> Motion | None:
     """Return the joints of a recorded person, or None."""
     try:
-        body_of(motion.markers, "")
+        find_body(motion.markers, "")
         return motion
     except ConfigError:
         number = {name: n for n, name in enumerate(motion.markers)}
@@ -234,7 +234,7 @@ def scatter_surface(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
     axes = _axes(body, np.broadcast_to([0.0, 0.0, 1.0], sideways.shape), sideways)[:, segment]
     semi_m = skeleton.semi_axes_m[segment]
     points_m = body.centre_m[:, segment] + np.einsum("tpkx,pk->tpx", axes, unit * semi_m)
-    outside = own_points(points_m, body).sum(axis=1) < 2  # what lies inside another segment is no skin
+    outside = find_own_points(points_m, body).sum(axis=1) < 2  # what lies inside another segment is no skin
     normal = np.einsum("tpkx,pk->tpx", axes, unit / semi_m)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     to_radar = view.radar_position_m - points_m

@@ -17,8 +17,8 @@ import xarray as xr
 from xband_measures import FloatArray
 
 from doppelgait.classify import levels
-from doppelgait.classify.data import feature_values
-from doppelgait.core.files import atomic_path
+from doppelgait.classify.data import convert_features
+from doppelgait.core.files import open_atomically
 from doppelgait.pipeline import Result
 from doppelgait.processing.patches import Levels, Patch
 
@@ -68,7 +68,7 @@ class Inputs:
         Velocity without sign, bandwidth in m/s, infinite values as unknown.
         """
         wavelength_m = np.full(len(self), self.wavelength_m)
-        values = feature_values({name: self.columns[name] for name in names}, wavelength_m)
+        values = convert_features({name: self.columns[name] for name in names}, wavelength_m)
         return np.column_stack(list(values.values())) if values else np.zeros((len(self), 0))
 
 
@@ -114,7 +114,7 @@ def kept(path: Path, make: Callable[[], Arrays]) -> Arrays:
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         arrays = make()
-        with atomic_path(path) as partial, partial.open("wb") as file:
+        with open_atomically(path) as partial, partial.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
     with np.load(path) as stored:
         return {name: stored[name] for name in stored.files}

@@ -16,7 +16,7 @@ from sim_to_real_inputs import SIX, Inputs
 from xband_measures import FloatArray
 
 from doppelgait.classify.learned import Inputs as Values
-from doppelgait.classify.learned import Learned, Linear, Network, Part, join_inputs, standardise
+from doppelgait.classify.learned import LabelledRows, Learned, Linear, Network, join_inputs, standardise
 from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.scores import auc, balanced_accuracy
@@ -153,7 +153,7 @@ def train_all(
         features = "extended" if kind.features == "all" and not network else kind.features
         names = told_names(inputs, features)
         values = values_of(inputs, features, names)
-        learn, kept = Part(values[~held], labels[~held]), Part(values[held], labels[held])
+        learn, kept = LabelledRows(values[~held], labels[~held]), LabelledRows(values[held], labels[held])
         if kind.learner == "network":
             learned: Learned = train_network(learn, kept, n_classes=n_classes, seed=seed, spec=patch, settings=SETTINGS)
         elif kind.learner == "ensemble":
@@ -240,8 +240,13 @@ def domain_auc(synthetic: Inputs, real: Inputs, *, features: str, most: int = 40
     labels = np.repeat([0, 1], [rows.size, len(real)])
     scores = np.empty(labels.size)
     for learn, test in StratifiedKFold(5, shuffle=True, random_state=seed).split(values, labels):
-        found = fit(Kind(features, "logistic"), Part(values[learn], labels[learn]), Part(values[:0], labels[:0]),
-                    n_classes=2, seed=seed)  # fmt: skip
+        found = fit(
+            Kind(features, "logistic"),
+            LabelledRows(values[learn], labels[learn]),
+            LabelledRows(values[:0], labels[:0]),
+            n_classes=2,
+            seed=seed,
+        )
         scores[test] = found.log_probability(values[test])[:, 1]
     return auc(scores, labels == 1)
 

@@ -32,7 +32,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.conditions import Conditions
-from doppelgait.pipeline.spectrogram import gate_of_levels
+from doppelgait.pipeline.spectrogram import make_level_gate
 from doppelgait.processing.patches import Patch
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
@@ -250,7 +250,7 @@ def inputs_of_levels(
     rows, signatures = [], []
     for image in images:
         mu = xband_gait.displayed_signature(image, entry or xband_gait.Entry())
-        rows.append(store.row_of(analyze_signature(mu, gate_of_levels(mu), xband_gait.ANALYSIS, label=None)))
+        rows.append(store.row_of(analyze_signature(mu, make_level_gate(mu), xband_gait.ANALYSIS, label=None)))
         signatures.append(mu)
     return store.inputs_of(rows, signatures, PATCH, labels, groups)
 

@@ -33,8 +33,8 @@ from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.radar import Radar, add_noise
 from doppelgait.scene import Scene, Target
-from doppelgait.testing.tracking import agreement, range_iou
-from doppelgait.viz.style import legend_below, name_axes
+from doppelgait.testing.tracking import compare_tracks, range_iou
+from doppelgait.viz.style import name_axes, place_legend_below
 
 RADAR = Radar.preset("x4")
 LEVELS_DB = (30.0, 20.0, 10.0, 5.0)
@@ -187,7 +187,7 @@ def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
     found_m = np.full((times_s.size, len(tracks)), np.nan)
     for n, one in enumerate(tracks):
         found_m[np.searchsorted(times_s, one.times_s - 1e-6), n] = one.range_m
-    result = agreement(found_m, true_m, cutoff=CUTOFF_M)
+    result = compare_tracks(found_m, true_m, cutoff=CUTOFF_M)
     overlap, tracked, bias, parts, delay = [], [], [], [], []
     for n in range(true_m.shape[1]):
         near = [m for m in range(len(tracks)) if result.purity[m] >= 0.5 and result.owner[m] == n]
@@ -337,7 +337,7 @@ def draw(name: str, shown: dict[str, Run]) -> Figure:
             axes.plot(one.times_s, one.range_m, lw=2.5, alpha=0.7, label=f"track {number + 1}")
         name_axes(axes, title=f"{name}, {case}", x="time (s)", y="range (m)")
         axes.set_ylim(0, 10)
-    legend_below(figure, panels[0])
+    place_legend_below(figure, panels[0])
     return figure
 
 

@@ -47,16 +47,16 @@ from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import SensorFit, calibrated_preset, fit_sensor
+from doppelgait.radar.fit import SensorFit, fit_sensor, format_calibrated_preset
 from doppelgait.radar.fit.static import fit_series
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import comparator_noise_v, noise_power_v2
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.rf import sample_rf_frames
 from doppelgait.radar.simulate import label_baseband
-from doppelgait.radar.xethru.downconvert import chip_gain, down_convert_frames
+from doppelgait.radar.xethru.downconvert import compute_chip_gain, down_convert_frames
 from doppelgait.scene import Scene, Target, assemble, place
-from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
+from doppelgait.viz.style import ACCENT, make_figure, name_axes, place_legend_below
 
 EMPTY = "rf_empty_room_two_radars_20220222_143239.mat"
 BREATHING = "rf_breathing_20220303_131324.mat"
@@ -190,7 +190,7 @@ def carrier_gain(filter: Filter) -> float:
 
 def unit_db(radar: Radar, filter: Filter = "hamming") -> float:
     """Return the level of a read file's unit, dB re 1 V."""
-    return db((radar.volts_per_unit or 1.0) * chip_gain(radar.carrier_hz, radar.sample_rate_hz, filter))
+    return db((radar.volts_per_unit or 1.0) * compute_chip_gain(radar.carrier_hz, radar.sample_rate_hz, filter))
 
 
 def level_of_bins(fit: SensorFit) -> FloatArray:
@@ -286,7 +286,7 @@ def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
 
     The measured room, simulated rooms, and the fitted profile.
     """
-    figure = new_figure(width_in=10.5, height_in=5.5)
+    figure = make_figure(width_in=10.5, height_in=5.5)
     axes = figure.add_subplot()
     own = unit_db(real.radar)
     for number, fit in enumerate(drawn[:6]):
@@ -297,13 +297,13 @@ def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
     for fit, colour, words in ((drawn[0], "#e69f00", "noise, drawn room"), (real, NOISE, "noise, measured")):
         axes.plot(fit.range_m, 10 * np.log10(fit.noise.by_bin_v2) - own, color=colour, lw=1.2, label=words)
     name_axes(axes, title=title, x="range (m)", y="level (dB re 1 unit)")
-    legend_below(figure, axes)
+    place_legend_below(figure, axes)
     return figure
 
 
 def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
     """Plot slow-time deviation over range and phase at the person."""
-    figure = new_figure(width_in=10.5, height_in=7.0)
+    figure = make_figure(width_in=10.5, height_in=7.0)
     above, below = figure.subplots(2, 1)
     for found, colour, words in ((real, MEASURED, "measured"), (drawn, SIMULATED, "simulated, counters")):
         above.plot(found.range_m, found.level_db, color=colour, lw=1.4, label=words)
@@ -312,7 +312,7 @@ def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
     above.axvline(PERSON_M, color="0.6", lw=0.8)
     name_axes(above, title=title, x="range (m)", y="slow-time standard deviation (dB re 1 unit)")
     name_axes(below, title="", x="time (s)", y="phase of the person's bin (rad)")
-    legend_below(figure, above)
+    place_legend_below(figure, above)
     return figure
 
 
@@ -381,7 +381,7 @@ def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, 
     drawn: list[list[tuple[Recording, SensorFit]]] = []
     for number, (_, fit) in enumerate(real.values(), start=1):
         model = out / f"x4-twin-{number}.toml"
-        model.write_text(calibrated_preset(fit), encoding="utf-8")
+        model.write_text(format_calibrated_preset(fit), encoding="utf-8")
         seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
         rooms = [drawn_room(model, frames=fit.n_frames, seed=int(seed)) for seed in seeds]
         drawn.append([(room, fit_sensor(room)) for room in rooms])

@@ -31,14 +31,14 @@ from xband_readings import IMAGES, Image
 
 from doppelgait import viz
 from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.units import carrier_to_wavelength_m
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.spectrogram import gate_of_levels, signature_of_levels
+from doppelgait.pipeline.spectrogram import convert_levels_to_signature, make_level_gate
 from doppelgait.processing import Analysis
 from doppelgait.radar.readers.cw_text import read_cw_text
-from doppelgait.viz.style import name_axes, new_figure
+from doppelgait.viz.style import make_figure, name_axes
 
 DATA_FILE = Path("fmcw_xband_manga") / "decoded_levels.npz"
 CW_FOLDER = "cw24_kmkim036"
@@ -109,7 +109,7 @@ def displayed_signature(
     velocity_mps: measures.FloatArray = measures.VELOCITY_MPS,
 ) -> xr.DataArray:  # fmt: skip
     """Convert displayed levels (velocity, time) to a signature."""
-    return signature_of_levels(
+    return convert_levels_to_signature(
         level_db.T, time_s=time_s, velocity_mps=velocity_mps,
         wavelength_m=carrier_to_wavelength_m(9.7e9), prf_hz=1.0 / measures.PRI_S, cpi_pulses=measures.WINDOW_SWEEPS,
         hop=measures.HOP_SWEEPS, range_m=RANGE_M, floor_db=measures.FLOOR_DB if entry.clipped else None,
@@ -121,11 +121,11 @@ def displayed_signature(
 def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> Result:
     """Measure the features of one image."""
     mu = signature_of(image, level_db, entry)
-    found = analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=image.label)
+    found = analyze_signature(mu, make_level_gate(mu), ANALYSIS, label=image.label)
     if not entry.one_sided:
         return found
-    own_side = axis(mu, "velocity") * (found.features.torso_velocity_mps or 0.0) > 0
-    return analyze_signature(mu * own_side.astype(np.float32), gate_of_levels(mu), ANALYSIS, label=image.label)
+    own_side = read_axis(mu, "velocity") * (found.features.torso_velocity_mps or 0.0) > 0
+    return analyze_signature(mu * own_side.astype(np.float32), make_level_gate(mu), ANALYSIS, label=image.label)
 
 
 def step_times_s(result: Result) -> measures.FloatArray:
@@ -136,8 +136,8 @@ def step_times_s(result: Result) -> measures.FloatArray:
     if result.gait_frequency_hz is None:
         return np.empty(0)
     mu = result.normalised_signature
-    times_s = axis(mu, "time")
-    apart_hz = np.abs(axis(mu, "doppler") - (result.torso_doppler_hz or 0.0))
+    times_s = read_axis(mu, "time")
+    apart_hz = np.abs(read_axis(mu, "doppler") - (result.torso_doppler_hz or 0.0))
     turn = 2.0 * np.pi * result.gait_frequency_hz
     swing = mu.values @ apart_hz
     phase = float(np.angle(((swing - swing.mean()) * np.exp(-1j * turn * times_s)).sum()))
@@ -151,10 +151,10 @@ def draw(image: Image, result: Result) -> Figure:
 
     Values read by eye are dotted.
     """
-    figure = new_figure(width_in=15.0, height_in=6.0)
+    figure = make_figure(width_in=15.0, height_in=6.0)
     left, right = figure.subplots(1, 2, width_ratios=(3, 1))
     mu = result.signature
-    times_s, velocity_mps = axis(mu, "time"), axis(mu, "velocity")
+    times_s, velocity_mps = read_axis(mu, "time"), read_axis(mu, "velocity")
     level_db = 10.0 * np.log10(np.maximum(mu.values.T, 1e-3))
     extent = (times_s[0], times_s[-1], velocity_mps[0], velocity_mps[-1])
     shown = left.imshow(level_db, origin="lower", aspect="auto", extent=extent, cmap="magma", vmin=-30, vmax=-5)
@@ -173,7 +173,7 @@ def draw(image: Image, result: Result) -> Figure:
 def draw_cadence(panel: Axes, image: Image, result: Result) -> None:
     """Plot the cadence spectrum with measured, read and known frequencies."""
     spectrum = result.cadence_spectrum
-    cadence_hz, power = axis(spectrum, "cadence"), spectrum.values
+    cadence_hz, power = read_axis(spectrum, "cadence"), spectrum.values
     shown = cadence_hz <= 8.0
     panel.plot(cadence_hz[shown], power[shown] / power[shown].max(), color="black", lw=1.2)
     for name, frequency_hz, colour, dash in (

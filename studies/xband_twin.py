@@ -40,7 +40,7 @@ from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar import Radar, Recording
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
-from doppelgait.viz.style import name_axes, new_figure
+from doppelgait.viz.style import make_figure, name_axes
 
 DATA_FILE = "decoded_levels.npz"
 SEED = 97
@@ -198,7 +198,7 @@ def real_levels(data: Path) -> dict[str, FloatArray]:
 
 def draw_pair(pair: Pair, shown: dict[str, FloatArray]) -> Figure:
     """Plot real and simulated images on the same axes and colours."""
-    figure = new_figure(width_in=6.2 * len(shown), height_in=5.2)
+    figure = make_figure(width_in=6.2 * len(shown), height_in=5.2)
     panels = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
     extent = (0.0, measures.N_COLUMNS * measures.COLUMN_S, -measures.EDGE_MPS, measures.EDGE_MPS)
     for panel, (title, level_db) in zip(panels, shown.items(), strict=True):

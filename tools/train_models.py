@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from doppelgait.classify.data import rows_of, table_of, take_rows
+from doppelgait.classify.data import collect_inputs, collect_rows, take_rows
 from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.model_file import save_model
 from doppelgait.core.config import validate
@@ -93,9 +93,9 @@ def train(dataset: Dataset, folder: Path, name: str) -> dict[str, Any]:
     seconds = time.process_time() - began
     model, path = found.models["ensemble"], folder / f"{name}.npz"
     save_model(model, path)
-    rows = rows_of(dataset)
+    rows = collect_rows(dataset)
     tested = np.flatnonzero((rows.index["split"] == "test").to_numpy())
-    values = table_of(take_rows(rows, tested), model.facts.features).values
+    values = collect_inputs(take_rows(rows, tested), model.facts.features).values
     began = time.process_time()
     model.probability(values)
     scores = found.document["models"]["ensemble"]

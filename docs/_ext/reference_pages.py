@@ -10,7 +10,7 @@ from setting_pages import groups, settings_page
 
 from doppelgait.cli.app import app
 from doppelgait.dataset.shard_files import AXIS_UNITS, FIELDS
-from doppelgait.features.extended import feature_table
+from doppelgait.features.extended import list_features
 
 
 def pages() -> dict[str, str]:
@@ -54,7 +54,7 @@ def _axes(name: str, facts: dict[str, Any]) -> list[str]:
 
 def _extended() -> str:
     """Features beside the six."""
-    rows = [f"| `extended_{name}` | {unit} | {source} |" for name, unit, source in feature_table()]
+    rows = [f"| `extended_{name}` | {unit} | {source} |" for name, unit, source in list_features()]
     return "\n".join(["| column | unit | |", "| --- | --- | --- |", *rows, ""])
 
 

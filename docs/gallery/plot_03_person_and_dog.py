@@ -32,11 +32,11 @@ figure = viz.contact_sheet([person.signature, dog.signature], titles=["person", 
 # %%
 # The cadence-velocity diagram shows how often each Doppler shift repeats.
 
-figure = viz.step_doppler(person.cadence_map, gait_frequency_hz=person.gait_frequency_hz, title="Person")
+figure = viz.cadence_map(person.cadence_map, gait_frequency_hz=person.gait_frequency_hz, title="Person")
 
 # %%
 
-figure = viz.step_doppler(dog.cadence_map, gait_frequency_hz=dog.gait_frequency_hz, title="Dog")
+figure = viz.cadence_map(dog.cadence_map, gait_frequency_hz=dog.gait_frequency_hz, title="Dog")
 
 # %%
 # Twenty of each, with random sizes and speeds.

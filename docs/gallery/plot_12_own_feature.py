@@ -13,10 +13,10 @@ import pandas as pd
 
 import doppelgait as dg
 from doppelgait import viz
-from doppelgait.features import Observed
+from doppelgait.features import Observation
 
 # %%
-# The function takes one target's processed signature (:class:`doppelgait.features.observed.Observed`), with the
+# The function takes one target's processed signature (:class:`doppelgait.features.observed.Observation`), with the
 # quantities that several features share. It is called only where everything that it ``needs`` is known. None means
 # undetermined. This feature is the share of the time in which a limb is faster than twice the torso.
 
@@ -24,7 +24,7 @@ from doppelgait.features import Observed
 @dg.plugin(
     "feature", "quick_time_share", unit="1", source="ours: time with quick limbs", needs=("direction", "envelope")
 )
-def quick_time_share(observed: Observed) -> float | None:
+def quick_time_share(observed: Observation) -> float | None:
     """Share of the columns with a forward envelope beyond twice the torso's velocity."""
     torso_mps = abs(float(observed.line_mps.mean()))
     return float(np.mean(observed.forward_mps > torso_mps))  # envelope, relative to the torso's line

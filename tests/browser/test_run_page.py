@@ -17,7 +17,7 @@ from doppelgait.pipeline import analyze
 from doppelgait.processing import Analysis, range_doppler, remove_clutter, signature
 from doppelgait.radar import read_recording
 from doppelgait.viewer.payload import ALIGNMENT, MAGIC, as_json
-from doppelgait.viewer.server import page_in_browser
+from doppelgait.viewer.server import open_in_browser
 from viewer_page import (
     DURATION_S,
     LEFT,
@@ -38,7 +38,7 @@ from viewer_page import (
 def test_the_page_is_opened_by_a_file(browser: Any, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     page = browser.new_page()  # the console of a page tells every refusal
     monkeypatch.setattr("webbrowser.open", page.goto)
-    with page_in_browser(url):
+    with open_in_browser(url):
         page.wait_for_url(f"{url}**")
         page.wait_for_selector(READY)
         page.reload()

@@ -14,9 +14,9 @@ from doppelgait.classify.adapt import (
     SLOPE_SD,
     adapt,
     adapt_unlabelled,
-    adaptation_curve,
-    draw_own,
-    recordings_of,
+    list_row_recordings,
+    sample_own_rows,
+    score_adaptation,
 )
 from doppelgait.classify.data import Rows
 from doppelgait.classify.learned import Linear
@@ -118,7 +118,7 @@ def test_the_same_targets_trigger_the_alarm_as_before(model):
 def test_a_blank_recording_is_one_of_its_own():
     rows, _ = own_rows(2, per_mover=2)
     rows.index["recording"] = ["", "a", None, "a"]
-    assert recordings_of(rows).tolist() == ["e0", "a", "e2", "a"]
+    assert list_row_recordings(rows).tolist() == ["e0", "a", "e2", "a"]
 
 
 def test_without_labels_the_mean_probability_comes_to_the_shares(model):
@@ -147,22 +147,22 @@ def test_movers_who_are_drawn_are_not_scored():
     rows, _ = own_rows(12)
     rng = np.random.default_rng(0)
     for n in (1, 3, 5):
-        own, scored = draw_own(rows, n, rng)
+        own, scored = sample_own_rows(rows, n, rng)
         assert not set(rows.groups[own]) & set(rows.groups[scored])
         names = rows.index["recording"].to_numpy()
         for number in (0, 1):
             mine = own[rows.labels[own] == number]
             assert len(set(names[mine])) == n
             assert len(set(rows.groups[mine])) == -(-n // 2)  # two recordings of each mover
-    assert draw_own(rows, 0, rng)[1].size == 48
-    assert draw_own(rows, 13, rng) is None  # there are 12
-    assert draw_own(rows, 12, rng) is None  # nobody would be left
+    assert sample_own_rows(rows, 0, rng)[1].size == 48
+    assert sample_own_rows(rows, 13, rng) is None  # there are 12
+    assert sample_own_rows(rows, 12, rng) is None  # nobody would be left
 
 
 def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
     monkeypatch.setattr(adapting, "REPEATS", 10)
     rows, values = own_rows()
-    curve = adaptation_curve(model, rows, values, np.random.default_rng(1), counts=(0, 2, 10, 500))
+    curve = score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 2, 10, 500))
     assert [point["n"] for point in curve] == [0, 2, 10]
     scores = [point["balanced_accuracy"] for point in curve]
     assert scores[0] < 0.7
@@ -179,6 +179,6 @@ def test_without_a_change_the_same_movers_score_as_before(model, monkeypatch):
     monkeypatch.setattr(adapting, "adapt", lambda model, *_: model)
     monkeypatch.setattr(adapting, "adapt_unlabelled", lambda model, *_: model)
     rows, values = own_rows(6, seed=7, offset=1.5)
-    for point in adaptation_curve(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
+    for point in score_adaptation(model, rows, values, np.random.default_rng(1), counts=(0, 1, 2)):
         assert point["balanced_accuracy"] == point["before"] == point["unlabelled"]
         assert point["movers"] == 6 - (2 if point["n"] else 0)

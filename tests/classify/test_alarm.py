@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from doppelgait.classify import classify_over_time, shipped_model
+from doppelgait.classify import classify_over_time, load_shipped_model
 from doppelgait.classify.alarm import (
     Day,
     Episode,
-    alarm_scores,
-    day_table,
-    draw_scene,
-    episode_table,
+    estimate_weighted_count,
+    format_day,
+    format_episodes,
     read_day,
     run_day,
+    sample_scene,
+    score_alarm,
     score_day,
-    weighted_poisson,
 )
 from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import simulate
@@ -26,7 +26,7 @@ from doppelgait.pipeline import simulate
 @pytest.mark.parametrize("count", [0, 1, 3, 20])
 def test_the_interval_of_one_count_is_that_of_poisson(count):
     counts = [1] * count + [0] * 5
-    found = weighted_poisson(counts, [0.5] * len(counts))
+    found = estimate_weighted_count(counts, [0.5] * len(counts))
     low = 0.0 if count == 0 else chi2.ppf(0.025, 2 * count) / 2
     assert found == pytest.approx(
         {"value": 0.5 * count, "low": 0.5 * low, "high": 0.5 * chi2.isf(0.025, 2 * count + 2) / 2}
@@ -37,14 +37,16 @@ def test_the_interval_of_one_count_is_that_of_poisson(count):
 def test_the_interval_of_weighted_counts_holds_the_truth(cluster):
     # 20 recordings of each of three kinds; those that trigger do so once, or four times
     rng, shares, weights = np.random.default_rng(0), np.repeat([0.1, 0.03, 0.3], 20), np.repeat([1.0, 4.0, 0.3], 20)
-    spans = [weighted_poisson(cluster * (rng.random(60) < shares), weights) for _ in range(2000)]
+    spans = [estimate_weighted_count(cluster * (rng.random(60) < shares), weights) for _ in range(2000)]
     inside = np.mean([span["low"] <= cluster * shares @ weights <= span["high"] for span in spans])
     assert 0.94 <= inside <= 0.999  # conservative, as the paper says
 
 
 def test_several_triggers_of_one_recording_are_one_event():
-    assert weighted_poisson([4, 0], [1.0, 1.0])["high"] > weighted_poisson([1, 1, 1, 1], [1.0] * 4)["high"]
-    assert weighted_poisson([], []) == {"value": 0.0, "low": 0.0, "high": np.inf}
+    assert (
+        estimate_weighted_count([4, 0], [1.0, 1.0])["high"] > estimate_weighted_count([1, 1, 1, 1], [1.0] * 4)["high"]
+    )
+    assert estimate_weighted_count([], []) == {"value": 0.0, "low": 0.0, "high": np.inf}
 
 
 def decision(track, probability, *, alone=0.5, blocked=False, alarm=True):
@@ -56,7 +58,7 @@ def decision(track, probability, *, alone=0.5, blocked=False, alarm=True):
 
 
 def test_the_score_is_what_the_alarm_of_a_stream_compares():
-    found = alarm_scores([
+    found = score_alarm([
         (4.0, [decision(0, 0.5, alone=0.9, blocked=True), decision(1, 0.5, alone=0.99, blocked=True, alarm=None)]),
         (5.0, [decision(0, 0.7), decision(1, 0.2)]),
         (6.0, [decision(0, 0.99, blocked=True)]),
@@ -69,16 +71,16 @@ def test_the_score_is_what_the_alarm_of_a_stream_compares():
 
 def test_two_alarms_with_an_empty_room_between_are_two():
     windows = [(1.0, [decision(0, 0.99)]), (2.0, []), (3.0, [decision(1, 0.99)])]
-    assert Episode("x", *alarm_scores(windows, "human")).triggers(0.9).tolist() == [1.0, 3.0]
+    assert Episode("x", *score_alarm(windows, "human")).find_triggers(0.9).tolist() == [1.0, 3.0]
 
 
 @pytest.mark.slow
 def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream():
-    day, model = read_day(), shipped_model("x4")
+    day, model = read_day(), load_shipped_model("x4")
     chosen = tuple(one for one in day.episodes if one.label == "a person and a dog cross the room")
     day = day.model_copy(update={"repeats": 2, "episodes": chosen})
     for number, episode in enumerate(run_day(day, model)):
-        run = draw_scene(day, chosen[0], number)
+        run = sample_scene(day, chosen[0], number)
         recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
         alarmed = {}
         for one in classify_over_time(recording, model):
@@ -90,8 +92,8 @@ def test_triggers_at_the_models_threshold_are_the_rises_of_the_alarm_of_a_stream
 
 def test_triggers_are_rises():
     one = Episode("x", np.arange(6.0), np.array([0.9, 0.9, 0.2, 0.8, 0.1, 0.9]))
-    assert one.triggers(0.8).tolist() == [0, 3, 5]
-    assert one.triggers(0.95).size == 0
+    assert one.find_triggers(0.8).tolist() == [0, 3, 5]
+    assert one.find_triggers(0.95).size == 0
 
 
 def test_rates_by_hand():
@@ -114,8 +116,8 @@ def test_rates_by_hand():
     at_once = next(one for one in found["thresholds"] if one["threshold"] == 0.99)
     assert at_once["false_per_day"]["value"] == 0
     assert at_once["seconds_to_detect"] == [None, None]
-    assert [row["threshold"] for row in day_table(found)][1] == "0.6 (the model's)"
-    assert episode_table(found)[2] == {
+    assert [row["threshold"] for row in format_day(found)][1] == "0.6 (the model's)"
+    assert format_episodes(found)[2] == {
         "episode": "fan", "should trigger": "no", "recordings": "2", "at 0.5": "2", "at 0.6": "2", "at 0.8": "2",
         "at 0.9": "2", "at 0.95": "0", "at 0.99": "0",
     }  # fmt: skip
@@ -125,7 +127,7 @@ def test_every_scene_of_the_built_in_day_can_be_drawn():
     day = read_day()
     for number, section in enumerate(day.episodes):
         for turn in range(3):
-            run = draw_scene(day, section, 3 * number + turn)
+            run = sample_scene(day, section, 3 * number + turn)
             kinds = [type(effect).__name__ for effect in run.environment]
             assert kinds == ["GroundBounce", *(["Screen"] if "behind a sofa" in section.label else [])]
     assert 20 <= sum(section.hours_per_day for section in day.episodes) <= 48  # some go on at the same time
@@ -136,7 +138,7 @@ def test_every_scene_of_the_built_in_day_can_be_drawn():
 def test_a_person_triggers_and_a_fan_does_not():
     day = read_day()
     chosen = tuple(one for one in day.episodes if one.label in ("a person comes in and goes again", "fan"))
-    found = score_day(*(lambda short: (short, run_day(short, shipped_model("x4")), shipped_model("x4")))(
+    found = score_day(*(lambda short: (short, run_day(short, load_shipped_model("x4")), load_shipped_model("x4")))(
         day.model_copy(update={"repeats": 1, "episodes": chosen})
     ))  # fmt: skip
     own = next(one for one in found["thresholds"] if one["model"])

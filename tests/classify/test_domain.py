@@ -11,9 +11,9 @@ import pytest
 from doppelgait.classify.domain import (
     compare_recordings,
     comparison_rows,
-    picture,
+    measure_windows,
+    plot_recording,
     simulate_like,
-    window_statistics,
 )
 from doppelgait.cli.radar import compare
 from doppelgait.core.errors import AnalysisError
@@ -21,7 +21,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.dataset import PlanConfig
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.recordings import write_recording
-from doppelgait.viz.domains import domain_page
+from doppelgait.viz.domains import plot_domains
 
 MODEL = """
 waveform = "impulse"
@@ -103,10 +103,10 @@ def test_simulated_recordings_have_the_pulses_and_bins_of_the_real_ones(tmp_path
 
 def test_pictures_and_page() -> None:
     room = sensors(0, 1)[0]
-    level_db, axis, label = picture(room)
+    level_db, axis, label = plot_recording(room)
     assert (level_db.shape, label) == ((640, RADAR.n_range_bins), "range (m)")
     assert axis == pytest.approx(room.range_m)
-    page = domain_page({"real": [picture(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
+    page = plot_domains({"real": [plot_recording(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
     assert len(page.axes) == 3
     assert page.axes[1].get_ylabel() == "level above the median (dB)"
 
@@ -115,7 +115,7 @@ def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
     room = sensors(0, 1)[0]
     values = np.array(room.samples.matrix)
     values[10:20] = values[10]
-    (first, *_) = window_statistics(room.with_baseband(room.baseband.copy(data=values)))
+    (first, *_) = measure_windows(room.with_baseband(room.baseband.copy(data=values)))
     assert first["repeated pulses"] == pytest.approx(9 / 31)
     assert first["values at the largest"] < 0.01
 
@@ -124,10 +124,10 @@ def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
 def test_a_recording_of_a_few_pulses_is_refused(pulses: int) -> None:
     room = sensors(0, 1)[0]
     short = room.with_baseband(room.baseband[:pulses, :1])
-    for use in (window_statistics, picture):
+    for use in (measure_windows, plot_recording):
         with pytest.raises(AnalysisError, match=f"{pulses} pulses are too few to compare: 32 are needed"):
             use(short)
-    assert len(window_statistics(room.with_baseband(room.baseband[:32]))) == 4
+    assert len(measure_windows(room.with_baseband(room.baseband[:32]))) == 4
 
 
 def test_the_command_leaves_out_what_is_too_short_and_tells_models_of_one_name_apart(

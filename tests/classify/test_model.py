@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from doppelgait.classify.model import BLOCKING, blocking_flag
+from doppelgait.classify.model import BLOCKING, find_blocking_flag
 
 
 @pytest.mark.parametrize(
     "flag", ["reflection_of:0", "folded_echo_of:2", "not_a_moving_body:turning_parts_without_gait"]
 )
 def test_what_is_no_body_of_its_own_gets_no_decision(flag):
-    assert blocking_flag(("harmonic_ratio_3:no_peak", flag), BLOCKING) == flag
+    assert find_blocking_flag(("harmonic_ratio_3:no_peak", flag), BLOCKING) == flag
 
 
 def test_a_caution_about_one_feature_prevents_nothing():
-    assert blocking_flag(("harmonic_ratio_3:no_peak",), BLOCKING) is None
+    assert find_blocking_flag(("harmonic_ratio_3:no_peak",), BLOCKING) is None

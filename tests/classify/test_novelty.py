@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import mahalanobis
 
-from doppelgait.classify.learned import Constant, Part
+from doppelgait.classify.learned import Constant, LabelledRows
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.novelty import LEVELS, SHRINKAGE, learn_novelty
-from doppelgait.classify.training import standard_columns, train_logistic
+from doppelgait.classify.training import standardise_columns, train_logistic
 from doppelgait.core.errors import DatasetError
 
 NAMES = ("gait_frequency_hz", "step_length_m", "limb_torso_ratio")
@@ -21,17 +21,17 @@ def rows(n, seed):
     mixing = np.array([[1.0, 0.95, 0.0], [0.0, 0.1, 0.3], [0.0, 0.0, 0.5]])
     values = rng.normal(size=(n, 3)) @ mixing + labels[:, None] * np.array([4.0, 0.0, -2.0])
     values[rng.random(n) < 0.1, 2] = np.nan
-    return Part(values, labels)
+    return LabelledRows(values, labels)
 
 
 def learnt(n_held=300):
     train, held = rows(400, 0), rows(n_held, 1)
-    return learn_novelty(standard_columns(train.values), train, held), train
+    return learn_novelty(standardise_columns(train.values), train, held), train
 
 
 def test_it_is_the_mahalanobis_distance_from_the_nearest_class():
     novelty, train = learnt()
-    columns = standard_columns(train.values)[-1]
+    columns = standardise_columns(train.values)[-1]
     means = [columns[train.labels == k].mean(axis=0) for k in (0, 1)]
     about = np.concatenate([columns[train.labels == k] - means[k] for k in (0, 1)])
     covariance = (1 - SHRINKAGE) * np.cov(about.T, bias=True) + SHRINKAGE * np.eye(columns.shape[1])
@@ -59,7 +59,7 @@ def test_many_held_rows_become_quantiles_and_none_keep_nothing_away():
     values = rows(200, 3).values
     assert np.allclose(many.rank(values), exact.rank(values), atol=0.07)
     train = rows(40, 0)
-    none = learn_novelty(standard_columns(train.values), train, Part(train.values[:0], train.labels[:0]))
+    none = learn_novelty(standardise_columns(train.values), train, LabelledRows(train.values[:0], train.labels[:0]))
     assert (none.rank(np.full((2, 3), 1e6)) == 1).all()
 
 

@@ -9,7 +9,7 @@ from sklearn import metrics
 
 from doppelgait.classify import scores
 from doppelgait.classify.learned import log_softmax
-from doppelgait.classify.model import calibrate, detection_threshold, row_weights
+from doppelgait.classify.model import calibrate, find_detection_threshold, row_weights
 
 
 def test_balanced_accuracy_and_confusion_by_hand():
@@ -17,9 +17,9 @@ def test_balanced_accuracy_and_confusion_by_hand():
     guesses = np.array([0, 0, 0, 1, 1, 0])
     right = guesses == labels
     assert scores.balanced_accuracy(labels, right, 2) == pytest.approx((3 / 4 + 1 / 2) / 2)
-    assert scores.confusion(labels, guesses, 2).tolist() == [[3, 1], [1, 1]]
-    assert scores.recalls(labels, right, 3)[:2].tolist() == [0.75, 0.5]
-    assert np.isnan(scores.recalls(labels, right, 3)[2])
+    assert scores.count_confusion(labels, guesses, 2).tolist() == [[3, 1], [1, 1]]
+    assert scores.compute_recalls(labels, right, 3)[:2].tolist() == [0.75, 0.5]
+    assert np.isnan(scores.compute_recalls(labels, right, 3)[2])
 
 
 def test_against_sklearn():
@@ -31,7 +31,7 @@ def test_against_sklearn():
     assert scores.balanced_accuracy(labels, guesses == labels, 3) == pytest.approx(
         metrics.balanced_accuracy_score(labels, guesses)
     )
-    assert np.array_equal(scores.confusion(labels, guesses, 3), metrics.confusion_matrix(labels, guesses))
+    assert np.array_equal(scores.count_confusion(labels, guesses, 3), metrics.confusion_matrix(labels, guesses))
     for positive, weight in ((labels == 1, None), (labels == 1, weights)):
         expected = metrics.roc_auc_score(positive, probability[:, 1], sample_weight=weight)
         assert scores.auc(probability[:, 1], positive, weight) == pytest.approx(expected)
@@ -53,7 +53,7 @@ def test_auc_of_one_kind_is_unknown():
 
 @pytest.mark.parametrize(("hits", "n"), [(0, 7), (7, 7), (3, 11), (150, 152)])
 def test_exact_interval_has_the_tails_it_says(hits, n):
-    low, high = scores.clopper_pearson(hits, n)
+    low, high = scores.clopper_pearson_interval(hits, n)
     if hits:
         assert binom.sf(hits - 1, n, low) == pytest.approx(0.025)
     else:
@@ -67,15 +67,15 @@ def test_exact_interval_has_the_tails_it_says(hits, n):
 def test_an_interval_counts_movers_not_rows():
     right = np.array([True] * 90 + [False] * 10)
     alone, herd = np.arange(100).astype(str), np.repeat(np.arange(10), 10).astype(str)
-    assert scores.share_interval(right, alone) == pytest.approx(scores.clopper_pearson(90, 100))
-    assert scores.share_interval(right, herd) == pytest.approx(scores.clopper_pearson(9, 10))
+    assert scores.wilson_interval(right, alone) == pytest.approx(scores.clopper_pearson_interval(90, 100))
+    assert scores.wilson_interval(right, herd) == pytest.approx(scores.clopper_pearson_interval(9, 10))
 
 
 def test_no_error_is_no_certainty():
     labels, groups = np.repeat([0, 1], 30), np.arange(60).astype(str)
     found = scores.balanced_interval(labels, np.ones(60, dtype=bool), groups, 2, np.random.default_rng(0))
     assert found.method == "exact"
-    assert found.low == pytest.approx(scores.clopper_pearson(30, 30, 0.975)[0])
+    assert found.low == pytest.approx(scores.clopper_pearson_interval(30, 30, 0.975)[0])
     assert found.high == 1
 
 
@@ -93,7 +93,7 @@ def test_bootstrap_over_movers_covers_as_often_as_it_says():
 
 def test_groups_of_two_classes_are_drawn_whole():
     labels, groups = np.array([0, 1, 0, 1, 0, 1]), np.array(["a", "a", "b", "b", "c", "d"])
-    weights = scores.group_weights(labels, groups, np.random.default_rng(0), count=200)
+    weights = scores.weight_groups(labels, groups, np.random.default_rng(0), count=200)
     assert np.array_equal(weights[:, 0], weights[:, 1])
     assert np.array_equal(weights[:, 2], weights[:, 3])
     assert (weights[:, 0] + weights[:, 2] == 2).all()  # among those with both classes
@@ -104,7 +104,7 @@ def test_groups_of_two_classes_are_drawn_whole():
 def test_calibration_error_by_hand():
     confidence = np.array([0.99, 0.98, 0.52, 0.51])
     right = np.array([True, False, True, True])
-    bins = scores.reliability(confidence, right, np.ones(4), 0.5)
+    bins = scores.bin_reliability(confidence, right, np.ones(4), 0.5)
     assert [(b["n"], b["accuracy"]) for b in bins] == [(2, 1.0), (2, 0.5)]
     assert scores.expected_calibration_error(bins) == pytest.approx(0.5 * (1 - 0.515) + 0.5 * (0.985 - 0.5))
 
@@ -151,6 +151,6 @@ def test_class_weights():
 def test_detection_threshold_by_hand():
     probability = np.array([0.9, 0.8, 0.7, 0.1, 0.95])
     positive = np.array([True, True, True, True, False])
-    assert detection_threshold(probability, positive, 0.75) == 0.7
-    assert detection_threshold(probability, positive, 0.95) == 0.1
-    assert np.isnan(detection_threshold(probability, np.zeros(5, dtype=bool), 0.95))
+    assert find_detection_threshold(probability, positive, 0.75) == 0.7
+    assert find_detection_threshold(probability, positive, 0.95) == 0.1
+    assert np.isnan(find_detection_threshold(probability, np.zeros(5, dtype=bool), 0.95))

@@ -3,12 +3,12 @@
 import pytest
 
 import doppelgait as dg
-from doppelgait.classify import classify, fitting_model, model_cards, shipped_model
-from doppelgait.classify.decide import analysis_of, model_for
+from doppelgait.classify import classify, find_shipped_model, load_shipped_model, read_model_cards
+from doppelgait.classify.decide import choose_model, read_training_analysis
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.finish import DATA_VERSION
 
-NAMES = sorted(model_cards())
+NAMES = sorted(read_model_cards())
 
 
 def test_there_are_models_for_three_carriers():
@@ -17,7 +17,7 @@ def test_there_are_models_for_three_carriers():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
-    card, model = model_cards()[name], shipped_model(name)
+    card, model = read_model_cards()[name], load_shipped_model(name)
     assert card["data_version"] == DATA_VERSION, "rebuild: python tools/train_models.py"
     assert card["dataset"] == model.facts.dataset_id
     assert tuple(card["classes"]) == model.facts.classes == ("human", "animal")
@@ -43,18 +43,18 @@ def test_a_model_is_of_this_data_version_and_its_card_tells_what_it_is(name):
     ],
 )
 def test_the_radar_chooses(carrier_hz, prf_hz, name):
-    assert fitting_model(carrier_hz, prf_hz) == name
+    assert find_shipped_model(carrier_hz, prf_hz) == name
 
 
 @pytest.mark.parametrize(("carrier_hz", "prf_hz"), [(7.29e9, 17), (7.29e9, 3000), (9.7e9, 1000), (77e9, 3200)])
 def test_a_radar_that_none_knows_is_told_so(carrier_hz, prf_hz):
     with pytest.raises(ConfigError, match=r"no model that comes with doppelgait .*; there are .*x4 \(7.29 GHz, 500"):
-        fitting_model(carrier_hz, prf_hz)
+        find_shipped_model(carrier_hz, prf_hz)
 
 
 def test_an_unknown_name_lists_those_there_are():
     with pytest.raises(ConfigError, match=r"there are .*x4"):
-        shipped_model("x5")
+        load_shipped_model("x5")
 
 
 def walking(motion):
@@ -69,9 +69,9 @@ def walking(motion):
 )  # fmt: skip
 def test_who_goes_is_decided_without_naming_a_model(motion, label):
     recording = walking(motion())
-    assert model_for(recording) is shipped_model("x4")
+    assert choose_model(recording) is load_shipped_model("x4")
     decision = classify(recording, gate="truth")[0]
     assert (decision.label, decision.abstained) == (label, False), decision.reason
-    results = dg.analyze(recording, gate="truth", analysis=analysis_of(shipped_model("x4")))
-    assert model_for(results) is shipped_model("x4")
+    results = dg.analyze(recording, gate="truth", analysis=read_training_analysis(load_shipped_model("x4")))
+    assert choose_model(results) is load_shipped_model("x4")
     assert classify(results)[0].probabilities == pytest.approx(decision.probabilities)

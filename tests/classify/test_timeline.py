@@ -16,11 +16,11 @@ from doppelgait.classify.timeline import (
     Links,
     Tracks,
     Window,
-    _Belief,
+    _ClassEvidence,
     analyze_window,
     check_window,
-    decision_spans,
-    windows_of,
+    cut_windows,
+    join_decisions,
 )
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.rng import rng
@@ -77,7 +77,7 @@ def walk():
 
 
 def test_windows_begin_every_hop_and_look_at_nothing_else(walk):
-    found = list(windows_of(walk, 3.0, 0.75))
+    found = list(cut_windows(walk, 3.0, 0.75))
     assert [one.start_s for one in found] == [0.0, 0.75, 1.5]
     part = walk.between(0.75, 3.75)
     np.testing.assert_array_equal(found[1].recording.baseband.values, part.baseband.values)
@@ -86,14 +86,14 @@ def test_windows_begin_every_hop_and_look_at_nothing_else(walk):
 
 
 def test_times_of_a_window_are_those_of_the_recording(walk):
-    first, _, last = (analyze_window(one, Analysis()) for one in windows_of(walk, 3.0, 0.75))
+    first, _, last = (analyze_window(one, Analysis()) for one in cut_windows(walk, 3.0, 0.75))
     for name in ("start_s", "stop_s", "track_start_s", "track_confirmed_at_s"):
         assert last[0].quality[name] == pytest.approx(first[0].quality[name] + 1.5, abs=0.3)
     assert last[0].segments[0].quality["stop_s"] > 3.5
 
 
 def test_windows_of_a_simulation_take_the_true_gate(walk):
-    last = list(windows_of(walk, 3.0, 0.75))[-1]
+    last = list(cut_windows(walk, 3.0, 0.75))[-1]
     (result,) = analyze_window(last, Analysis(), gate="truth")
     path = timeline.Path.of(result, last)
     inside = path.time_s <= walk.slow_time_s[-1]
@@ -104,7 +104,7 @@ def test_windows_of_a_simulation_take_the_true_gate(walk):
 
 def test_a_recording_shorter_than_a_window_says_so(walk):
     with pytest.raises(AnalysisError, match=r"lasts 5 s, less than a window of 6 s"):
-        list(windows_of(walk, 6.0, 1.0))
+        list(cut_windows(walk, 6.0, 1.0))
 
 
 def test_window_and_hop_have_defaults_of_the_model():
@@ -157,10 +157,10 @@ def test_the_belief_is_that_of_all_histories():
     """Sum over every sequence of three classes, with the transition matrix as a matrix exponential."""
     rows = np.array([[0.7, 0.2, 0.1], [0.1, 0.6, 0.3], [0.5, 0.3, 0.2], [0.2, 0.2, 0.6]])
     times_s = np.array([4.0, 8.0, 13.0, 30.0])
-    belief = _Belief(np.full(3, 1 / 3), 4.0)
+    belief = _ClassEvidence(np.full(3, 1 / 3), 4.0)
     for row, at_s in zip(rows, times_s, strict=True):
-        belief.pass_to(at_s)
-        belief.see(row, at_s - 4.0, at_s)
+        belief.hand_over(at_s)
+        belief.add_evidence(row, at_s - 4.0, at_s)
     rates = CHANGE_PER_S / 2 * np.ones((3, 3))
     np.fill_diagonal(rates, -CHANGE_PER_S)
     steps = [expm(rates * dt) for dt in np.diff(times_s)]
@@ -173,9 +173,9 @@ def test_the_belief_is_that_of_all_histories():
 
 def test_overlapping_windows_count_by_what_is_new():
     """Ten windows of 4 s, hop 0.4 s, with the same log odds: 1 + 9 / 10 of one, without the passing of time."""
-    belief = _Belief(np.full(2, 0.5), 0.0)
+    belief = _ClassEvidence(np.full(2, 0.5), 0.0)
     for n in range(10):
-        belief.see(np.array([0.8, 0.2]), 0.4 * n, 0.4 * n + 4.0)
+        belief.add_evidence(np.array([0.8, 0.2]), 0.4 * n, 0.4 * n + 4.0)
     odds = belief.probability[0] / belief.probability[1]
     assert np.log(odds) == pytest.approx(1.9 * np.log(4.0))
 
@@ -196,7 +196,7 @@ def test_a_decision_stays_until_the_other_class_is_sure(monkeypatch):
     assert found[0].reason == "probability 0.70 is below 0.8"
     assert found[2].probability < 0.8
     assert found[2].reason == ""
-    spans = decision_spans(found)
+    spans = join_decisions(found)
     assert [(s.start_s, s.stop_s, s.label) for s in spans] == [(0, 4, None), (4, 16, "human"), (16, 24, "dog")]
 
 

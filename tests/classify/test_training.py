@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify import training
-from doppelgait.classify.learned import Constant, Network, Part, features_in, join_inputs, levels_in
+from doppelgait.classify.learned import Constant, LabelledRows, Network, join_inputs, select_features, select_levels
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.network import CHANNELS
@@ -12,9 +12,9 @@ from doppelgait.classify.training import (
     BASELINES,
     BUILT_IN,
     CLASSIFIERS,
+    find_kind,
     fit,
     join,
-    kind_of,
     train_boosting,
     train_logistic,
     train_svm,
@@ -87,7 +87,7 @@ def test_features_of_a_classifier_are_checked(registered):
 
 def test_an_unknown_model_is_refused_with_those_that_are_known():
     with pytest.raises(ConfigError, match="model 'oracle' is not known; allowed are six-logistic, six-boosting"):
-        kind_of("oracle")
+        find_kind("oracle")
     assert all(name in CLASSIFIERS for name in (*BUILT_IN, *BASELINES))
 
 
@@ -105,7 +105,7 @@ def test_another_scikit_learn_gives_one_clear_error(attribute, monkeypatch):
         return self
 
     monkeypatch.setattr(HistGradientBoostingClassifier, "fit", fit)
-    rows = Part(np.random.default_rng(0).normal(size=(40, 3)), np.arange(40) % 2)
+    rows = LabelledRows(np.random.default_rng(0).normal(size=(40, 3)), np.arange(40) % 2)
     with pytest.raises(DatasetError, match=f"scikit-learn .*{attribute}.*--models six-logistic"):
         train_boosting(rows, rows, n_classes=2, seed=0)
 
@@ -119,7 +119,7 @@ def test_logistic_regression_separates_products_and_ratios():
     signed = rng.normal(size=400)
     values = np.column_stack([x, y, signed])
     values[::40, 0] = np.nan
-    model = train_logistic(Part(values, labels), Part(values[:0], labels[:0]), n_classes=2, seed=0)
+    model = train_logistic(LabelledRows(values, labels), LabelledRows(values[:0], labels[:0]), n_classes=2, seed=0)
     assert (model.floor > 0).tolist() == [True, True, False]  # what can be negative has no logarithm
     known = ~np.isnan(x) & ~np.isnan(values[:, 0])
     assert ((model.log_probability(values).argmax(axis=1) == labels)[known]).mean() > 0.97
@@ -131,7 +131,7 @@ def rings(count, seed):
     rng = np.random.default_rng(seed)
     labels = np.arange(count) % 3
     radius, angle = labels + 1.0 + 0.1 * rng.normal(size=count), rng.uniform(0, 2 * np.pi, count)
-    return Part(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), labels)
+    return LabelledRows(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), labels)
 
 
 def test_support_vector_machine_separates_rings():
@@ -148,7 +148,8 @@ def test_support_vector_machine_uses_a_random_choice_of_too_many_rows(monkeypatc
     few = np.flatnonzero((train.labels != 2) | (np.arange(300) < 9))  # three of the third class
     with pytest.warns(DoppelgaitWarning, match="of 203 training rows at most 10 of each class"):
         one, two, other = (
-            train_svm(Part(train.values[few], train.labels[few]), nobody, n_classes=3, seed=seed) for seed in (0, 0, 1)
+            train_svm(LabelledRows(train.values[few], train.labels[few]), nobody, n_classes=3, seed=seed)
+            for seed in (0, 0, 1)
         )
     assert len(one.support) <= 23
     assert np.array_equal(one.support, two.support)
@@ -175,18 +176,18 @@ def two_views(count, seed):
     pictures = np.empty(count, dtype=object)
     for number, label in enumerate(labels):
         pictures[number] = (rng.random((64, 64)) * (0.3 + 0.4 * label)).astype(np.float32)
-    return Part(join_inputs(features, pictures), labels)
+    return LabelledRows(join_inputs(features, pictures), labels)
 
 
 def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members():
     train, held, asked = two_views(200, 0), two_views(60, 1), two_views(30, 2)
-    features = [Part(features_in(part.values), part.labels) for part in (train, held)]
+    features = [LabelledRows(select_features(part.values), part.labels) for part in (train, held)]
     members = [
-        fit(kind_of(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
+        fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
     network = random_network(seed=0)
     found = join([[member] for member in (*members, network)], held, n_classes=2)
-    views = [features_in, features_in, levels_in]
+    views = [select_features, select_features, select_levels]
     odds = []
     for member, view in zip([*members, network], views, strict=True):
         calibration = calibrate(member.log_probability(view(held.values)), held.labels)
@@ -199,7 +200,13 @@ def test_an_ensemble_is_the_mean_of_the_calibrated_log_odds_of_its_members():
 
 def test_seeds_of_a_kind_share_its_weight_and_what_answers_the_same_counts_once():
     train, held = two_views(200, 0), two_views(60, 1)
-    linear = fit(kind_of("extended-logistic"), Part(features_in(train.values), train.labels), held, n_classes=2, seed=0)
+    linear = fit(
+        find_kind("extended-logistic"),
+        LabelledRows(select_features(train.values), train.labels),
+        held,
+        n_classes=2,
+        seed=0,
+    )
     networks = [random_network(seed=seed) for seed in range(3)]
     found = join([[linear, linear, linear], networks], held, n_classes=2)
     assert found.members == (linear, *networks)
@@ -207,8 +214,10 @@ def test_seeds_of_a_kind_share_its_weight_and_what_answers_the_same_counts_once(
 
 
 def test_an_ensemble_without_pictures_has_members_without_them():
-    train, held = (Part(features_in(part.values), part.labels) for part in (two_views(200, 0), two_views(60, 1)))
-    found = fit(kind_of("ensemble"), train, held, n_classes=2, seed=0)
+    train, held = (
+        LabelledRows(select_features(part.values), part.labels) for part in (two_views(200, 0), two_views(60, 1))
+    )
+    found = fit(find_kind("ensemble"), train, held, n_classes=2, seed=0)
     assert [type(member).__name__ for member in found.members] == ["Linear", "Trees"]
     assert (found.log_probability(held.values).argmax(axis=1) == held.labels).mean() > 0.7
 
@@ -225,9 +234,9 @@ def test_an_ensemble_without_pictures_has_members_without_them():
 )
 def test_an_ensemble_is_kept_as_one_file_and_a_tampered_one_is_refused(tmp_path, change, says):
     train, held = two_views(200, 0), two_views(60, 1)
-    features = [Part(features_in(part.values), part.labels) for part in (train, held)]
+    features = [LabelledRows(select_features(part.values), part.labels) for part in (train, held)]
     members = [
-        fit(kind_of(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
+        fit(find_kind(name), *features, n_classes=2, seed=0) for name in ("extended-logistic", "extended-boosting")
     ]
     names = ("step_length_m", "torso_speed_mps")
     facts = Facts(
@@ -240,7 +249,7 @@ def test_an_ensemble_is_kept_as_one_file_and_a_tampered_one_is_refused(tmp_path,
     path = save_model(model, tmp_path / "e.npz")
     again = load_model(path)
     assert np.array_equal(again.probability(held.values), model.probability(held.values))
-    assert not again.beyond(held.values).any()
+    assert not again.mark_outside(held.values).any()
     first = path.read_bytes()
     assert save_model(again, path).read_bytes() == first
     with np.load(path) as archive:

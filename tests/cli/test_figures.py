@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import doppelgait as dg
-from doppelgait.cli.figures import _figures
+from doppelgait.cli.figures import _make_figures
 from figure_faults import faults
 
 
@@ -18,7 +18,7 @@ def figures():
     )
     scene = dg.Scene([dg.Target(walk, label="human", range_m=5.0), dg.Target(trot, label="dog", range_m=3.5)])
     recording = dg.simulate(scene, radar, rng=dg.rng(2), snr_db=20)
-    return dict(_figures(recording, dg.analyze(recording, gate="truth"), dg.Analysis().resolved(None)))
+    return dict(_make_figures(recording, dg.analyze(recording, gate="truth"), dg.Analysis().resolved(None)))
 
 
 def test_every_figure_is_named_by_the_vocabulary(figures):

@@ -11,7 +11,7 @@ from doppelgait.cli.app import app
 from doppelgait.cli.topics import TOPICS, models_of
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.keys import list_keys
-from doppelgait.core.plugins import plugin_groups
+from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.radar import Radar
 
 
@@ -24,7 +24,7 @@ def run(*words: str) -> str:
 def test_topics_are_listed_with_every_group_that_has_parameters() -> None:
     rows = {row["topic"]: row for row in json.loads(run("--json"))}
     assert list(rows)[: len(TOPICS)] == list(TOPICS)
-    for name, members in plugin_groups().items():
+    for name, members in list_plugin_groups().items():
         if any(member.parameters for member in members.values()):
             assert {"motion_model": "motion"}.get(name, name) in rows
     assert "impairment" in run()

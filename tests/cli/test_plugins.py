@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.plugins import plugin_groups
+from doppelgait.core.plugins import list_plugin_groups
 
 
 def run(*arguments):
@@ -20,7 +20,7 @@ def test_all_plugins_are_listed_with_their_parameters():
     rows = json.loads(run("--json"))
     assert [row["group"] for row in rows] == sorted(row["group"] for row in rows)
     assert {(row["group"], row["name"]) for row in rows} == {
-        (group, name) for group, plugins in plugin_groups().items() for name in plugins
+        (group, name) for group, plugins in list_plugin_groups().items() for name in plugins
     }
     (parquet,) = (row for row in rows if row["name"] == "parquet")
     assert parquet == {

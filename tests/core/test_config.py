@@ -10,18 +10,18 @@ from checkout import ROOT
 from doppelgait.core.config import (
     FrozenModel,
     apply_overrides,
-    canonical_json,
     check_choice,
-    line_of_key,
+    find_key_line,
+    format_canonical_json,
     read_toml,
     validate,
 )
 from doppelgait.core.errors import ConfigError, DoppelgaitError
-from doppelgait.core.plugins import plugin_groups
+from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.pipeline import Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
-from doppelgait.radar import Radar, preset_names
+from doppelgait.radar import Radar, list_preset_names
 from doppelgait.scene import Scene, Target
 
 SCENE = """\
@@ -166,7 +166,7 @@ def test_a_motion_needs_a_kind_that_exists(scene_file):
 
 def every_model() -> list[type[FrozenModel]]:
     """All parameter models of doppelgait, with those of the plug-ins."""
-    for group in plugin_groups().values():
+    for group in list_plugin_groups().values():
         group.values()
     for module in ("dataset.config", "dataset.motions", "classify.alarm", "pipeline.pictures", "motion.hybrid"):
         import_module(f"doppelgait.{module}")
@@ -319,13 +319,13 @@ def test_missing_broken_and_binary_files_are_named(tmp_path):
     ],
 )
 def test_line_of_a_key(keys, line):
-    assert line_of_key(SCENE, keys) == line_in(SCENE, line)
+    assert find_key_line(SCENE, keys) == line_in(SCENE, line)
 
 
 def test_line_of_a_key_that_is_not_there():
-    assert line_of_key(SCENE, ["radar", "colour"]) is None
-    assert line_of_key("", ["seed"]) is None
-    assert line_of_key('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == 2
+    assert find_key_line(SCENE, ["radar", "colour"]) is None
+    assert find_key_line("", ["seed"]) is None
+    assert find_key_line('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == 2
 
 
 # --- Models -------------------------------------------------------------------------------------------------------
@@ -356,14 +356,14 @@ def test_models_are_frozen_and_forbid_unknown_keys():
 
 
 def test_canonical_json_does_not_depend_on_the_order():
-    assert canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
+    assert format_canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
     one, two = Analysis(cpi_s=0.2, hop=3), Analysis(hop=3, cpi_s=0.2)
-    assert canonical_json(one) == canonical_json(two)
+    assert format_canonical_json(one) == format_canonical_json(two)
     radar = Radar.preset("x4")
-    assert Radar.model_validate_json(canonical_json(radar)) == radar
+    assert Radar.model_validate_json(format_canonical_json(radar)) == radar
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", list_preset_names())
 def test_every_preset_is_a_radar(name):
     found = parse_radar(name)
     assert found["radar"] == Radar.preset(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from doppelgait.core.draws import middle, resolve
+from doppelgait.core.draws import replace_by_middle, resolve
 from doppelgait.core.errors import ConfigError
 
 
@@ -13,12 +13,19 @@ def test_the_middle_of_every_distribution() -> None:
         "a": {"normal": [3.0, 2.0]}, "b": [{"uniform": [1.0, 5.0]}, 7], "c": {"log_uniform": [1.0, 100.0]},
         "d": {"choice": ["x", "y"]}, "e": {"cycle": [{"normal": [1.0, 0.0]}]}, "f": "text",
     }  # fmt: skip
-    assert middle(table) == {"a": 3.0, "b": [3.0, 7], "c": pytest.approx(10.0), "d": "x", "e": 1.0, "f": "text"}
+    assert replace_by_middle(table) == {
+        "a": 3.0,
+        "b": [3.0, 7],
+        "c": pytest.approx(10.0),
+        "d": "x",
+        "e": 1.0,
+        "f": "text",
+    }
     with pytest.raises(ConfigError, match="needs two numbers"):
-        middle({"normal": [1.0]})
+        replace_by_middle({"normal": [1.0]})
 
 
 def test_the_middle_is_the_mean_of_many_draws() -> None:
     for value in ({"normal": [3.0, 2.0]}, {"uniform": [1.0, 5.0]}):
         drawn = [resolve(value, seed=1, example=n, key="k") for n in range(4000)]
-        assert sum(drawn) / len(drawn) == pytest.approx(middle(value), abs=0.15)
+        assert sum(drawn) / len(drawn) == pytest.approx(replace_by_middle(value), abs=0.15)

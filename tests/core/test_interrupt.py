@@ -6,7 +6,7 @@ import threading
 import pytest
 
 import processes
-from doppelgait.core.interrupt import SIGNALS, raise_if_stopped, stop_in_order, without_ctrl_c
+from doppelgait.core.interrupt import SIGNALS, ignore_ctrl_c, raise_if_stopped, stop_in_order
 
 
 @pytest.fixture(autouse=True)
@@ -79,7 +79,7 @@ def test_other_threads_touch_no_signal():
 def test_ctrl_c_waits_for_the_end_of_a_block_that_starts_processes():
     reached = []
 
-    @without_ctrl_c()
+    @ignore_ctrl_c()
     def start():
         signal.raise_signal(signal.SIGINT)
         reached.append("end")

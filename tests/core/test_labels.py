@@ -7,7 +7,15 @@ import pytest
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import CADENCE_MAP, MOTION, NORMALISED_SIGNATURE, SIGNATURE, axis, make_array, with_values
+from doppelgait.core.labels import (
+    CADENCE_MAP,
+    MOTION,
+    NORMALISED_SIGNATURE,
+    SIGNATURE,
+    make_array,
+    read_axis,
+    replace_array_values,
+)
 
 TIME_S, DOPPLER_HZ = np.linspace(0.0, 1.0, 5), np.array([-10.0, 0.0, 10.0])
 
@@ -43,21 +51,21 @@ def test_an_array_is_the_one_that_xarray_makes_of_the_same_parts():
 
 def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
     old = signature()
-    new = with_values(old, np.zeros((5, 3)), schema=NORMALISED_SIGNATURE, attrs={"normalisation": "sum"})
+    new = replace_array_values(old, np.zeros((5, 3)), schema=NORMALISED_SIGNATURE, attrs={"normalisation": "sum"})
     assert (new.name, new.attrs) == ("normalised_signature", {"units": "1", "hop": 8, "normalisation": "sum"})
     assert (old.name, old.attrs) == ("signature", {"units": "V^2", "hop": 8})
     assert old.values.any()
     xr.testing.assert_identical(new.coords.to_dataset(), old.coords.to_dataset())
-    assert with_values(old, np.zeros((5, 3))).attrs == old.attrs
+    assert replace_array_values(old, np.zeros((5, 3))).attrs == old.attrs
     with pytest.raises(ValueError, match="do not fit"):
-        with_values(old, np.zeros(5))
+        replace_array_values(old, np.zeros(5))
 
 
 def test_coordinates_can_be_taken_from_a_like_array():
     cadence_hz = np.array([0.0, 0.5])
     made = make_array(CADENCE_MAP, np.zeros((2, 3)), {"cadence": cadence_hz}, like=signature())
     assert set(made.coords) == {"cadence", "doppler", "velocity"}
-    np.testing.assert_array_equal(axis(made, "doppler"), DOPPLER_HZ)
+    np.testing.assert_array_equal(read_axis(made, "doppler"), DOPPLER_HZ)
     np.testing.assert_array_equal(made.sel(cadence=0.5, doppler=-10.0), 0.0)
 
 
@@ -74,14 +82,14 @@ def test_a_missing_coordinate_is_named():
 def test_axes_are_those_of_the_coordinates_numbers_and_names():
     array = signature()
     for name in ("time", "doppler", "velocity", "centre_range"):
-        np.testing.assert_array_equal(axis(array, name), array.coords[name].values)
-        assert axis(array.to_dataset(), name).dtype == np.float64
+        np.testing.assert_array_equal(read_axis(array, name), array.coords[name].values)
+        assert read_axis(array.to_dataset(), name).dtype == np.float64
     coords = {"time": TIME_S, "marker": ["head", "toe"], "space": ["x", "y", "z"], "part": ("marker", ["a", "b"])}
     motion = make_array(MOTION, np.zeros((5, 2, 3)), coords)
-    assert axis(motion, "marker").tolist() == ["head", "toe"]
-    assert axis(motion, "marker").dtype == motion.coords["marker"].dtype
+    assert read_axis(motion, "marker").tolist() == ["head", "toe"]
+    assert read_axis(motion, "marker").dtype == motion.coords["marker"].dtype
     with pytest.raises(KeyError):
-        axis(array, "range")
+        read_axis(array, "range")
 
 
 def test_an_edit_of_one_array_reaches_no_other():
@@ -95,7 +103,7 @@ def test_an_edit_of_one_array_reaches_no_other():
     np.testing.assert_array_equal(second.positions.coords["part"].values, parts)
     assert "edited" not in second.positions.coords["marker"].attrs
     made = signature()
-    new = with_values(made, made.values + 1.0)
+    new = replace_array_values(made, made.values + 1.0)
     new.coords["velocity"].values[0] = 99.0
     new.coords["velocity"].attrs["units"] = "knots"
     assert made.coords["velocity"].values[0] == pytest.approx(-0.2)
@@ -104,4 +112,4 @@ def test_an_edit_of_one_array_reaches_no_other():
 
 def test_values_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"\(4, 3\) do not fit .*\(5, 3\)"):
-        with_values(signature(), np.zeros((4, 3)))
+        replace_array_values(signature(), np.zeros((4, 3)))

@@ -5,10 +5,10 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core.errors import RecordingError
-from doppelgait.core.labels import BASEBAND, make_array, with_values
-from doppelgait.core.lazy import LONG_PULSES, lazy_rows, rows_of, tiles_of
-from doppelgait.processing.clutter import without_clutter
-from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.core.labels import BASEBAND, make_array, replace_array_values
+from doppelgait.core.lazy import LONG_PULSES, lazy_rows, read_pulses, read_tiles
+from doppelgait.processing.clutter import remove_static_clutter
+from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.radar.recordings import read_recording, write_recording
 
 PRF_HZ, N_BINS = 500.0, 40
@@ -21,7 +21,7 @@ def basebands(count):
     values = (values + 5.0) * np.exp(1j * np.linspace(0, 3, count))[:, None]
     coords = {"slow_time": np.arange(count) / PRF_HZ, "range": 0.1 * np.arange(N_BINS)}
     here = make_array(BASEBAND, values.astype(np.complex64), coords)
-    return here, with_values(here, lazy_rows(here.shape, lambda first, stop: here.values[first:stop]))
+    return here, replace_array_values(here, lazy_rows(here.shape, lambda first, stop: here.values[first:stop]))
 
 
 def test_every_slice_is_that_of_the_values():
@@ -32,7 +32,7 @@ def test_every_slice_is_that_of_the_values():
 
 def test_tiles_follow_each_other():
     here, _ = basebands(2 * LONG_PULSES + 5)
-    tiles = list(tiles_of(here, 100))
+    tiles = list(read_tiles(here, 100))
     assert len(tiles) == 3
     assert all(first % 100 == 0 for first, _ in tiles)
     np.testing.assert_array_equal(np.concatenate([values for _, values in tiles]), here.values)
@@ -41,23 +41,23 @@ def test_tiles_follow_each_other():
 @pytest.mark.parametrize("kind", ["mean", "median", "exponential", "mti"])
 def test_clutter_of_a_long_recording_is_that_of_the_whole(kind, monkeypatch):
     here, there = basebands(LONG_PULSES + 9000)
-    tiled = without_clutter(there, kind=kind)
+    tiled = remove_static_clutter(there, kind=kind)
     with monkeypatch.context() as whole:
         for module in ("core.lazy", "processing.clutter"):
             whole.setattr(f"doppelgait.{module}.LONG_PULSES", 1 << 20)
-        expected = without_clutter(here, kind=kind).values
+        expected = remove_static_clutter(here, kind=kind).values
     np.testing.assert_allclose(tiled.values, expected, atol=2e-6)
     np.testing.assert_array_equal(
-        rows_of(tiled, LONG_PULSES - 50, LONG_PULSES + 50), tiled.values[LONG_PULSES - 50 :][:100]
+        read_pulses(tiled, LONG_PULSES - 50, LONG_PULSES + 50), tiled.values[LONG_PULSES - 50 :][:100]
     )
 
 
 def test_common_phase_of_a_long_recording_is_that_of_the_whole(monkeypatch):
     here, there = basebands(LONG_PULSES + 9000)
-    tiled = without_common_phase(there)
+    tiled = remove_common_phase(there)
     with monkeypatch.context() as whole:
         whole.setattr("doppelgait.core.lazy.LONG_PULSES", 1 << 20)
-        expected = without_common_phase(here).values
+        expected = remove_common_phase(here).values
     assert np.abs(expected - here.values).max() > 1.0  # the drift is taken off
     np.testing.assert_allclose(tiled.values, expected, atol=2e-5)
 

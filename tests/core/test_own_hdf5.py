@@ -18,7 +18,7 @@ from checkout import ROOT
 from doppelgait.core import own_hdf5
 from doppelgait.core.cost import DEFAULT_MB, VARIABLE, check_cost, limit_bytes
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.core.own_hdf5 import HEAP, _endless_heaps, _find, open_hdf5, own_member
+from doppelgait.core.own_hdf5 import HEAP, _find, _find_endless_heaps, get_own_member, open_hdf5
 
 
 def plain(path: Path, **datasets: object) -> Path:
@@ -72,7 +72,7 @@ def chain_ends(content: bytes, start: int) -> bool:
 
 
 def endless(content: bytes) -> Iterator[int]:
-    return _endless_heaps(content, (at for at, _ in _find(io.BytesIO(content), HEAP)))  # type: ignore[arg-type]
+    return _find_endless_heaps(content, (at for at, _ in _find(io.BytesIO(content), HEAP)))  # type: ignore[arg-type]
 
 
 def test_heaps_are_found_across_the_pieces_that_a_file_is_read_in(monkeypatch) -> None:
@@ -90,12 +90,12 @@ def test_opening_a_large_file_keeps_none_of_it_in_memory(tmp_path: Path) -> None
     mapped = []
 
     def looked(content, starts):  # type: ignore[no-untyped-def]
-        yield from _endless_heaps(content, starts)
+        yield from _find_endless_heaps(content, starts)
         own = re.search(rf"{path.name}\n(?:.*\n)*?Rss: +(\d+) kB", Path("/proc/self/smaps").read_text())
         mapped.append(int(own[1]) if own else 0)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(own_hdf5, "_endless_heaps", looked)
+        patch.setattr(own_hdf5, "_find_endless_heaps", looked)
         open_hdf5(path).close()
     assert mapped[0] < 4_000  # kB, of 40,000
 
@@ -142,7 +142,7 @@ def test_values_of_other_files_are_refused(tmp_path: Path, way: str) -> None:
         open_hdf5(tmp_path / "a.h5", members=False) as file,
         pytest.raises(ValueError, match=r"is a link|another file"),
     ):
-        own_member(file, "x")
+        get_own_member(file, "x")
     if way == "soft link":
         with open_hdf5(tmp_path / "a.h5", soft_links=True):
             pass
@@ -154,7 +154,7 @@ def test_declared_shapes_are_checked_before_anything_is_allocated(tmp_path: Path
     with pytest.raises(ValueError, match=r"would take 80,060 MB .* may take 256 MB.*DOPPELGAIT_READ_LIMIT_MB=80060"):
         open_hdf5(tmp_path / "a.h5")
     with open_hdf5(tmp_path / "a.h5", members=False) as file, pytest.raises(ValueError, match="80,060 MB"):
-        own_member(file, "x")
+        get_own_member(file, "x")
     monkeypatch.setenv(VARIABLE, "80060")
     with open_hdf5(tmp_path / "a.h5") as file:
         assert file["x"].shape == (10_000_000_000,)

@@ -58,7 +58,7 @@ def test_an_unknown_group_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"group of plug-ins 'impairmnt'; known are: classifier, .*impairment, "):
         plugin("impairmnt", parameters=Offset)(abs)
     assert "impairmnt" not in plugins._REGISTERED
-    assert tuple(plugins.plugin_groups()) == plugins.GROUP_NAMES
+    assert tuple(plugins.list_plugin_groups()) == plugins.GROUP_NAMES
 
 
 def test_a_group_refuses_facts_at_registration_or_when_first_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,10 +97,10 @@ def test_other_changes_agree_in_both_layouts():
         lambda s: s.repeat(np.array([3, 1]), np.array([0, 0])),
         lambda s: s.freeze().repeat(np.array([3, 1]), np.array([0, 2])),
         lambda s: s.add_at(pulses, columns, np.array([[1j, 2], [3, 4]])),
-        lambda s: s.unbalance(1.1, 0.2),
+        lambda s: s.apply_imbalance(1.1, 0.2),
     ):
         np.testing.assert_allclose(change(one.copy()).matrix, change(other.copy()).matrix, rtol=1e-6, atol=1e-7)
-    assert one.largest_part() == other.largest_part() == np.abs(matrix().view(np.float32)).max()
+    assert one.find_largest_part() == other.find_largest_part() == np.abs(matrix().view(np.float32)).max()
 
 
 def test_what_is_no_complex_matrix_is_refused():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doppelgait.core.straight import straight_probability
+from doppelgait.core.straight import compute_straight_probability
 
 
 def test_the_chance_of_residuals_is_chi_squared():
@@ -16,5 +16,7 @@ def test_the_chance_of_residuals_is_chi_squared():
     for _ in range(2000):
         errors = source.normal(0, 0.1, times.size)
         residual = errors - basis @ np.linalg.lstsq(basis, errors, rcond=None)[0]
-        chances.append(straight_probability(residual, range_sd_m=0.1, duration_s=10.0, way_m=0.0, n_parameters=3))
+        chances.append(
+            compute_straight_probability(residual, range_sd_m=0.1, duration_s=10.0, way_m=0.0, n_parameters=3)
+        )
     assert np.quantile(chances, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.03)

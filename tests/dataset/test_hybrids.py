@@ -13,12 +13,12 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.hybrids import with_hybrids
-from doppelgait.dataset.motions import motion_files, recordings_of
+from doppelgait.dataset.hybrids import add_hybrids
+from doppelgait.dataset.motions import list_motion_files, list_recording_paths
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned
-from doppelgait.dataset.splits import names_of
-from doppelgait.motion.gait import with_gait_facts
+from doppelgait.dataset.splits import list_names
+from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.scene.placement import build_motion
 
@@ -92,7 +92,7 @@ def test_every_example_is_another_mover_and_the_same_again(planned, takes):
     assert np.abs(first.position_m - other.position_m).max() > 1e-3
     assert first.report["hybrid"]["speed_factor"] == motions[0]["hybrid"]["speed_factor"]
     assert {first.report["hybrid"]["first"], first.report["hybrid"]["second"]} == {
-        path.rpartition("/")[2] for path in recordings_of(motions[0])
+        path.rpartition("/")[2] for path in list_recording_paths(motions[0])
     }
 
 
@@ -118,8 +118,8 @@ def test_the_index_knows_every_subject_and_recording_of_a_row(planned, takes):
     row = planned.example(number).rows[0]
     ((written, _),) = build_planned(planned.examples[number], BuildContext(planned.config, str(takes), ""))
     index = pd.DataFrame([written])
-    assert names_of(index, "subject") == [(row.subject, *row.others)]
-    (paths,) = names_of(index, "recording")
+    assert list_names(index, "subject") == [(row.subject, *row.others)]
+    (paths,) = list_names(index, "recording")
     assert len(paths) == 2
     assert [f"person/{path[6:9]}" for path in paths] == [row.subject, *row.others]
 
@@ -130,16 +130,16 @@ def test_a_path_with_a_plus_is_one_recording():
         "recording": ["a + b.bvh", "a + b.bvh", "a + b.bvh + c.bvh", None],
         "motion": ['{"kind":"file","path":"a + b.bvh"}', None, motion, "{}"],
     })  # fmt: skip
-    assert names_of(index, "recording") == [("a + b.bvh",), ("a + b.bvh",), ("a + b.bvh", "c.bvh"), ()]
-    assert names_of(index, "subject") == [()] * 4
+    assert list_names(index, "recording") == [("a + b.bvh",), ("a + b.bvh",), ("a + b.bvh", "c.bvh"), ()]
+    assert list_names(index, "subject") == [()] * 4
     with pytest.raises(DatasetError, match=r"index: motion 'walk' of 'a \+ b\.bvh' cannot be read"):
-        names_of(index.assign(motion="walk"), "recording")
+        list_names(index.assign(motion="walk"), "recording")
 
 
 def test_the_identity_covers_both_files(planned):
     cycle = planned.config.classes[0].motion["cycle"]
     only = [table for table in cycle if "cat" in table["path"]]
-    named = motion_files(only)
+    named = list_motion_files(only)
     assert len(named) > 1
     assert "takes/cat_1.csv" in named
 
@@ -152,8 +152,8 @@ def test_retarget_blends_nobody(takes):
 
 def test_clips_of_other_points_and_gaits_are_no_partners():
     clips = [walk(1.2), walk(1.3), walk(2.9), quadruped_gait(gait="trot", speed_mps=1.6, duration_s=3.0, rate_hz=60)]
-    clips = [with_gait_facts(clip) for clip in clips]
-    tables = with_hybrids([{"path": str(n)} for n in range(4)], clips, ["a"] * 4, "blend")
+    clips = [add_gait_facts(clip) for clip in clips]
+    tables = add_hybrids([{"path": str(n)} for n in range(4)], clips, ["a"] * 4, "blend")
     partners = [[other["path"] for other in t["hybrid"].get("other", {}).get("choice", [])] for t in tables]
     assert partners == [["1"], ["0"], [], []]
     assert tables[3]["hybrid"]["size_factor"] == {"log_uniform": [0.8, 1.25]}

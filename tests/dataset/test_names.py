@@ -6,7 +6,7 @@ import pytest
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.dataset.importing import ImportConfig
-from doppelgait.dataset.labels import files_of, find_recordings
+from doppelgait.dataset.labels import find_recordings, list_recording_files
 from doppelgait.dataset.names import label_entries, read_names, relabel
 from doppelgait.dataset.splits import plan_entries
 
@@ -120,10 +120,10 @@ def test_settings_are_no_recordings(tmp_path):
     touch(tmp_path, "a/1.png", "a/picture.toml", "a/2.png", "a/2.toml", "b/1.bin", "b/1.json", "b/chirps.cfg")
     assert find_recordings(tmp_path, "a/*") == ["a/1.png", "a/2.png"]
     assert find_recordings(tmp_path, "*/*") == ["a/1.png", "a/2.png", "b/1.bin"]
-    assert [path.name for path in files_of(tmp_path / "a" / "1.png")] == ["1.png", "picture.toml"]
-    assert [path.name for path in files_of(tmp_path / "a" / "2.png")] == ["2.png", "2.toml"]
-    assert [path.name for path in files_of(tmp_path / "b" / "1.bin")] == ["1.bin", "1.json"]
+    assert [path.name for path in list_recording_files(tmp_path / "a" / "1.png")] == ["1.png", "picture.toml"]
+    assert [path.name for path in list_recording_files(tmp_path / "a" / "2.png")] == ["2.png", "2.toml"]
+    assert [path.name for path in list_recording_files(tmp_path / "b" / "1.bin")] == ["1.bin", "1.json"]
     (tmp_path / "b" / "1.json").unlink()
-    assert [path.name for path in files_of(tmp_path / "b" / "1.bin")] == ["1.bin", "chirps.cfg"]
+    assert [path.name for path in list_recording_files(tmp_path / "b" / "1.bin")] == ["1.bin", "chirps.cfg"]
     with pytest.raises(ConfigError, match=r"'b/chirps\.cfg': is settings, no recording"):
         find_recordings(tmp_path, "b/chirps.cfg")

@@ -14,13 +14,13 @@ from scipy.stats import ks_2samp
 from checkout import ROOT
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.draws import middle, resolve
+from doppelgait.core.draws import replace_by_middle, resolve
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.card import blocks_release
-from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, load_plan, plan_names, shorten
-from doppelgait.dataset.finish import dataset_id, plan_header, plan_plugins
-from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset, spread
-from doppelgait.dataset.splits import assign_splits, groups_of
+from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
+from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
+from doppelgait.dataset.plan import check_examples, collect_nuisance, plan_dataset, sample_examples
+from doppelgait.dataset.splits import assign_splits, group_subjects
 from doppelgait.dataset.verify.leakage import guess_classes, refuse_leaks, warn_of_leaks
 
 
@@ -108,7 +108,7 @@ def test_wrong_factors_are_named(table, says):
         draw(table)
     assert says in str(refused.value)
     with pytest.raises(ConfigError) as refused:
-        middle(table, "k")
+        replace_by_middle(table, "k")
     assert says in str(refused.value)
 
 
@@ -125,7 +125,7 @@ def test_a_plan_can_state_the_speed_of_children_by_their_height():
 
 
 def test_the_middle_of_a_product_is_the_product_of_the_middles():
-    assert middle(CHILD) == pytest.approx({"height_m": 1.25, "speed_mps": 0.65 * 1.25})
+    assert replace_by_middle(CHILD) == pytest.approx({"height_m": 1.25, "speed_mps": 0.65 * 1.25})
 
 
 @pytest.mark.parametrize(
@@ -200,20 +200,20 @@ def test_too_few_subjects_for_a_split_are_refused():
 
 
 def test_identity_follows_the_configuration_only(tmp_path):
-    assert dataset_id(plan(), tmp_path) == dataset_id(plan(), tmp_path / "elsewhere")
-    assert dataset_id(plan(noise={"kind": "none"}), tmp_path) != dataset_id(plan(), tmp_path)
+    assert compute_dataset_id(plan(), tmp_path) == compute_dataset_id(plan(), tmp_path / "elsewhere")
+    assert compute_dataset_id(plan(noise={"kind": "none"}), tmp_path) != compute_dataset_id(plan(), tmp_path)
 
 
 def test_identity_follows_the_motion_files(tmp_path):
     classes = [{"label": "a", "motion": {"kind": "file", "path": {"choice": ["one.c3d", "two.c3d"]}}}]
     (tmp_path / "one.c3d").write_bytes(b"1")
     (tmp_path / "two.c3d").write_bytes(b"2")
-    before = dataset_id(plan(classes=classes), tmp_path)
+    before = compute_dataset_id(plan(classes=classes), tmp_path)
     (tmp_path / "two.c3d").write_bytes(b"3")
-    assert dataset_id(plan(classes=classes), tmp_path) != before
+    assert compute_dataset_id(plan(classes=classes), tmp_path) != before
     (tmp_path / "two.c3d").unlink()
     with pytest.raises(ConfigError, match=r"two\.c3d: cannot be read"):
-        dataset_id(plan(classes=classes), tmp_path)
+        compute_dataset_id(plan(classes=classes), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -360,7 +360,7 @@ def test_labels_that_give_the_same_ids_are_refused():
 def test_differences_are_short_and_say_what_is_absent():
     old = {"classes": [{"label": "a"}], "seed": 1, "gone": {"x": 0}}
     new = {"classes": [{"label": "a"}, {"label": "b", "motion": {"kind": "k" * 500}}], "seed": None}
-    found = list(differences(old, new))
+    found = list(list_differences(old, new))
     assert [text.partition(": ")[0] for text in found] == ["classes.1", "gone", "seed"]
     assert found[0].startswith('classes.1: absent -> {"label": "b"')
     assert found[1:] == ['gone: {"x": 0} -> absent', "seed: 1 -> null"]
@@ -453,7 +453,7 @@ def test_the_comparison_of_laws_sees_a_gate_error_that_grows_with_the_class(many
 
 
 def test_subjects_who_share_a_scene_share_a_group():
-    groups = groups_of([("a", "b"), ("c",), ("b", "d"), ("e", "f"), ("f",)])
+    groups = group_subjects([("a", "b"), ("c",), ("b", "d"), ("e", "f"), ("f",)])
     assert groups["a"] == groups["b"] == groups["d"]
     assert groups["e"] == groups["f"]
     assert len({groups["a"], groups["c"], groups["e"]}) == 3
@@ -567,19 +567,19 @@ def test_a_class_can_say_its_own_number_of_examples():
 
 
 def test_numbers_beyond_the_plan_go_on_without_end_and_repeat_no_draw():
-    from doppelgait.dataset.resolve import class_of, resolve_example
+    from doppelgait.dataset.resolve import find_class, resolve_example
 
     config = plan()
     beyond = [resolve_example(config, n, Path()) for n in range(40, 60)]
     assert [e.label for e in beyond[:4]] == ["human", "dog", "human", "dog"]
     assert len({e.id for e in [*examples_of(config), *beyond]}) == 60
-    assert class_of(config, 41) == (1, 20)
+    assert find_class(config, 41) == (1, 20)
 
 
 def test_what_is_no_motion_is_drawn_from_one_law_for_every_class():
     config, folder = load_plan("home-alarm", overrides=["dataset.examples_per_class=300"])
     laid_out = plan_dataset(config, folder=folder)
-    values = [nuisance_of(laid_out.example(n)) for n in range(600)]
+    values = [collect_nuisance(laid_out.example(n)) for n in range(600)]
     assert not [key for key in values[0] if "motion" in key or "label" in key]
     varied = [key for key in values[0] if len({v[key] for v in values}) > 1]
     assert set(varied) == {
@@ -662,7 +662,7 @@ def test_a_leaky_plan_is_built_with_a_warning(tmp_path):
         config = plan(dataset={"name": "x", "examples_per_class": 60}, target=honest, companions=companions)
         with warnings.catch_warnings(record=True) as seen:
             warnings.simplefilter("always")
-            warn_of_leaks(list(spread(plan_dataset(config, folder=tmp_path), 120)), np.random.default_rng(0))
+            warn_of_leaks(list(sample_examples(plan_dataset(config, folder=tmp_path), 120)), np.random.default_rng(0))
         assert any("target.range_m" in str(w.message) and "learns these" in str(w.message) for w in seen) is told
 
 
@@ -720,10 +720,10 @@ def foreign(monkeypatch, group, name, run=None, *, version="1", parameters=None,
 
 def test_plugins_of_other_packages_are_part_of_the_identity_where_they_are_used(tmp_path, monkeypatch):
     used = plan(impairments={"choice": [[], [{"kind": "ripple"}]]})
-    plain, before = dataset_id(plan(), tmp_path), dataset_id(used, tmp_path)
+    plain, before = compute_dataset_id(plan(), tmp_path), compute_dataset_id(used, tmp_path)
     foreign(monkeypatch, "impairment", "ripple", parameters=Ripple)
-    assert dataset_id(plan(), tmp_path) == plain
-    first = dataset_id(used, tmp_path)
+    assert compute_dataset_id(plan(), tmp_path) == plain
+    first = compute_dataset_id(used, tmp_path)
     assert first != before
     (found,) = plan_plugins(used, tmp_path)
     assert found["parameters"] == {"kind": "'ripple'", "depth": "0.5"}
@@ -733,16 +733,16 @@ def test_plugins_of_other_packages_are_part_of_the_identity_where_they_are_used(
     assert plan_header(used, first, tmp_path).describe({}, complete=False)["plugins"] == [found]
     assert "plugins" not in plan_header(plan(), plain, tmp_path).describe({}, complete=False)
     foreign(monkeypatch, "impairment", "ripple", parameters=Ripple, version="2")
-    assert dataset_id(used, tmp_path) not in (first, before)
+    assert compute_dataset_id(used, tmp_path) not in (first, before)
 
 
 def test_features_and_readers_of_other_packages_are_used_unasked(tmp_path, monkeypatch):
     (tmp_path / "a.odd").write_text("odd 1")
     files = plan(classes=[{"label": "a", "motion": {"kind": "file", "path": "a.odd"}}])
-    plain, before = dataset_id(plan(), tmp_path), dataset_id(files, tmp_path)
+    plain, before = compute_dataset_id(plan(), tmp_path), compute_dataset_id(files, tmp_path)
     foreign(monkeypatch, "motion_reader", "odd", sniff=lambda path, head: head.startswith(b"odd"))
-    assert dataset_id(plan(), tmp_path) == plain
-    assert dataset_id(files, tmp_path) != before
+    assert compute_dataset_id(plan(), tmp_path) == plain
+    assert compute_dataset_id(files, tmp_path) != before
     (tmp_path / "a.odd").write_text("even")
     assert plan_plugins(files, tmp_path) == []
     foreign(monkeypatch, "feature", "ripple_rate")

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset.query import rows_where
+from doppelgait.dataset.query import select_rows
 
 INDEX = pd.DataFrame({
     "label": ["human", "dog", "cat", "dog"],
@@ -26,7 +26,7 @@ INDEX = pd.DataFrame({
 )  # fmt: skip
 def test_a_query_marks_what_pandas_marks(query):
     expected = INDEX.eval(query)
-    assert rows_where(INDEX, query).tolist() == expected.fillna(False).tolist()
+    assert select_rows(INDEX, query).tolist() == expected.fillna(False).tolist()
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_query_marks_what_pandas_marks(query):
 def test_what_is_no_query_runs_nothing_and_is_one_line(tmp_path, query):
     path = tmp_path / "written"
     with pytest.raises(DatasetError, match=r"^select ") as refused:
-        rows_where(INDEX, query.replace("{path}", str(path)))
+        select_rows(INDEX, query.replace("{path}", str(path)))
     assert not path.exists()
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) < 11_000

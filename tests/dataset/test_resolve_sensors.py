@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from doppelgait.core.config import canonical_json
+from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import PlanConfig, plan_dataset
-from doppelgait.dataset.finish import dataset_id
+from doppelgait.dataset.finish import compute_dataset_id
 from doppelgait.pipeline import Run
 from doppelgait.radar import Radar
 
@@ -68,8 +68,8 @@ def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
 
 def test_an_example_is_the_same_alone_and_after_others(sensor: Path) -> None:
     first, second = (plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent) for _ in range(2))
-    whole = [canonical_json(first.example(n)) for n in range(8)]
-    assert canonical_json(second.example(7)) == whole[7]
+    whole = [format_canonical_json(first.example(n)) for n in range(8)]
+    assert format_canonical_json(second.example(7)) == whole[7]
     assert len(set(whole)) == 8
 
 
@@ -81,12 +81,12 @@ def test_a_key_of_the_plan_replaces_a_draw_and_shifts_no_other(sensor: Path) -> 
 
 
 def test_the_identity_is_that_of_the_content_not_of_the_path(sensor: Path) -> None:
-    here = dataset_id(plan_of("my-sensor.toml"), sensor.parent)
+    here = compute_dataset_id(plan_of("my-sensor.toml"), sensor.parent)
     (sensor.parent / "deep").mkdir()
     shutil.copy(sensor, sensor.parent / "deep" / "other.toml")
-    assert dataset_id(plan_of("deep/other.toml"), sensor.parent) == here
+    assert compute_dataset_id(plan_of("deep/other.toml"), sensor.parent) == here
     sensor.write_text(SENSOR.replace("1.5]", "1.6]"), encoding="utf-8")
-    assert dataset_id(plan_of("my-sensor.toml"), sensor.parent) != here
+    assert compute_dataset_id(plan_of("my-sensor.toml"), sensor.parent) != here
 
 
 def test_elsewhere_the_middle_counts_and_a_scene_draws_by_its_seed(sensor: Path) -> None:
@@ -101,9 +101,9 @@ def test_elsewhere_the_middle_counts_and_a_scene_draws_by_its_seed(sensor: Path)
 
 
 def test_a_comment_in_the_file_changes_no_identity(sensor: Path) -> None:
-    here = dataset_id(plan_of("my-sensor.toml"), sensor.parent)
+    here = compute_dataset_id(plan_of("my-sensor.toml"), sensor.parent)
     sensor.write_text("# measured in March\n" + SENSOR.replace(" = ", "  =  "), encoding="utf-8")
-    assert dataset_id(plan_of("my-sensor.toml"), sensor.parent) == here
+    assert compute_dataset_id(plan_of("my-sensor.toml"), sensor.parent) == here
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,13 @@ from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.config import FieldSpec
 from doppelgait.dataset.example import label_arrays
 from doppelgait.dataset.finish import read_description, read_records, tally
-from doppelgait.dataset.shard_files import DB_FLOOR, ShardFiles, decode, encode, facts_of
+from doppelgait.dataset.shard_files import DB_FLOOR, ShardFiles, decode, describe_fields, encode
 
 
 def test_full_precision_comes_back_as_it_was():
     values = np.random.default_rng(0).random((7, 5)).astype(np.float32)
     spec = FieldSpec(name="signature", dtype="full")
-    facts = facts_of([spec])["signature"]
+    facts = describe_fields([spec])["signature"]
     assert facts == {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32", "scale": "linear", "hop": 1}
     assert np.array_equal(decode(encode(values, spec), facts), values)
 
@@ -29,7 +29,7 @@ def test_half_precision_is_within_what_is_promised_and_the_default_of_signatures
     spec = FieldSpec(name="signature")
     stored = encode(values, spec)
     assert stored.nbytes * 2 == values.nbytes
-    back = decode(stored, facts_of([spec])["signature"])
+    back = decode(stored, describe_fields([spec])["signature"])
     error = np.abs(back / values - 1)
     assert error.max() < 0.015
     assert back.dtype == np.float32
@@ -39,7 +39,7 @@ def test_silence_stays_silence():
     spec = FieldSpec(name="cadence_map", dtype="half")
     stored = encode(np.array([[0.0, 1.0]]), spec)
     assert stored[0, 0] == DB_FLOOR
-    assert decode(stored, facts_of([spec])["cadence_map"]).tolist() == [[0.0, 1.0]]
+    assert decode(stored, describe_fields([spec])["cadence_map"]).tolist() == [[0.0, 1.0]]
 
 
 def test_a_hop_keeps_every_nth_column():

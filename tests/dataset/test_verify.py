@@ -11,8 +11,8 @@ from scipy.stats import pearsonr
 from sklearn.metrics import balanced_accuracy_score
 
 from doppelgait.dataset.verify import duplicates, leakage, truth
-from doppelgait.dataset.verify.contents import Check, Contents, Verification, some
-from doppelgait.dataset.verify.leakage import check_groups, rounded
+from doppelgait.dataset.verify.contents import Check, Contents, Verification, list_some
+from doppelgait.dataset.verify.leakage import check_groups, round_values
 from doppelgait.dataset.verify.truth import check_movers
 
 
@@ -77,7 +77,7 @@ def test_off_as_a_whole_is_the_binomial_tail_below_a_thousandth(hits, rows, off)
 
     tail = sum(comb(rows, k) * (2 / 3) ** k * (1 / 3) ** (rows - k) for k in range(hits + 1))
     assert (tail < 1e-3) == off
-    assert truth.off_as_a_whole(hits, rows) == off
+    assert truth.has_too_few_hits(hits, rows) == off
 
 
 # movers
@@ -169,13 +169,13 @@ def test_a_picture_ignores_level_and_tells_shapes_apart():
     rng = np.random.default_rng(0)
     power = rng.exponential(size=(200, 130))
     power[:, 60:64] += 500 * (1 + np.sin(np.arange(200) / 9))[:, None]
-    one = duplicates.picture(power)
+    one = duplicates.make_picture(power)
     assert one @ one == pytest.approx(1, abs=1e-5)
-    assert one @ duplicates.picture(7.0 * power) == pytest.approx(1, abs=1e-5)
+    assert one @ duplicates.make_picture(7.0 * power) == pytest.approx(1, abs=1e-5)
     other = power.copy()
     other[:, 60:64] = rng.exponential(size=(200, 4))
-    assert one @ duplicates.picture(other) < 0.5
-    assert duplicates.picture(np.zeros((3, 5))) @ one == 0
+    assert one @ duplicates.make_picture(other) < 0.5
+    assert duplicates.make_picture(np.zeros((3, 5))) @ one == 0
 
 
 def test_averages_are_those_of_the_parts():
@@ -189,9 +189,9 @@ def test_the_blocked_search_finds_the_nearest_of_a_brute_force(monkeypatch):
     monkeypatch.setattr(duplicates, "BLOCK", 7)
     monkeypatch.setattr(duplicates, "CANDIDATE", -1.0)
     rng = np.random.default_rng(1)
-    pictures = {n: duplicates._unit(rng.normal(size=12)) for n in range(60)}
+    pictures = {n: duplicates._scale_to_unit(rng.normal(size=12)) for n in range(60)}
     rows, others = np.arange(40, 60), np.arange(40)
-    found = {second: (value, first) for value, first, second in duplicates._nearest(rows, others, pictures)}
+    found = {second: (value, first) for value, first, second in duplicates._find_nearest(rows, others, pictures)}
     for row in rows:
         likeness = [pearsonr(pictures[int(row)], pictures[int(n)])[0] for n in others]
         assert found[row][1] == int(np.argmax(likeness))
@@ -274,7 +274,7 @@ def test_permutations_keep_groups_together_and_counts():
     labels = np.array([0, 0, 1, 1, 1, 1, 0, 1])  # the last group has both
     seen = set()
     for _ in range(200):
-        drawn = leakage.permuted(labels, groups, rng)
+        drawn = leakage.permute_labels(labels, groups, rng)
         pure = [drawn[groups == n] for n in range(3)]
         assert all(len(set(part)) == 1 for part in pure)
         assert sorted(part[0] for part in pure) == [0, 1, 1]
@@ -294,18 +294,18 @@ def test_balanced_accuracy_is_that_of_scikit_learn():
 
 def test_many_columns_of_labels_are_scored_as_each_alone():
     table = parameters(60, leak=1.0)
-    cells = leakage.cells_of([table[name] for name in "abc"])
+    cells = leakage.make_cells([table[name] for name in "abc"])
     rng = np.random.default_rng(0)
     folds, labels = rng.integers(0, 5, 60), rng.integers(0, 2, (60, 7))
-    together = leakage.scores(cells, folds, labels)
-    assert together == pytest.approx([leakage.scores(cells, folds, labels[:, [n]])[0] for n in range(7)])
+    together = leakage.score_folds(cells, folds, labels)
+    assert together == pytest.approx([leakage.score_folds(cells, folds, labels[:, [n]])[0] for n in range(7)])
 
 
 def test_likelihoods_of_one_parameter_are_those_counted_by_hand():
     column = pd.Series(["x"] * 6 + ["y"] * 4 + ["x", "y"])
     labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 0])
     test = np.array([False] * 10 + [True] * 2)
-    levels = leakage._levels(leakage.cells_of([column]), test, labels[:, None], 2)[:, :, 0]
+    levels = leakage._compute_log_ratios(leakage.make_cells([column]), test, labels[:, None], 2)[:, :, 0]
     in_x, in_y = np.array([5, 1]), np.array([1, 3])  # of class 0, of class 1
     n, share = np.array([6, 4]), np.array([0.6, 0.4])
     ratio_x = np.log((in_x + 2 * share[0]) / (n + 2) / share[0])
@@ -328,10 +328,10 @@ def test_two_parameters_that_tell_only_together_are_found():
 
 def test_bins_are_quantiles_and_missing_values_have_their_own():
     column = pd.Series([*np.arange(99.0), np.nan])
-    codes = leakage.bins_of(column, 3)
+    codes = leakage.bin_values(column, 3)
     assert np.bincount(codes).tolist() == [1, 33, 33, 33]
-    assert leakage.bins_of(pd.Series(["b", None, "a", "b"]), 3).tolist() == [2, 0, 1, 2]
-    assert leakage.bins_of(pd.Series([5.0, 5.0, 7.0]), 6).tolist() == [1, 1, 2]
+    assert leakage.bin_values(pd.Series(["b", None, "a", "b"]), 3).tolist() == [2, 0, 1, 2]
+    assert leakage.bin_values(pd.Series([5.0, 5.0, 7.0]), 6).tolist() == [1, 1, 2]
 
 
 def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
@@ -346,13 +346,13 @@ def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
 
 def test_rounding_of_a_level_tells_no_class():
     values = pd.Series([0.5, 0.5 * (1 + 1e-7), -1234567.0, 0.0, np.nan, 1e-30])
-    found = rounded(values)
+    found = round_values(values)
     assert found[0] == found[1]
     assert found[2] == pytest.approx(-1234600.0, rel=1e-12)
     assert found[3] == 0
     assert np.isnan(found[4])
     assert found[5] == pytest.approx(1e-30, rel=1e-12)
-    assert rounded(pd.Series([0.5, 0.5001])).nunique() == 2
+    assert round_values(pd.Series([0.5, 0.5001])).nunique() == 2
 
 
 # report
@@ -371,4 +371,4 @@ def test_a_warning_does_not_fail_a_verification_and_a_skipped_check_is_no_pass()
 
 
 def test_long_lists_are_cut():
-    assert some([str(n) for n in range(7)]) == "0, 1, 2, 3, 4 and 2 more"
+    assert list_some([str(n) for n in range(7)]) == "0, 1, 2, 3, 4 and 2 more"

@@ -11,10 +11,10 @@ from doppelgait.core import plugins
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, FEATURES, Extraction, GaitFeatures
-from doppelgait.features.extended import feature_table, measure_extended
+from doppelgait.features.extended import list_features, measure_extended
 from doppelgait.features.feature_set import NEEDS
-from doppelgait.features.observed import REASONS, Observed, likeness_at
-from doppelgait.features.uncertainty import uncertainties_of
+from doppelgait.features.observed import REASONS, Observation, compute_autocorrelation_at
+from doppelgait.features.uncertainty import estimate_uncertainties
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
@@ -129,10 +129,10 @@ def test_alternate_likeness_tells_steps_from_strides():
 
 def test_likeness_between_whole_lags_and_beyond_the_record():
     wave = np.sin(2 * np.pi * np.arange(400) / 37.5)
-    assert likeness_at(wave, 37.5) == pytest.approx(1.0, abs=0.005)
-    assert likeness_at(wave, 37.5 / 2) == pytest.approx(-1.0, abs=0.02)
-    assert likeness_at(wave, 399.5) is None
-    assert likeness_at(wave, 0.5) is None
+    assert compute_autocorrelation_at(wave, 37.5) == pytest.approx(1.0, abs=0.005)
+    assert compute_autocorrelation_at(wave, 37.5 / 2) == pytest.approx(-1.0, abs=0.02)
+    assert compute_autocorrelation_at(wave, 399.5) is None
+    assert compute_autocorrelation_at(wave, 0.5) is None
 
 
 # --- Bands --------------------------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def test_reasons_for_what_is_missing():
 
 
 def test_every_feature_has_a_unit_and_a_source():
-    table = feature_table()
+    table = list_features()
     assert len(table) >= 25
     assert {unit for _, unit, _ in table} <= {"1", "m/s", "Hz"}
     for name, unit, source in table:
@@ -245,14 +245,14 @@ def test_a_feature_with_wrong_facts_is_refused(facts, text):
 
 def test_what_features_can_need_is_known():
     assert {*NEEDS, "signal"} == set(REASONS)
-    assert all(hasattr(Observed, f"has_{need}") for need in NEEDS)
+    assert all(hasattr(Observation, f"has_{need}") for need in NEEDS)
 
 
 def test_the_set_f_is_part_of_the_registry_in_its_order():
     marked = sorted((item for item in FEATURES.values() if "set_f" in item.facts), key=lambda item: item.facts["set_f"])
     assert {item.name: item.facts["unit"] for item in marked} == FEATURE_UNITS
     assert [item.facts["set_f"] for item in marked] == list(range(6))
-    assert len(FEATURES) == 6 + len(feature_table())
+    assert len(FEATURES) == 6 + len(list_features())
 
 
 def test_registered_features_are_in_results_rows_and_tables(monkeypatch, walker_mu):
@@ -262,7 +262,7 @@ def test_registered_features_are_in_results_rows_and_tables(monkeypatch, walker_
     gate = Gate.around([0, 4], [8, 3], span_m=1.6)
     result = analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
     assert result.extended["columns"] == walker_mu.sizes["time"] == result.to_row()["extended_columns"]
-    assert ("columns", "1", "here") in feature_table()
+    assert ("columns", "1", "here") in list_features()
 
 
 # --- What must not matter -----------------------------------------------------------------------------------------
@@ -277,9 +277,11 @@ def walker_mu():
 
 
 def assessed(mu):
-    observed, _ = observe(processing.thin(mu), Analysis(doppler_bins=127))
+    observed, _ = observe(processing.decimate(mu), Analysis(doppler_bins=127))
     found = measure_extended(observed)
-    return SimpleNamespace(extended=found.values, reasons=found.reasons, standard_deviations=uncertainties_of(observed))
+    return SimpleNamespace(
+        extended=found.values, reasons=found.reasons, standard_deviations=estimate_uncertainties(observed)
+    )
 
 
 def test_power_direction_and_time_reversal_do_not_matter(walker_mu):

@@ -16,15 +16,15 @@ from doppelgait.features import (
 )
 from doppelgait.features.doppler import (
     bandwidth_threshold_hz,
+    compute_noise_quantile,
     envelopes_hz,
-    noise_quantile,
     raised_by_noise_v2,
     single_tone_width_hz,
     width_level_v2,
     width_of_bins,
 )
-from doppelgait.features.measures import local_maxima, refine, square_difference
-from doppelgait.features.observed import Observed
+from doppelgait.features.measures import compute_square_difference, find_local_maxima, refine
+from doppelgait.features.observed import Observation
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
@@ -74,9 +74,9 @@ def test_parabola_finds_the_top_between_samples():
 
 def test_local_maxima_never_include_the_ends():
     values = np.array([9.0, 1, 3, 1, 4, 4, 2, 8])
-    np.testing.assert_array_equal(local_maxima(values, first=0, last=7), [2, 4])
-    np.testing.assert_array_equal(local_maxima(values, first=3, last=7), [4])
-    assert local_maxima(values, first=5, last=3).size == 0
+    np.testing.assert_array_equal(find_local_maxima(values, first=0, last=7), [2, 4])
+    np.testing.assert_array_equal(find_local_maxima(values, first=3, last=7), [4])
+    assert find_local_maxima(values, first=5, last=3).size == 0
 
 
 # --- Autocorrelation (E-33) ----------------------------------------------------------------------------------------
@@ -87,8 +87,8 @@ def test_square_difference_is_that_of_the_equation_e33(lag):
     rows = swinging_rows(1.9, 4.0, noise=0.5).values
     top = sum(2 * rows[j] @ rows[j + lag] for j in range(500 - lag))
     bottom = sum(rows[j] @ rows[j] + rows[j + lag] @ rows[j + lag] for j in range(500 - lag))
-    assert square_difference(rows)[lag] == pytest.approx(top / bottom, rel=1e-9)
-    assert square_difference(rows)[0] == pytest.approx(1.0)
+    assert compute_square_difference(rows)[lag] == pytest.approx(top / bottom, rel=1e-9)
+    assert compute_square_difference(rows)[0] == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 0), (0, 499), (40, 90), (63, 66), (490, 499), (499, 499)])
@@ -99,7 +99,7 @@ def test_square_difference_of_some_lags_is_part_of_all_e33(first, last):
     power = (rows**2).sum(axis=1)
     energy = np.array([power[: 500 - lag].sum() + power[lag:].sum() for lag in range(500)])
     wanted = (2 * products / energy)[first : last + 1]
-    np.testing.assert_allclose(square_difference(rows, first, last), wanted, atol=1e-12)
+    np.testing.assert_allclose(compute_square_difference(rows, first, last), wanted, atol=1e-12)
 
 
 def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **place):
@@ -176,7 +176,7 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     mean = 1.0 + np.array([0.0, 0.14, 0.16, -0.2, 5.0])
     coords = {"time": np.arange(50) / RATE_HZ, **doppler_coords(5)}
     mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
-    evidence = Observed(
+    evidence = Observation(
         signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
         main_line_hz=None, aligned=None, cadence_parts=None, strongest_v2=None,
         peaks_hz=None, spectrum=None, observation_s=0.4,
@@ -185,7 +185,7 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
 
 
 def test_ratio_is_taken_over_the_occupied_rows_alone_e38(monkeypatch):
-    monkeypatch.setattr(Observed, "occupied", np.zeros(128, dtype=bool))
+    monkeypatch.setattr(Observation, "occupied", np.zeros(128, dtype=bool))
     result, _ = walked(1.2, 2.0)
     assert result.features.limb_torso_ratio is None
     assert "limb_torso_ratio:no_doppler_row_above_the_noise" in result.flags
@@ -268,7 +268,7 @@ def block_signature(low, high, floor, k=200, n_columns=100):
 
 def envelope_width_hz(mu, floor_v2):
     mu = mu.assign_attrs(wavelength_m=WAVELENGTH_M)
-    observed = Observed(
+    observed = Observation(
         signature=mu, floor_v2=floor_v2, main_line_hz=np.zeros(mu.sizes["time"]),
         excess=None, n_independent=25.0, aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
         spectrum=None, observation_s=0.4,
@@ -295,7 +295,7 @@ def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise
 def test_noise_passes_the_envelopes_threshold_as_seldom_with_few_bins_as_with_many(n_bins):
     noise = np.random.default_rng(5).gamma(n_bins, 1 / n_bins, 4_000_000)
     expected = 4_000_000 * stats.norm.sf(4.0)  # 127
-    assert abs((noise > noise_quantile(n_bins)).sum() - expected) < 4 * np.sqrt(expected)
+    assert abs((noise > compute_noise_quantile(n_bins)).sum() - expected) < 4 * np.sqrt(expected)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -11,14 +11,14 @@ from doppelgait.features.gait_frequency import (
     GRID_HZ,
     PRIOR_WEIGHTS,
     WEIGHTS,
-    gait_frequency,
+    compute_posterior,
+    compute_terms,
+    estimate_gait_frequency,
     measure_rhythms,
-    posterior_of,
     refine_on_harmonics,
-    terms_of,
 )
-from doppelgait.features.limbs import Rows, grouped, limb_rows, slowed, torso_line_hz
-from doppelgait.features.measures import square_difference
+from doppelgait.features.limbs import Rows, average_columns, limb_rows, sum_groups, torso_line_hz
+from doppelgait.features.measures import compute_square_difference
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0
 WAVELENGTH_M = 0.0411
@@ -51,7 +51,7 @@ def drawn(*, stride_hz, alike, seconds=5.0, sway_hz=18.0, noise=0.0, torso=1.0, 
 
 def estimate(noise=0.0, velocity_mps=1.2, **kwargs):
     normalised, excess = drawn(noise=noise, **kwargs)
-    return gait_frequency(normalised, excess, noise, velocity_mps=velocity_mps)
+    return estimate_gait_frequency(normalised, excess, noise, velocity_mps=velocity_mps)
 
 
 # --- Step or stride -----------------------------------------------------------------------------------------------
@@ -101,14 +101,14 @@ def test_limbs_that_are_noise_double_nothing():
         noise = np.random.default_rng(seed).gamma(32.0, 1 / 32.0, (normalised.sizes["time"], int(blank.sum())))
         excess.values[:, blank] = 0.05 * (noise - 1.0)
         normalised.values[:, blank] = np.maximum(excess.values[:, blank], 0.0)
-        found = gait_frequency(normalised, excess, 0.05, velocity_mps=0.8)
+        found = estimate_gait_frequency(normalised, excess, 0.05, velocity_mps=0.8)
         assert found.frequency_hz == pytest.approx(1.0, rel=0.02) or found.confidence < 0.9
 
 
 def test_nothing_that_changes_has_no_frequency():
     normalised, excess = drawn(stride_hz=1.0, alike=True)
     still = normalised.copy(data=np.zeros(normalised.shape))
-    found = gait_frequency(still, excess.copy(data=still.values), 0.0, velocity_mps=1.0)
+    found = estimate_gait_frequency(still, excess.copy(data=still.values), 0.0, velocity_mps=1.0)
     assert (found.frequency_hz, found.confidence, found.n_periods) == (None, None, None)
 
 
@@ -129,9 +129,9 @@ def rhythms(seed=0, n_columns=150, rate_hz=40.0):
 
 
 def test_the_posterior_is_the_weighted_sum_of_its_terms():
-    found = posterior_of(rhythms(), -1.3)
+    found = compute_posterior(rhythms(), -1.3)
     assert found.sum() == pytest.approx(1.0)
-    evidence, prior = terms_of(rhythms(), -1.3)
+    evidence, prior = compute_terms(rhythms(), -1.3)
     place = np.array([70, 120])  # ratio of two frequencies, term by term
     logs = [
         sum(WEIGHTS[s, n] * evidence[s, n, p] for s in range(4) for n in range(9))
@@ -147,7 +147,7 @@ def test_the_posterior_is_the_weighted_sum_of_its_terms():
 
 def test_confidence_octaves_and_second_are_masses_of_the_posterior():
     normalised, excess = drawn(stride_hz=1.05, alike=True, noise=0.3)
-    found = gait_frequency(normalised, excess, 0.3, velocity_mps=1.2)
+    found = estimate_gait_frequency(normalised, excess, 0.3, velocity_mps=1.2)
     assert 0.0 < found.confidence < 1.0
     assert found.confidence + found.half_probability + found.double_probability <= 1.0 + 1e-9
     assert abs(np.log(found.second_hz / found.frequency_hz)) > 0.08
@@ -200,7 +200,7 @@ def test_the_spectrum_is_that_of_the_windowed_autocorrelation():
 @pytest.mark.parametrize("at_hz", [-130.0, 0.0, 60.0])
 def test_the_torso_line_follows_the_torso(at_hz):
     normalised, _ = drawn(stride_hz=0.5, alike=True, at_hz=at_hz, torso=20.0)
-    slow = slowed(normalised)
+    slow = average_columns(normalised)
     t = (np.arange(slow.values.shape[0]) + 1 / 3) * 3 / RATE_HZ
     # a Gaussian of sd s takes exp(-(2 pi f s)^2 / 2) of a sine: 0.982 at 0.5 Hz and 60 ms
     wanted = at_hz + 0.982 * 18.0 * np.cos(2 * np.pi * 0.5 * t + 0.7)
@@ -209,7 +209,7 @@ def test_the_torso_line_follows_the_torso(at_hz):
 
 def test_limb_rows_leave_out_the_torso_and_noise():
     normalised, _ = drawn(stride_hz=1.0, alike=True, sway_hz=0.0)
-    slow = slowed(normalised)
+    slow = average_columns(normalised)
     clean = limb_rows(slow, np.zeros(slow.values.shape[0]))
     assert clean.rate_hz == pytest.approx(RATE_HZ / 3)
     assert np.abs(clean.doppler_hz).min() > 30.0
@@ -229,8 +229,8 @@ def test_one_standard_deviation_of_noise_is_taken_off_every_limb_cell():
 
 
 def test_groups_are_sums_and_drop_the_rest():
-    np.testing.assert_array_equal(grouped(np.arange(8.0)[:, None], 3), [[3.0], [12.0]])
-    np.testing.assert_array_equal(grouped(np.arange(8.0).reshape(4, 2), 2, 2), [[6], [22]])
+    np.testing.assert_array_equal(sum_groups(np.arange(8.0)[:, None], 3), [[3.0], [12.0]])
+    np.testing.assert_array_equal(sum_groups(np.arange(8.0).reshape(4, 2), 2, 2), [[6], [22]])
 
 
 # --- Exact frequency ----------------------------------------------------------------------------------------------
@@ -282,7 +282,7 @@ def test_a_frequency_outside_the_search_stays():
 def test_square_difference_of_a_cosine_is_its_own_cosine():
     t = np.arange(400) / 40.0
     values = np.stack([np.cos(2 * np.pi * 2 * t), np.sin(2 * np.pi * 2 * t)], axis=1)
-    np.testing.assert_allclose(square_difference(values), np.cos(2 * np.pi * 2 * t), atol=1e-9)
+    np.testing.assert_allclose(compute_square_difference(values), np.cos(2 * np.pi * 2 * t), atol=1e-9)
 
 
 def test_sets_of_rows_are_measured_together_as_alone_e33():

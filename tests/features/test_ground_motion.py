@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.rng import rng
-from doppelgait.features import ground_motion
+from doppelgait.features import estimate_ground_motion
 from doppelgait.features.ground_motion import ACCELERATION_SD_MPS2
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import analyze, simulate
@@ -27,7 +27,7 @@ def straight_track(speed_mps, aspect_deg, range_m=6.0, height_m=0.3):
 @pytest.mark.parametrize("aspect_deg", [0, 5, 30, 60, 90, 120, 175])
 @pytest.mark.parametrize("speed_mps", [0.8, 1.6])
 def test_straight_motion_is_recovered_within_its_uncertainty(speed_mps, aspect_deg):
-    found = ground_motion(TIMES_S, straight_track(speed_mps, aspect_deg))
+    found = estimate_ground_motion(TIMES_S, straight_track(speed_mps, aspect_deg))
     assert found.ground_speed_mps == pytest.approx(speed_mps, abs=found.ground_speed_sd_mps)
     assert found.ground_speed_mps == pytest.approx(speed_mps, rel=0.03)
     # no speed across is less than none: near the line of sight the mean lies beside it
@@ -48,7 +48,7 @@ def test_coverage_on_straight_paths_with_errors_that_last_for_half_a_second(aspe
         # a part of the speed that wanders as the constants assume
         along = speed * np.cos(angle) * t + 0.5 * source.normal(0, ACCELERATION_SD_MPS2) * t**2
         clean = np.hypot(range_m - along, speed * np.sin(angle) * t)
-        found = ground_motion(times, clean + lasting_errors(source, times.size, sd_m=0.02), range_sd_m=0.02)
+        found = estimate_ground_motion(times, clean + lasting_errors(source, times.size, sd_m=0.02), range_sd_m=0.02)
         if found.reason in ("", "too_uncertain") and found.ground_speed_mps is not None:
             off = (
                 (found.ground_speed_mps - speed) / found.ground_speed_sd_mps,
@@ -89,7 +89,7 @@ def test_power_other_paths_have_no_aspect(name):
     named = 0
     for seed in range(40):
         errors_m = lasting_errors(np.random.default_rng(seed), times.size, sd_m=0.02)
-        found = ground_motion(times, OTHER_PATHS[name](times) + errors_m, range_sd_m=0.02)
+        found = estimate_ground_motion(times, OTHER_PATHS[name](times) + errors_m, range_sd_m=0.02)
         named += found.reason == "path_is_not_straight"
         assert (found.ground_speed_mps is None) == bool(found.reason)
     assert named >= 38
@@ -102,31 +102,31 @@ def test_false_rejection_of_straight_paths_is_rare():
         angle, t = source.uniform(0, np.pi), times - 2.5
         clean = np.hypot(5 - 1.2 * np.cos(angle) * t, 1.2 * np.sin(angle) * t)
         errors_m = lasting_errors(source, times.size, sd_m=0.02)
-        rejected += ground_motion(times, clean + errors_m, range_sd_m=0.02).reason == "path_is_not_straight"
+        rejected += estimate_ground_motion(times, clean + errors_m, range_sd_m=0.02).reason == "path_is_not_straight"
     assert rejected <= 4
 
 
 def test_an_uncertain_aspect_is_not_told():
     """At 3 s and 9 m an error of 6 cm hides every speed across below 1 m/s."""
     times = np.arange(0, 3, 0.1)
-    found = ground_motion(times, 9 - 0.8 * times, range_sd_m=0.06)
+    found = estimate_ground_motion(times, 9 - 0.8 * times, range_sd_m=0.06)
     assert (found.ground_speed_mps, found.aspect_deg, found.reason) == (None, None, "too_uncertain")
     assert found.ground_speed_sd_mps > 0.1 * 0.8
-    assert ground_motion(times, 9 - 0.8 * times, range_sd_m=0.01).reason == ""
+    assert estimate_ground_motion(times, 9 - 0.8 * times, range_sd_m=0.01).reason == ""
 
 
 def test_outliers_hardly_count():
     track = straight_track(1.2, 60)
     track[::25] += 0.6
-    found = ground_motion(TIMES_S, track)
+    found = estimate_ground_motion(TIMES_S, track)
     assert found.ground_speed_mps == pytest.approx(1.2, rel=0.03)
     assert found.aspect_deg == pytest.approx(60, abs=3)
 
 
 def test_three_seconds_are_needed_and_a_standing_body_has_no_aspect():
-    assert ground_motion(TIMES_S[:200], straight_track(1.2, 60)[:200]).ground_speed_mps is None
+    assert estimate_ground_motion(TIMES_S[:200], straight_track(1.2, 60)[:200]).ground_speed_mps is None
     bent_wrongly = np.sqrt(36.0 - 1.0 * (TIMES_S - 2.5) ** 2)
-    assert ground_motion(TIMES_S, bent_wrongly).reason == "path_is_not_straight"
+    assert estimate_ground_motion(TIMES_S, bent_wrongly).reason == "path_is_not_straight"
 
 
 @pytest.mark.parametrize("gate", ["truth", "track"])

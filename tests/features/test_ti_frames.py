@@ -9,7 +9,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core.errors import AnalysisError
-from doppelgait.features.ti_frames import NUMBERS, frame_numbers, window_statistics
+from doppelgait.features.ti_frames import NUMBERS, measure_columns, measure_windows
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def literal(powers: list[float], velocities: list[float], floor: float) -> list[
 @pytest.mark.parametrize("floor_share", [0.0, 0.5, 3.0])
 def test_numbers_are_those_of_the_definition(signature, floor_share):
     floor = floor_share * float(np.median(signature.values))
-    found = frame_numbers(signature, noise_floor_v2=floor)
+    found = measure_columns(signature, noise_floor_v2=floor)
     velocities = signature.coords["velocity"].values.tolist()
     wanted = [literal(row.tolist(), velocities, floor) for row in signature.values.astype(float)]
     assert found.dims == ("time", "number")
@@ -55,7 +55,7 @@ def test_one_row_and_all_rows_alike(signature):
     made.values[1] = 1.0
     n_rows = made.shape[1]
     velocity = made.coords["velocity"].values
-    found = frame_numbers(made).values
+    found = measure_columns(made).values
     np.testing.assert_allclose(found[0], [velocity[7], velocity[7], 2.0, 0.0], rtol=1e-6)
     first, last = math.ceil(n_rows / 8) - 1, math.ceil(7 * n_rows / 8) - 1
     np.testing.assert_allclose(found[1], [velocity[first], velocity[last], last - first + 1, 1.0], rtol=1e-6)
@@ -64,15 +64,15 @@ def test_one_row_and_all_rows_alike(signature):
 
 
 def test_a_walker_is_between_the_velocities(signature):
-    lower, upper = frame_numbers(signature).values[:, :2].T
+    lower, upper = measure_columns(signature).values[:, :2].T
     assert (lower <= upper).all()
     assert 0.5 < np.median(upper) < 3.0
 
 
 def test_windows_have_the_mean_and_the_spread_of_their_frames(signature):
-    numbers = frame_numbers(signature).values
+    numbers = measure_columns(signature).values
     numbers[3] = [np.nan, np.nan, 0.0, np.nan]
-    found = window_statistics(numbers, frames=10)
+    found = measure_windows(numbers, frames=10)
     assert found.shape == (len(numbers) // 10, 8)
     for window, got in enumerate(found):
         rows = [n.astype(float) for n in numbers[10 * window : 10 * window + 10] if n[2] > 0]
@@ -83,10 +83,10 @@ def test_windows_have_the_mean_and_the_spread_of_their_frames(signature):
             for column, mean in zip(columns, means, strict=True)
         ]
         np.testing.assert_allclose(got, [*means, *spreads], rtol=1e-9, atol=1e-9)
-    assert window_statistics(numbers).shape == (1, 8)
-    assert np.isnan(window_statistics(np.zeros((5, 4)))).all()
+    assert measure_windows(numbers).shape == (1, 8)
+    assert np.isnan(measure_windows(np.zeros((5, 4)))).all()
 
 
 def test_only_signatures_are_measured(signature):
     with pytest.raises(AnalysisError):
-        frame_numbers(signature.T)
+        measure_columns(signature.T)

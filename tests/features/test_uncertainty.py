@@ -14,11 +14,11 @@ from doppelgait.features.uncertainty import (
     VELOCITY_LEAST_MPS,
     Periods,
     bandwidth_sd_hz,
+    estimate_harmonic_ratio_sd,
+    estimate_ratio_sd,
+    estimate_uncertainties,
+    flag_uncertain_features,
     frequency_sd_hz,
-    harmonic_ratio_sd,
-    ratio_sd,
-    uncertainties_of,
-    uncertainty_flags,
     velocity_sd_mps,
 )
 from doppelgait.motion.models import human_gait
@@ -52,7 +52,7 @@ def test_harmonic_ratio_sd_is_that_of_two_straight_lines():
     shape = np.exp(2j * np.pi * rng.random((3, 20)))
     harmonics = np.exp(1j * np.arange(1, 4) * late)[:, :, None] * shape
     centre_s = (np.arange(25) + 0.5) / 2.0
-    found = harmonic_ratio_sd(Periods(harmonics, np.ones((25, 20)), centre_s, 2.0), 2)
+    found = estimate_harmonic_ratio_sd(Periods(harmonics, np.ones((25, 20)), centre_s, 2.0), 2)
     # ratio = h (1 + (slope_h - slope_1) / (2 pi f)), slopes of the phase in terms of the fundamental
     variance = sum(np.polyfit(centre_s, late[:, h], 1, cov=True)[1][0, 0] for h in (0, 1))
     assert found == pytest.approx(HARMONIC_FACTOR * 2 * np.sqrt(variance) / (2 * np.pi * 2.0), rel=0.02)
@@ -64,7 +64,7 @@ def test_ratio_sd_is_that_of_a_mean_over_periods():
     periods.harmonics[:] *= strength[:, None, None]
     energy = 20 * (1.0 + 0.25 + 0.04)
     each = strength * np.sqrt(4 * energy / 20.0)
-    assert ratio_sd(periods) == pytest.approx(
+    assert estimate_ratio_sd(periods) == pytest.approx(
         np.hypot(RATIO_FACTOR * each.std(ddof=1) / np.sqrt(12), 0.05 * each.mean() / 12), rel=0.01
     )
 
@@ -120,7 +120,7 @@ def swinging():
 
 
 def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none():
-    found = uncertainties_of(with_extraction(*swinging()))
+    found = estimate_uncertainties(with_extraction(*swinging()))
     share = np.hypot(found["torso_velocity_mps"] / 1.5, found["gait_frequency_hz"] / 2.0)
     assert found["step_length_m"] == pytest.approx(0.75 * share)
     assert found["harmonic_ratio_3"] is None
@@ -133,13 +133,13 @@ def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none(
 
 def test_no_signal_and_few_periods_have_no_uncertainty():
     evidence, extraction = swinging()
-    nothing = uncertainties_of(with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)))
+    nothing = estimate_uncertainties(with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)))
     assert set(nothing.values()) == {None}
-    slow = uncertainties_of(
+    slow = estimate_uncertainties(
         with_extraction(evidence, Extraction(extraction.features, 2.9 / 5.0, extraction.torso_doppler_hz, 2.9))
     )
     assert set(slow.values()) == {None}
-    without = uncertainties_of(
+    without = estimate_uncertainties(
         with_extraction(evidence, Extraction(GaitFeatures(1.5), None, extraction.torso_doppler_hz, None))
     )
     assert [name for name, value in without.items() if value is not None] == ["torso_velocity_mps"]
@@ -148,12 +148,12 @@ def test_no_signal_and_few_periods_have_no_uncertainty():
 def test_flags_name_what_is_known_only_roughly():
     _, extraction = swinging()
     sd = {"gait_frequency_hz": 0.11, "step_length_m": 0.01, "torso_velocity_mps": None, "limb_torso_ratio": 0.13}
-    assert uncertainty_flags(extraction, sd) == (
+    assert flag_uncertain_features(extraction, sd) == (
         "gait_frequency_hz:uncertain_by_more_than_5_per_cent",
         "limb_torso_ratio:uncertain_by_more_than_20_per_cent",
     )
     receding = Extraction(GaitFeatures(torso_velocity_mps=-1.5), None, -73.0, None)
-    assert uncertainty_flags(receding, {"torso_velocity_mps": 0.2}) == ()
+    assert flag_uncertain_features(receding, {"torso_velocity_mps": 0.2}) == ()
 
 
 def observations(monkeypatch, count=24):
@@ -172,7 +172,7 @@ def observations(monkeypatch, count=24):
         made = simulate(scene, radar, rng=Streams(20, n), snr_db=15.0, angles=False)
         truth = made.truth[0]
         analyze(made, gate="truth", analysis=Analysis(hop=8))
-        sd = uncertainties_of(with_extraction(*kept[-1]))
+        sd = estimate_uncertainties(with_extraction(*kept[-1]))
         found = kept[-1][1]
         yield (
             (found.features.torso_velocity_mps - truth.centre_velocity_mps.mean()) / sd["torso_velocity_mps"],

@@ -15,14 +15,14 @@ import tiny_dataset
 from doppelgait.core.config import validate, write_toml
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.dataset.finish import dataset_id
+from doppelgait.dataset.finish import compute_dataset_id
 from doppelgait.dataset.open import Dataset, open_dataset
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard_files import ShardFiles
-from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.status import read_dataset_status
 from doppelgait.dataset.verify import verify_dataset
 
 MOST_EXAMPLES = 2000
@@ -98,10 +98,10 @@ def run_plan(folder: Path) -> None:
         if not isinstance(table, dict):
             return
         config = validate(PlanConfig, table, where="plan")
-    if sum(config.examples_of(section) for section in config.classes) > MOST_EXAMPLES:
+    if sum(config.count_class_examples(section) for section in config.classes) > MOST_EXAMPLES:
         return
     planned = plan_dataset(config, folder=folder)
-    dataset_id(planned.config, folder)
+    compute_dataset_id(planned.config, folder)
     for number in {0, len(planned.examples) // 2, len(planned.examples) - 1}:
         planned.example(number)
 
@@ -119,7 +119,7 @@ def dataset_seeds(folder: Path) -> None:
 
 def _hashes(folder: Path) -> dict[str, str]:
     files = (path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in files}
+    return {path.relative_to(folder).as_posix(): hash_file(path) for path in files}
 
 
 def run_dataset(folder: Path) -> None:
@@ -130,7 +130,7 @@ def run_dataset(folder: Path) -> None:
         passed = verify_dataset(folder, share=0.0, rng=np.random.default_rng(1)).passed
     assert not (passed and changed), "verify found nothing"
     with suppress(DoppelgaitError):
-        dataset_status(folder)
+        read_dataset_status(folder)
     dataset = open_dataset(folder)
     dataset.select("label == 'dog'")
     with suppress(DoppelgaitError):

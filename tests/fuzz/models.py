@@ -11,14 +11,14 @@ from datasets import Target
 
 from doppelgait.classify.learned import Constant, Ensemble, Network, join_inputs
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.shipped import shipped_model
+from doppelgait.classify.shipped import load_shipped_model
 
 LARGEST_PICTURE = 128 * 128
 
 
 def model_seeds(folder: Path) -> None:
     """Models of every kind: the parts of one that comes with the package."""
-    whole = shipped_model("x4")
+    whole = load_shipped_model("x4")
     assert isinstance(whole.learned, Ensemble)
     log_share = np.log(np.full(len(whole.facts.classes), 1.0 / len(whole.facts.classes)))
     parts = [*whole.learned.members, Constant(log_share)]
@@ -63,7 +63,7 @@ def run_model(folder: Path) -> None:
     assert np.isfinite(probability).all(), "probabilities are not finite"
     assert np.allclose(probability.sum(axis=1), 1.0), "probabilities do not sum to 1"
     assert np.isfinite(model.rank(values)).all(), "ranks are not finite"
-    model.outside(values[0])
+    model.describe_outside(values[0])
 
 
 TARGETS = {"model": Target(model_seeds, run_model)}

@@ -459,11 +459,11 @@ def points_seeds(folder: Path) -> None:
 
 
 def run_points(folder: Path) -> None:
-    from doppelgait.radar.point_clouds import read_points, table_of_tracks, tracks_of_points
+    from doppelgait.radar.point_clouds import collect_tracks, read_points, tabulate_tracks
 
     points = read_points(_main(folder, ".csv", ".json"))
     assert np.isfinite(points[["time_s", "x_m", "y_m", "velocity_mps"]].to_numpy()).all(), "points that are not finite"
-    table_of_tracks(tracks_of_points(points))
+    tabulate_tracks(collect_tracks(points))
 
 
 TARGETS = {

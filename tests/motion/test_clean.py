@@ -12,7 +12,7 @@ import xarray as xr
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion import Motion, make_motion
-from doppelgait.motion.clean import body_centre, clean_motion, lowpass, stationary_points
+from doppelgait.motion.clean import clean_motion, filter_lowpass, find_body_centre, find_stationary_points
 from doppelgait.motion.describe import describe_motion
 
 RATE_HZ = 120.0
@@ -131,7 +131,7 @@ def test_lowpass_keeps_the_velocity_up_to_the_ends(rate_hz: float, phase: float)
     omega, time = 2 * np.pi * 2.0, np.arange(int(3 * rate_hz)) / rate_hz
     fine = np.arange(0.0, time[-1], 1e-3)
     x = 0.3 * np.sin(omega * time + phase) + 1.3 * time
-    smooth = lowpass(np.repeat(x[:, None, None], 3, axis=2), rate_hz=rate_hz, cutoff_hz=12.0)[:, 0, 0]
+    smooth = filter_lowpass(np.repeat(x[:, None, None], 3, axis=2), rate_hz=rate_hz, cutoff_hz=12.0)[:, 0, 0]
     error = np.abs(CubicSpline(time, smooth)(fine, 1) - 0.3 * omega * np.cos(omega * fine + phase) - 1.3)
     error /= 0.3 * omega
     assert error[100:-100].max() < 5e-3
@@ -142,7 +142,7 @@ def test_lowpass_has_half_power_at_the_cutoff_and_no_delay() -> None:
     time = np.arange(1200) / RATE_HZ
     for frequency, gain in ((3.0, 1.0), (12.0, np.sqrt(0.5)), (40.0, 0.0)):
         tone = np.cos(2 * np.pi * frequency * time)
-        smooth = lowpass(np.repeat(tone[:, None, None], 3, axis=2), rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0, 0]
+        smooth = filter_lowpass(np.repeat(tone[:, None, None], 3, axis=2), rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0, 0]
         np.testing.assert_allclose(smooth[200:-200], gain * tone[200:-200], atol=2e-3)
 
 
@@ -240,8 +240,8 @@ def test_description_of_a_body_never_half_seen_has_no_stride() -> None:
 
 
 def test_no_frames_have_no_still_points_and_no_centre() -> None:
-    assert not stationary_points(np.empty((0, 7, 3))).any()
-    assert body_centre(np.empty((0, 7, 3))).shape == (0, 3)
+    assert not find_stationary_points(np.empty((0, 7, 3))).any()
+    assert find_body_centre(np.empty((0, 7, 3))).shape == (0, 3)
 
 
 def test_description_is_json() -> None:

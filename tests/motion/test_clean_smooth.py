@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from doppelgait.motion.clean import can_lowpass, lowpass
+from doppelgait.motion.clean import can_lowpass, filter_lowpass
 from doppelgait.motion.models import boulic_walk
 
 RATE_HZ = 250.0
@@ -22,7 +22,7 @@ def peak_speed_mps(path: np.ndarray) -> float:
 def test_loss_of_the_peak_speed_of_a_fast_foot(cutoff_hz: float, loss: tuple[float, float]) -> None:
     walk = boulic_walk(speed_mps=2.0, height_m=1.75, duration_s=6.0, rate_hz=RATE_HZ)
     toe = walk.positions.sel(marker="left_toe").values
-    smooth = lowpass(toe[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=cutoff_hz)[:, 0]
+    smooth = filter_lowpass(toe[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=cutoff_hz)[:, 0]
     assert loss[0] <= 1.0 - peak_speed_mps(smooth) / peak_speed_mps(toe) <= loss[1]
 
 
@@ -32,7 +32,7 @@ def test_speed_of_an_oscillation_is_lowered_by_the_known_gain(frequency_hz: floa
     time = np.arange(2000) / RATE_HZ
     path = np.zeros((2000, 3))
     path[:, 0] = 0.1 * np.sin(2 * np.pi * frequency_hz * time)
-    smooth = lowpass(path[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0]
+    smooth = filter_lowpass(path[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0]
     ratio = np.tan(np.pi * frequency_hz / RATE_HZ) / np.tan(np.pi * 12.0 / RATE_HZ)
     gain = 1.0 / (1.0 + (np.sqrt(2.0) - 1.0) * ratio**8)
     assert peak_speed_mps(smooth) / peak_speed_mps(path) == pytest.approx(gain, rel=2e-3)
@@ -51,7 +51,7 @@ def test_a_jump_near_an_end_stays_where_it_is(rate_hz, frame):
     t = np.arange(0, 3, 1 / rate_hz)
     path = np.stack([1.2 * t, 0.2 * np.sin(2 * np.pi * t), 1 + 0 * t], axis=-1)[:, None]
     path[frame if frame < 0 else slice(0, frame), :, :] += 0.7
-    smooth = lowpass(path, rate_hz=rate_hz, cutoff_hz=12.0)
+    smooth = filter_lowpass(path, rate_hz=rate_hz, cutoff_hz=12.0)
     assert np.abs(smooth - path).max() < 0.7
 
 

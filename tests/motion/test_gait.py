@@ -8,13 +8,13 @@ import pytest
 
 from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.gait import (
+    add_gait_facts,
     find_feet,
     find_steps,
     measure_gait,
+    measure_travel,
     name_quadruped_gait,
     step_and_gait_frequency_hz,
-    travel_facts,
-    with_gait_facts,
 )
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
@@ -156,7 +156,7 @@ def test_standing_body_has_no_footfalls() -> None:
     rng = np.random.default_rng(1)
     still = np.array([0.0, 0.0, 1.0]) * np.arange(6)[:, None] * 0.3 + rng.normal(0, 0.002, (400, 6, 3))
     motion = make_motion(still, rate_hz=100.0, markers=list("abcdef"), parts=["left_foot", "right_foot", *[""] * 4])
-    found = with_gait_facts(motion)
+    found = add_gait_facts(motion)
     assert found.facts.gait == ""
     assert np.isnan(found.facts.stride_frequency_hz)
     assert not any(found.facts.footfalls.values())
@@ -175,11 +175,11 @@ def test_feet_without_names_are_the_lowest_points_left_and_right() -> None:
 
 def test_stated_facts_stay() -> None:
     model = quadruped_gait(gait="gallop", duration_s=2.0)
-    filled = with_gait_facts(model)
+    filled = add_gait_facts(model)
     for key in ("gait", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz", "footfalls"):
         assert getattr(filled.facts, key) == getattr(model.facts, key) or np.isnan(getattr(model.facts, key))
     assert np.isnan(filled.facts.step_frequency_hz)  # not defined for a gallop
-    wrong = with_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
+    wrong = add_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
     assert wrong.facts.stride_frequency_hz == 9.0
     assert wrong.facts.gait_frequency_hz == 18.0
 
@@ -190,7 +190,7 @@ def test_unknown_facts_are_filled() -> None:
     bare = model.with_facts(
         gait="", footfalls={}, stride_frequency_hz=nan, step_frequency_hz=nan, gait_frequency_hz=nan
     )
-    filled = with_gait_facts(bare)
+    filled = add_gait_facts(bare)
     assert filled.facts.gait == "walk"
     for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
         assert getattr(filled.facts, key) == pytest.approx(getattr(model.facts, key), rel=0.005)
@@ -220,5 +220,5 @@ def test_a_gallop_whose_paws_stop_in_the_air_is_a_leap() -> None:
 def test_speed_is_not_measured_where_the_body_was_not_seen() -> None:
     walk = human_gait(speed_mps=1.2, height_m=1.75, duration_s=4.0, rate_hz=60)
     before = np.full((120, *walk.position_m.shape[1:]), np.nan)
-    facts = travel_facts(np.concatenate([before, walk.position_m, before]), rate_hz=60)
+    facts = measure_travel(np.concatenate([before, walk.position_m, before]), rate_hz=60)
     assert facts["mean_speed_mps"] == pytest.approx(1.2, rel=0.03)

@@ -16,16 +16,16 @@ from doppelgait.motion.hybrid import (
     RUN,
     WALK,
     Hybrid,
-    dimensionless_speed,
+    compute_dimensionless_speed,
+    find_speed_limits,
+    find_stride_limits,
     make_hybrid,
-    speed_limits,
-    stride_limits,
 )
-from doppelgait.motion.hybrid_checks import foot_slide
+from doppelgait.motion.hybrid_checks import measure_foot_slide
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import restore_lengths, rigid_pairs
+from doppelgait.motion.rigid import find_rigid_pairs, restore_lengths
 
 
 def _walk(**options: Any) -> Motion:
@@ -52,9 +52,9 @@ def test_speed_stride_and_size_follow_the_law(speed: float, size: float, stride:
     assert measured.facts.stride_frequency_hz == pytest.approx(made.facts.stride_frequency_hz, rel=5e-3)
     assert made.facts.height_m == pytest.approx(size * walk.facts.height_m)
     assert made.facts.mass_kg == pytest.approx(size**3 * walk.facts.mass_kg)
-    pairs = rigid_pairs(walk.position_m)
+    pairs = find_rigid_pairs(walk.position_m)
     np.testing.assert_allclose(_lengths(made, pairs), size * _lengths(walk, pairs), atol=1e-3)
-    assert foot_slide(made) < foot_slide(walk) + 0.01
+    assert measure_foot_slide(made) < measure_foot_slide(walk) + 0.01
     assert made.report["hybrid"]["speed_factor"] == speed
     touch_s = made.facts.footfalls["left_foot"]
     slower = walk.facts.stride_frequency_hz / made.facts.stride_frequency_hz
@@ -105,7 +105,7 @@ def test_a_blend_lies_between_its_clips() -> None:
         mixed = blend(slow, fast, share=share)
         hz.append(mixed.facts.stride_frequency_hz)
         assert mixed.report["hybrid"]["length_error_m"] < 1e-3
-        assert foot_slide(mixed) < max(map(foot_slide, ends)) + 0.02
+        assert measure_foot_slide(mixed) < max(map(measure_foot_slide, ends)) + 0.02
         # as tall as the first: the second is scaled to it
         assert mixed.facts.height_m == pytest.approx(slow.facts.height_m, rel=0.02)
     slower = math.sqrt(slow.facts.height_m / fast.facts.height_m)
@@ -191,14 +191,14 @@ def test_a_leg_that_would_bend_too_far_is_refused() -> None:
 
 def test_limits_are_those_of_recordings_and_hold_the_clip() -> None:
     brisk = _walk(speed_mps=1.6)
-    now, (low, high) = dimensionless_speed(brisk), speed_limits(brisk)
+    now, (low, high) = compute_dimensionless_speed(brisk), find_speed_limits(brisk)
     assert now == pytest.approx(1.6 / math.sqrt(9.81 * 0.491 * brisk.facts.height_m), rel=0.02)
     assert low == pytest.approx(0.8)
     assert high == pytest.approx(WALK.speed[1] / now)
     # a clip that is faster than all of them may be slowed down only
-    assert speed_limits(_walk(speed_mps=2.0))[1] == 1.0
-    assert speed_limits(brisk.with_facts(height_m=math.nan)) == (0.8, 1.25)
-    assert stride_limits(RUN)[1] == pytest.approx(math.exp(RUN.spread))
+    assert find_speed_limits(_walk(speed_mps=2.0))[1] == 1.0
+    assert find_speed_limits(brisk.with_facts(height_m=math.nan)) == (0.8, 1.25)
+    assert find_stride_limits(RUN)[1] == pytest.approx(math.exp(RUN.spread))
 
 
 def test_restored_lengths_need_the_least_moves() -> None:
@@ -241,8 +241,10 @@ def test_a_body_without_feet_is_made_with_a_note() -> None:
 
 def test_the_cycle_of_a_clip_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[Motion] = []
-    search = cycle._best_seam
-    monkeypatch.setattr(cycle, "_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest))
+    search = cycle._find_best_seam
+    monkeypatch.setattr(
+        cycle, "_find_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest)
+    )
     clips = [_walk(speed_mps=1.1), _walk(speed_mps=1.3)]
     before = blend(*clips, share=0.3).position_m
     for clip in clips:

@@ -9,9 +9,9 @@ import pytest
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion import Motion, make_motion
-from doppelgait.motion.hybrid_checks import check_hybrid, foot_slide
+from doppelgait.motion.hybrid_checks import check_hybrid, measure_foot_slide
 from doppelgait.motion.models import human_gait
-from doppelgait.motion.rigid import pair_lengths
+from doppelgait.motion.rigid import measure_pair_lengths
 
 
 def test_foot_slide_of_a_known_slide() -> None:
@@ -24,7 +24,7 @@ def test_foot_slide_of_a_known_slide() -> None:
     walk = make_motion(
         position, rate_hz=200, markers=["c7", "l", "r"], parts=["torso", "left_foot", "right_foot"], facts={}
     )
-    assert foot_slide(walk) == pytest.approx(0.1, rel=0.02)
+    assert measure_foot_slide(walk) == pytest.approx(0.1, rel=0.02)
 
 
 def _checked_pairs(lengths_m: list[float], wanted_m: list[float]) -> Motion:
@@ -54,6 +54,6 @@ def test_feet_that_no_longer_rest_are_refused() -> None:
     position = walk.position_m.copy()
     position[:, feet] = position[:, :1] + np.array([0.0, 0.1, -0.8])
     glides, pairs = walk.with_positions(position), np.array([[0, 1]], dtype=np.int32)
-    assert math.isnan(foot_slide(glides))
+    assert math.isnan(measure_foot_slide(glides))
     with pytest.raises(MotionError, match="no foot would rest on the ground"):
-        check_hybrid(glides, [walk], pairs, pair_lengths(position, pairs), position, {})
+        check_hybrid(glides, [walk], pairs, measure_pair_lengths(position, pairs), position, {})

@@ -10,8 +10,8 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import Motion, blend, loop, read, retarget
-from doppelgait.motion.hybrid import dimensionless_speed, speed_limits
-from doppelgait.motion.hybrid_checks import foot_slide
+from doppelgait.motion.hybrid import compute_dimensionless_speed, find_speed_limits
+from doppelgait.motion.hybrid_checks import measure_foot_slide
 from doppelgait.motion.retime import travel_speed_mps
 
 pytestmark = pytest.mark.shared
@@ -38,28 +38,28 @@ def test_two_recordings_make_a_mover_between_them(shared: Path, first: str, seco
     mixed = blend(*clips, share=0.5)
     facts = mixed.report["hybrid"]
     assert facts["length_error_m"] < 2e-3
-    assert foot_slide(mixed) < max(map(foot_slide, clips)) + 0.01
+    assert measure_foot_slide(mixed) < max(map(measure_foot_slide, clips)) + 0.01
     assert 0.95 * min(speeds) < travel_speed_mps(mixed) < 1.1 * max(speeds)
     assert mixed.facts.source == " + ".join(clip.facts.source for clip in clips)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         looped = loop(mixed, duration_s=6.0)
-    assert foot_slide(looped) < max(map(foot_slide, clips)) + 0.03
+    assert measure_foot_slide(looped) < max(map(measure_foot_slide, clips)) + 0.03
 
 
 @pytest.mark.parametrize("file", [first for first, _ in PAIRS])
 def test_a_recording_goes_faster_without_sliding(shared: Path, file: str) -> None:
     clip = _read(shared, file)
-    wanted = min(1.1, speed_limits(clip)[1])
+    wanted = min(1.1, find_speed_limits(clip)[1])
     made = retarget(clip, speed_factor=wanted, size_factor=1.05)
     assert travel_speed_mps(made) == pytest.approx(travel_speed_mps(clip) * wanted * np.sqrt(1.05), rel=5e-3)
-    assert foot_slide(made) < foot_slide(clip) + 0.01
+    assert measure_foot_slide(made) < measure_foot_slide(clip) + 0.01
 
 
 def test_the_fastest_recorded_gallops_are_within_the_speeds_of_recordings(shared: Path) -> None:
     gallop = read(shared / "data" / "mocap" / "dog" / "tencent-bvh" / "dog_quad_walkrun_001.bvh", segment=2)
-    assert dimensionless_speed(gallop) > 2.1
-    assert speed_limits(gallop)[1] > 1.05
+    assert compute_dimensionless_speed(gallop) > 2.1
+    assert find_speed_limits(gallop)[1] > 1.05
 
 
 def test_recordings_with_other_markers_are_not_blended(shared: Path) -> None:

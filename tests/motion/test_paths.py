@@ -13,23 +13,23 @@ from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion import make_motion
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.models import boulic_walk, moving_point, pendulum, quadruped_gait
-from doppelgait.motion.models.boulic import support_fraction
+from doppelgait.motion.models.boulic import compute_support_fraction
 from doppelgait.motion.paths import (
     HEADING_WINDOW_M,
     ArcPath,
+    CurveElement,
     Pace,
-    Piece,
     PolylinePath,
     Stop,
     StopAndGoPath,
     StraightPath,
     TurnAroundPath,
-    arc,
     distance_m,
+    find_points,
     join,
-    layout_of,
+    lay_out,
+    make_arc,
     make_path,
-    point_at,
     smooth_heading_rad,
 )
 from doppelgait.motion.retime import body_centre_m, place
@@ -83,7 +83,11 @@ def steady_point(speed_mps, duration_s, rate_hz=250.0, **facts):
 
 
 def test_a_curve_is_the_integral_of_its_curvature():
-    curve = join([Piece(1.0), arc(0.7, 1.2), Piece(0.5), arc(2.0, -0.9)], start_m=(3.0, -2.0), heading_rad=0.4)
+    curve = join(
+        [CurveElement(1.0), make_arc(0.7, 1.2), CurveElement(0.5), make_arc(2.0, -0.9)],
+        start_m=(3.0, -2.0),
+        heading_rad=0.4,
+    )
 
     def heading(s):
         return 0.4 + np.clip(s - 1.0, 0, 0.84) / 0.7 - max(s - 2.34, 0.0) / 2.0
@@ -93,7 +97,7 @@ def test_a_curve_is_the_integral_of_its_curvature():
             quad(lambda u, f=f: f(heading(u)), 0, s, points=[1.0, 1.84, 2.34], epsabs=1e-12)[0]
             for f in (np.cos, np.sin)
         )
-        np.testing.assert_allclose(point_at(curve, np.array([s]))[0], [3 + x, y - 2], atol=1e-9)
+        np.testing.assert_allclose(find_points(curve, np.array([s]))[0], [3 + x, y - 2], atol=1e-9)
         half = HEADING_WINDOW_M / 2
         inside = [p for p in (1.0, 1.84, 2.34) if s - half < p < s + half] or None
         mean = quad(heading, s - half, s + half, points=inside, epsabs=1e-12)[0] / HEADING_WINDOW_M
@@ -311,7 +315,7 @@ def test_at_a_stop_everything_is_still(walk):
 
 def test_a_stop_is_in_double_support(walk):
     """Independent of how it is found: a foot of the model stands from touchdown for the duty factor of a stride."""
-    duty = support_fraction(SPEED_MPS / (0.491 * 1.75))
+    duty = compute_support_fraction(SPEED_MPS / (0.491 * 1.75))
     right = np.array(walk.facts.footfalls["right_foot"])
     for at_m in np.linspace(2.0, 3.4, 7):
         stop_m = stop_of(follow(walk, StopAndGoPath(stops=[{"at_m": at_m, "pause_s": 0.2}])))
@@ -337,7 +341,7 @@ def test_touchdowns_are_when_their_phase_passes(walk, path):
     motion = follow(walk, path)
     report = motion.report["path"]
     if path.side_m == 0:
-        layout = layout_of(path)
+        layout = lay_out(path)
         stops = tuple(Stop(at, s.pause_s) for at, s in zip(report["stops_m"], layout.stops, strict=True))
         pace = Pace(SPEED_MPS, math.pi * SPEED_MPS / (2 * layout.acceleration_mps2), stops)
         end_s = float(motion.time_s[-1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.motion.models import boulic_walk
-from doppelgait.motion.rigid import distance_spread, propose_parts, rigid_clusters
+from doppelgait.motion.rigid import find_rigid_clusters, measure_distance_spread, propose_parts
 
 RATE_HZ = 120.0
 
@@ -29,7 +29,7 @@ def linked_boxes(n_boxes: int = 4, points: int = 5, *, n_frames: int = 360, sd_m
 
 @pytest.mark.parametrize("sd_m", [0.0, 0.002])
 def test_boxes_are_found(sd_m: float) -> None:
-    assert rigid_clusters(linked_boxes(sd_m=sd_m)) == [list(range(5 * k, 5 * k + 5)) for k in range(4)]
+    assert find_rigid_clusters(linked_boxes(sd_m=sd_m)) == [list(range(5 * k, 5 * k + 5)) for k in range(4)]
 
 
 def test_boxes_are_found_in_any_order_and_with_gaps() -> None:
@@ -37,7 +37,7 @@ def test_boxes_are_found_in_any_order_and_with_gaps() -> None:
     body[50:120, 3] = np.nan
     body[:, 7] = np.nan
     order = np.random.default_rng(1).permutation(20)
-    found = {frozenset(order[group]) for group in rigid_clusters(body[:, order])}
+    found = {frozenset(order[group]) for group in find_rigid_clusters(body[:, order])}
     assert found == {frozenset(range(5 * k, 5 * k + 5)) - {7} for k in range(4)}
 
 
@@ -45,8 +45,8 @@ def test_spread_is_the_standard_deviation_of_a_noisy_distance() -> None:
     rng = np.random.default_rng(2)
     pair = np.zeros((1000, 2, 3))
     pair[:, 1, 0] = 0.5 + rng.normal(0.0, 0.01, 1000)
-    assert distance_spread(pair)[0, 1] == pytest.approx(pair[:, 1, 0].std(), rel=0.08)
-    assert distance_spread(pair)[0, 0] == 0.0
+    assert measure_distance_spread(pair)[0, 1] == pytest.approx(pair[:, 1, 0].std(), rel=0.08)
+    assert measure_distance_spread(pair)[0, 0] == 0.0
 
 
 def marked_walker(*, heading_deg: float = 0.0) -> tuple[np.ndarray, dict[str, list[int]]]:
@@ -91,5 +91,5 @@ def test_a_body_that_does_not_walk_has_no_feet() -> None:
 
 
 def test_one_point_is_no_segment() -> None:
-    assert rigid_clusters(np.zeros((10, 1, 3))) == []
+    assert find_rigid_clusters(np.zeros((10, 1, 3))) == []
     assert propose_parts(linked_boxes()[:, [0, 5, 10]], rate_hz=RATE_HZ) == ["", "", ""]

@@ -10,11 +10,11 @@ from doppelgait.motion.skeleton import (
     DOG_PARTS,
     HUMAN_PARTS,
     KNOWN_SETS,
-    bare_name,
     complete_set,
+    find_part,
+    find_parts,
     guess_species,
-    part_of,
-    parts_of,
+    strip_subject,
 )
 
 
@@ -31,13 +31,13 @@ from doppelgait.motion.skeleton import (
     ],
 )  # fmt: skip
 def test_part_of(marker: str, part: str) -> None:
-    assert part_of(marker) == part
+    assert find_part(marker) == part
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN_SETS))
 def test_every_marker_of_a_known_set_has_a_part(name: str) -> None:
-    assert {part_of(marker) for marker in KNOWN_SETS[name]} <= set(HUMAN_PARTS)
-    assert len({part_of(marker) for marker in KNOWN_SETS[name]}) == len(HUMAN_PARTS)
+    assert {find_part(marker) for marker in KNOWN_SETS[name]} <= set(HUMAN_PARTS)
+    assert len({find_part(marker) for marker in KNOWN_SETS[name]}) == len(HUMAN_PARTS)
 
 
 def test_known_sets_have_their_published_size() -> None:
@@ -48,17 +48,17 @@ def test_known_sets_have_their_published_size() -> None:
 def test_boulic_points_map_to_themselves() -> None:
     assert len(BOULIC_PARTS) == 17
     assert set(BOULIC_PARTS.values()) <= set(HUMAN_PARTS)
-    assert {name: part_of(name) for name in BOULIC_PARTS} == BOULIC_PARTS
+    assert {name: find_part(name) for name in BOULIC_PARTS} == BOULIC_PARTS
 
 
 def test_sides_are_mirror_images() -> None:
     for name in KNOWN_SETS["CMU 41"] | KNOWN_SETS["Plug-in Gait"]:
         if name.startswith("L"):
-            assert part_of("R" + name[1:]) == part_of(name).replace("left", "right")
+            assert find_part("R" + name[1:]) == find_part(name).replace("left", "right")
 
 
 def test_bare_name() -> None:
-    assert bare_name("a:b:LFIN ") == "LFIN"
+    assert strip_subject("a:b:LFIN ") == "LFIN"
 
 
 def test_complete_set_needs_nine_tenths() -> None:
@@ -133,27 +133,27 @@ PREFIXED = {
     ids=["cmu-bvh", "amc", "bandai", "smpl", "boulic", "dog-bvh", "rig-dog", "quadruped", "trc", "prefixed"],
 )  # fmt: skip
 def test_parts_and_species_of_whole_sets(joints: dict[str, str], species: str) -> None:
-    assert dict(zip(joints, parts_of(joints), strict=True)) == joints
+    assert dict(zip(joints, find_parts(joints), strict=True)) == joints
     assert guess_species(joints) == species
-    assert parts_of([f"anna:{name}" for name in joints]) == list(joints.values())
+    assert find_parts([f"anna:{name}" for name in joints]) == list(joints.values())
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN_SETS))
 def test_marker_sets_are_people(name: str) -> None:
     markers = sorted(KNOWN_SETS[name])
     assert guess_species(markers) == "human"
-    assert parts_of(markers) == [part_of(marker) for marker in markers]
+    assert find_parts(markers) == [find_part(marker) for marker in markers]
 
 
 def test_one_name_means_another_part_in_another_body() -> None:
-    assert part_of("LeftHand") == "left_hand"
-    assert part_of("LeftHand", "dog") == "left_fore_paw"
-    assert part_of("left_elbow", "dog") == "left_fore_upper"
-    assert {part_of(part) for part in HUMAN_PARTS} == set(HUMAN_PARTS)
-    assert {part_of(part, "dog") for part in DOG_PARTS} == set(DOG_PARTS)
+    assert find_part("LeftHand") == "left_hand"
+    assert find_part("LeftHand", "dog") == "left_fore_paw"
+    assert find_part("left_elbow", "dog") == "left_fore_upper"
+    assert {find_part(part) for part in HUMAN_PARTS} == set(HUMAN_PARTS)
+    assert {find_part(part, "dog") for part in DOG_PARTS} == set(DOG_PARTS)
 
 
 def test_few_or_strange_names_do_not_tell_the_species() -> None:
     assert guess_species([]) == guess_species(["RHip", "RKnee", "RAnkle", "LHip", "LKnee", "LAnkle"]) == ""
-    assert parts_of([]) == []
-    assert parts_of(["Channel1", "Channel2", "*12", ""]) == [""] * 4
+    assert find_parts([]) == []
+    assert find_parts(["Channel1", "Channel2", "*12", ""]) == [""] * 4

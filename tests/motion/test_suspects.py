@@ -10,7 +10,7 @@ import pytest
 from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.models import boulic_walk, quadruped_gait
-from doppelgait.motion.suspects import find_jumps, find_steps, repair_swaps, useless_points
+from doppelgait.motion.suspects import find_jumps, find_steps, find_useless_points, repair_swaps
 
 RATE_HZ = 120.0
 
@@ -127,7 +127,7 @@ def test_clean_motions_raise_no_alarm(motion: Motion, sd_m: float) -> None:
     assert repair_swaps(position, names, rate_hz=RATE_HZ) == []
     np.testing.assert_array_equal(position, before)
     assert find_jumps(position, names, rate_hz=RATE_HZ) == []
-    assert useless_points(position, names, parts_of(motion)) == {}
+    assert find_useless_points(position, names, parts_of(motion)) == {}
 
 
 def test_each_useless_point_goes_for_its_own_reason() -> None:
@@ -139,7 +139,7 @@ def test_each_useless_point_goes_for_its_own_reason() -> None:
     far = np.stack([np.linspace(0, 3, n), np.full(n, 6.0), np.ones(n)], axis=1)[:, np.newaxis]
     position = np.concatenate([body, double, short, far], axis=1)
     names, parts = [*names_of(walk), "a_double", "short", "far"], [*parts_of(walk), "", "", ""]
-    assert useless_points(position, names, parts) == {
+    assert find_useless_points(position, names, parts) == {
         17: f"at the place of {names[4]}", 18: "short-lived unknown point", 19: "far away from the body"
     }  # fmt: skip
     clean = clean_motion(recording(position, names, parts))
@@ -156,14 +156,14 @@ def test_of_two_points_at_one_place_the_better_seen_stays() -> None:
     position = np.concatenate([walk.position_m, walk.position_m[:, [4]]], axis=1)
     position[:30, 4] = np.nan
     names, parts = [*names_of(walk), "double"], [*parts_of(walk), ""]
-    assert useless_points(position, names, parts) == {4: "at the place of double"}
+    assert find_useless_points(position, names, parts) == {4: "at the place of double"}
 
 
 def test_a_named_point_is_kept_though_it_is_seen_briefly() -> None:
     walk = person()
     position = walk.position_m.copy()
     position[20:, 5] = np.nan
-    assert useless_points(position, names_of(walk), parts_of(walk)) == {}
+    assert find_useless_points(position, names_of(walk), parts_of(walk)) == {}
 
 
 def test_noise_alone_ends() -> None:

@@ -13,8 +13,8 @@ from PIL import Image
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.pictures import PictureSettings, is_picture, read_picture, settings_of
-from doppelgait.pipeline.spectrogram import gate_of_levels
+from doppelgait.pipeline.pictures import PictureSettings, find_settings_file, is_picture, read_picture
+from doppelgait.pipeline.spectrogram import make_level_gate
 
 LIGHT_MPS = 299_792_458.0
 TABLE = {
@@ -113,7 +113,7 @@ def test_the_features_of_a_walk_survive_its_picture(tmp_path):
         velocity_mps=(float(mu.velocity[0]) - row_mps / 2, float(mu.velocity[-1]) + row_mps / 2),
     )  # fmt: skip
     picture = read_picture(path, about)
-    found = analyze_signature(picture, gate_of_levels(picture), dg.Analysis(cpi_s=0.1).resolved(None), label=None)
+    found = analyze_signature(picture, make_level_gate(picture), dg.Analysis(cpi_s=0.1).resolved(None), label=None)
     assert found.features.torso_velocity_mps == pytest.approx(truth.features.torso_velocity_mps, rel=0.03)
     assert found.gait_frequency_hz == pytest.approx(truth.gait_frequency_hz, rel=0.03)
 
@@ -122,15 +122,15 @@ def test_where_the_settings_are(tmp_path):
     folder = tmp_path / "set" / "class" / "anna"
     folder.mkdir(parents=True)
     path = draw(folder / "1.png", levels())
-    assert settings_of(path) is None
+    assert find_settings_file(path) is None
     with pytest.raises(RecordingError, match=r"a picture has no axes; .* is not there: write"):
         read_picture(path)
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in TABLE.items())
     (tmp_path / "set" / "picture.toml").write_text(text)
-    assert settings_of(path) == tmp_path / "set" / "picture.toml"
+    assert find_settings_file(path) == tmp_path / "set" / "picture.toml"
     assert read_picture(path).identical(read_picture(path, settings()))
     (folder / "1.toml").write_text(text.replace("jet", "hot"))
-    assert settings_of(path) == folder / "1.toml"
+    assert find_settings_file(path) == folder / "1.toml"
     assert read_picture(path, config=tmp_path / "set" / "picture.toml").identical(read_picture(path, settings()))
     with pytest.raises(RecordingError, match=r"none\.toml is not there"):
         read_picture(path, config="none.toml")

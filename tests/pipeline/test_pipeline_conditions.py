@@ -11,7 +11,7 @@ import pytest
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import dataset_id
+from doppelgait.dataset.finish import compute_dataset_id
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_simulation, simulate
@@ -205,11 +205,11 @@ def test_wrong_plans_are_refused(changes, message):
 def test_a_preset_file_is_part_of_the_datasets_identity(tmp_path):
     (tmp_path / "twin.toml").write_text(TWIN)
     plan = PlanConfig.model_validate({**PLAN, "radar": {"preset": {"choice": ["twin.toml", "x4"]}}})
-    first = dataset_id(plan, tmp_path)
+    first = compute_dataset_id(plan, tmp_path)
     kinds = {example.run.radar.prf_hz for example in examples_of(plan, folder=tmp_path)}
     assert kinds == {500.0, 1000.0}
     (tmp_path / "twin.toml").write_text(TWIN.replace("-20", "-21"))
-    assert dataset_id(plan, tmp_path) != first
+    assert compute_dataset_id(plan, tmp_path) != first
 
 
 def test_examples_keep_their_conditions_as_json():

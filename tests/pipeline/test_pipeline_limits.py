@@ -10,7 +10,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, OutputError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import parse_run, run_simulation, simulate
 from doppelgait.processing import Analysis, plan_transform
@@ -256,7 +256,7 @@ def test_a_motion_without_footfalls_keeps_what_is_known(walk):
 
 
 def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
-    with atomic_path(tmp_path / "a.txt") as partial:
+    with open_atomically(tmp_path / "a.txt") as partial:
         partial.write_text("new")
         assert not (tmp_path / "a.txt").exists()
     assert os.listdir(tmp_path) == ["a.txt"]
@@ -264,7 +264,7 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
 
 
 def write_half(target, fails):
-    with atomic_path(target) as partial:
+    with open_atomically(target) as partial:
         partial.write_text("half")
         raise fails
 
@@ -280,5 +280,5 @@ def test_a_failed_write_leaves_the_older_file(tmp_path, fails, raises):
 
 
 def test_a_missing_folder_is_an_output_error(tmp_path):
-    with pytest.raises(OutputError, match="no such folder"), atomic_path(tmp_path / "no" / "a.txt") as partial:
+    with pytest.raises(OutputError, match="no such folder"), open_atomically(tmp_path / "no" / "a.txt") as partial:
         partial.write_text("x")

@@ -10,8 +10,8 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import Conditions, analyze, simulate
-from doppelgait.pipeline.rangeless import Motion, find_motion, goes_both_ways, motion_of
-from doppelgait.processing.bursts import burst_means
+from doppelgait.pipeline.rangeless import Motion, find_motion, has_both_directions, transform_motion
+from doppelgait.processing.bursts import average_bursts
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.track import Tracker
 from doppelgait.radar import Radar
@@ -99,20 +99,22 @@ def test_time_of_motion_is_that_of_the_line():
 
 def test_both_ways_is_more_than_limbs_noise_or_an_image():
     whole = (0.0, 3.9)
-    assert goes_both_ways(lines((1.2, 1000.0), (-0.9, 400.0)), *whole)
-    assert not goes_both_ways(lines((1.2, 1000.0)), *whole)
-    assert not goes_both_ways(lines((1.2, 1000.0), (-0.9, 30.0)), *whole)  # 15 dB down
-    assert not goes_both_ways(lines((0.2, 5000.0), (1.2, 1000.0), (-0.9, 400.0)), *whole)  # the limbs of who passes
-    assert not goes_both_ways(lines((1.2, 1000.0), (-1.2, 130.0)), *whole)  # an uneven receiver
-    assert not goes_both_ways(lines((1.2, 1000.0), (-0.9, 400.0), scans=2), *whole)
+    assert has_both_directions(lines((1.2, 1000.0), (-0.9, 400.0)), *whole)
+    assert not has_both_directions(lines((1.2, 1000.0)), *whole)
+    assert not has_both_directions(lines((1.2, 1000.0), (-0.9, 30.0)), *whole)  # 15 dB down
+    assert not has_both_directions(
+        lines((0.2, 5000.0), (1.2, 1000.0), (-0.9, 400.0)), *whole
+    )  # the limbs of who passes
+    assert not has_both_directions(lines((1.2, 1000.0), (-1.2, 130.0)), *whole)  # an uneven receiver
+    assert not has_both_directions(lines((1.2, 1000.0), (-0.9, 400.0), scans=2), *whole)
 
 
 def test_power_of_bursts_and_of_the_whole_agree():
     whole = observed(walker())
-    one = motion_of(whole.baseband, Detector(), wavelength_m=RADAR.wavelength_m)
-    other = motion_of(in_bursts(whole).baseband, Detector(), wavelength_m=RADAR.wavelength_m)
+    one = transform_motion(whole.baseband, Detector(), wavelength_m=RADAR.wavelength_m)
+    other = transform_motion(in_bursts(whole).baseband, Detector(), wavelength_m=RADAR.wavelength_m)
     assert np.median(one.peaks_mps()) == pytest.approx(np.median(other.peaks_mps()), abs=0.1)
-    means = burst_means(in_bursts(whole).baseband)
+    means = average_bursts(in_bursts(whole).baseband)
     assert means.values[3, 0] == pytest.approx(whole.baseband.values[600:700, 0].mean(), rel=1e-5)
 
 

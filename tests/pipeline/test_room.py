@@ -31,7 +31,7 @@ def movers():
 def seen(monkeypatch, motion, effects, *, every_pulse, antenna=NARROW, prf_hz=1000.0, **place):
     """The samples, and whether a look at every pulse was needed."""
     found = []
-    through_room = simulation.through_room
+    through_room = simulation.apply_room
 
     def watched(*args):
         table = None if every_pulse else through_room(*args)
@@ -39,7 +39,7 @@ def seen(monkeypatch, motion, effects, *, every_pulse, antenna=NARROW, prf_hz=10
         return table
 
     with monkeypatch.context() as patch:
-        patch.setattr(simulation, "through_room", watched)
+        patch.setattr(simulation, "apply_room", watched)
         target = dg.Target(motion, label="mover", **place)
         scene = dg.Scene([target], duration_s=1.2, radar_position_m=(0.0, 0.0, 1.2))
         conditions = Conditions(environment=[make_effect(effect) for effect in effects], noise={"kind": "none"})

@@ -79,14 +79,14 @@ def test_short_recordings_and_impairments_are_made_at_once(small_tiles):
 
 def test_only_one_tile_of_a_long_recording_is_computed_at_a_time(tmp_path, small_tiles, monkeypatch):
     module, sizes = importlib.import_module("doppelgait.pipeline.simulate"), []
-    pulses = module._pulses
+    pulses = module._read_pulses
 
     def counted(scatterers, first, stop):
         part = pulses(scatterers, first, stop)
         sizes.append(part.sizes["slow_time"])
         return part
 
-    monkeypatch.setattr(module, "_pulses", counted)
+    monkeypatch.setattr(module, "_read_pulses", counted)
     recording = dg.simulate(
         dg.Scene([dg.Target({"kind": "human"})], duration_s=2.03), dg.Radar.preset("x4", prf_hz=500.0),
         rng=dg.rng(1), conditions=Conditions(), in_tiles=True,

@@ -21,7 +21,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.motion.models import boulic_walk
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.spectrogram import gate_of_levels, signature_of_levels
+from doppelgait.pipeline.spectrogram import convert_levels_to_signature, make_level_gate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -41,7 +41,7 @@ ANALYSIS = Analysis(cpi_s=CPI_PULSES / PRF_HZ)
 
 def signature_of(level_db: np.ndarray, **settings: Any) -> xr.DataArray:
     given = {"time_s": TIME_S, "doppler_hz": DOPPLER_HZ, **TIMING, **settings}
-    return signature_of_levels(level_db, **given)
+    return convert_levels_to_signature(level_db, **given)
 
 
 def noise(mean_db: float, seed: int = 1) -> np.ndarray:
@@ -78,7 +78,7 @@ def test_a_falling_velocity_axis_is_turned_round() -> None:
 def test_gait_of_a_clipped_image(torso_hz: float, step_hz: float) -> None:
     level_db = np.clip(walker_db(torso_hz=torso_hz, step_hz=step_hz), -30.0, -10.0)
     mu = signature_of(level_db, floor_db=-30.0, ceiling_db=-10.0, highest_db=0.0)
-    found = analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=None)
+    found = analyze_signature(mu, make_level_gate(mu), ANALYSIS, label=None)
     assert found.gate.source == "given"
     assert found.gait_frequency_hz == pytest.approx(step_hz, rel=0.01)
     assert found.features.torso_velocity_mps == pytest.approx(torso_hz * 0.015, abs=0.02)  # half a row
@@ -96,12 +96,12 @@ def test_through_levels_and_back_nothing_changes() -> None:
     recording = simulate(scene, radar, rng=dg.rng(3), snr_db=10.0)
     direct = analyze(recording, gate=(4.0, 8.0), analysis=settings)[0]
     mu = direct.signature
-    again = signature_of_levels(
+    again = convert_levels_to_signature(
         10.0 * np.log10(mu.values.astype(np.float64)), time_s=mu.time.values, doppler_hz=mu.doppler.values,
         wavelength_m=radar.wavelength_m, prf_hz=radar.prf_hz, cpi_pulses=mu.attrs["cpi_pulses"], hop=mu.attrs["hop"],
         range_m=(4.0, 8.0), n_gate_bins=mu.attrs["n_gate_bins"],
     )  # fmt: skip
-    found = analyze_signature(again, gate_of_levels(again), settings, label="human")
+    found = analyze_signature(again, make_level_gate(again), settings, label="human")
     np.testing.assert_allclose(found.features.vector(), direct.features.vector(), rtol=1e-4)
     assert found.gait_frequency_hz == pytest.approx(direct.gait_frequency_hz, rel=1e-5)
     assert found.flags == direct.flags
@@ -195,7 +195,7 @@ def test_gaps_in_the_levels_are_refused() -> None:
 
 
 def test_the_gate_is_the_one_stated() -> None:
-    gate = gate_of_levels(signature_of(noise(-20.0), range_m=(2.0, 9.0)))
+    gate = make_level_gate(signature_of(noise(-20.0), range_m=(2.0, 9.0)))
     assert (float(gate.low_m[0]), float(gate.high_m[-1])) == pytest.approx((2.0, 9.0))
     assert gate.source == "given"
 
@@ -220,7 +220,7 @@ def test_study_turns_the_axis_of_the_runner(study: ModuleType) -> None:
 def test_study_marks_the_fastest_moments(study: ModuleType) -> None:
     level_db = np.clip(walker_db(torso_hz=82.0, step_hz=1.9), -30.0, -10.0)
     mu = signature_of(level_db, floor_db=-30.0)
-    times_s = study.step_times_s(analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=None))
+    times_s = study.step_times_s(analyze_signature(mu, make_level_gate(mu), ANALYSIS, label=None))
     fastest = (np.arange(1, 7) + 0.5) / 1.9  # 1 - cos is largest half a period after 0
     np.testing.assert_allclose([times_s[np.abs(times_s - t).argmin()] for t in fastest], fastest, atol=0.03)
     assert times_s.size == pytest.approx((TIME_S[-1] - TIME_S[0]) * 1.9, abs=1)

@@ -20,7 +20,7 @@ from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.tracking import _link
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingTarget
-from doppelgait.processing.clutter import without_clutter
+from doppelgait.processing.clutter import remove_static_clutter
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import Track
 from doppelgait.radar import Radar
@@ -165,9 +165,9 @@ def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece(monkeypatch):
     target = Target(walk, start_position_m=(9.0, 0.0), heading_deg=180.0, path=path)
     made = simulate(Scene([target], duration_s=11.5), RADAR, rng=rng(1), snr_db=25.0, conditions=ROOM)
     measured = []
-    share = tracking.share_removed
+    share = tracking.measure_share_removed
     monkeypatch.setattr(
-        tracking, "share_removed", lambda *given, **more: measured.append(given) or share(*given, **more)
+        tracking, "measure_share_removed", lambda *given, **more: measured.append(given) or share(*given, **more)
     )
     found = analyze(made)
     assert len(measured) == 1  # of the track, not of every piece: time goes with the length of the recording
@@ -251,7 +251,7 @@ DRIFTING = Conditions(
 def test_a_drifting_clock_makes_nobody_of_an_empty_room():
     made = simulate(Scene([], duration_s=12.0), RADAR, rng=rng(0), conditions=DRIFTING)
     assert analyze(made) == []
-    as_it_is = without_clutter(made.baseband, kind="mean")
+    as_it_is = remove_static_clutter(made.baseband, kind="mean")
     scans = find_scans(as_it_is, Detector(clutter="none"), wavelength_m=RADAR.wavelength_m)
     assert sum(len(scan.detections) for scan in scans) > 30
 

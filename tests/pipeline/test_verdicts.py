@@ -12,7 +12,7 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.motion.models import crawling_person, robot_vacuum
 from doppelgait.pipeline import Result, analyze, describe_results, simulate
-from doppelgait.pipeline.verdicts import Seen, judge_fold, judge_reflection, judge_thing, rhythm_correlation
+from doppelgait.pipeline.verdicts import TrackStrip, correlate_rhythms, judge_fold, judge_reflection, judge_thing
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -37,7 +37,7 @@ def seen(range_m, *, level_db=BODY_DB, time_s=TIME_S, rhythm_hz=RHYTHM_HZ, parts
         shape = np.exp(-(((VELOCITY_MPS - centre[:, None]) / broad[:, None]) ** 2))
         power += share * shape / shape.sum(axis=1, keepdims=True)
     power *= (10 ** (level_db / 10) / range_m**4)[:, None]
-    return Seen(time_s, range_m, approach_mps, power, VELOCITY_MPS)
+    return TrackStrip(time_s, range_m, approach_mps, power, VELOCITY_MPS)
 
 
 def walk(x_m, y_m, wall_m=2.0):
@@ -106,8 +106,8 @@ def test_what_outlasts_the_body_is_no_reflection():
 
 
 def test_rhythm_correlation_is_one_in_step_and_low_in_another_rhythm():
-    assert rhythm_correlation(seen(IMAGE_M), seen(DIRECT_M)) > 0.95
-    assert rhythm_correlation(seen(DIRECT_M), seen(DIRECT_M, rhythm_hz=2.4)) < 0.3
+    assert correlate_rhythms(seen(IMAGE_M), seen(DIRECT_M)) > 0.95
+    assert correlate_rhythms(seen(DIRECT_M), seen(DIRECT_M, rhythm_hz=2.4)) < 0.3
 
 
 FOLDING_M = X4.waveform.unambiguous_range_m(X4)
@@ -119,7 +119,7 @@ def leaving(speed_mps=1.4, *, beyond_m=FOLDING_M, level_db=BODY_DB):
     range_m = 3.0 + speed_mps * long_s
     first, second = range_m < 9.5, range_m > FOLDING_M + 0.4
     own = seen(range_m[second], time_s=long_s[second], level_db=level_db)  # the level of its true range
-    folded = Seen(own.time_s, own.range_m - beyond_m, own.approach_mps, own.power_v2, VELOCITY_MPS)
+    folded = TrackStrip(own.time_s, own.range_m - beyond_m, own.approach_mps, own.power_v2, VELOCITY_MPS)
     return seen(range_m[first], time_s=long_s[first]), folded
 
 
@@ -135,7 +135,9 @@ def test_a_body_that_leaves_goes_on_as_its_folded_echo():
 
 def test_the_folded_echo_may_come_first():
     body, echo = (
-        Seen(-one.time_s[::-1], one.range_m[::-1], -one.approach_mps[::-1], one.power_v2[::-1, ::-1], VELOCITY_MPS)
+        TrackStrip(
+            -one.time_s[::-1], one.range_m[::-1], -one.approach_mps[::-1], one.power_v2[::-1, ::-1], VELOCITY_MPS
+        )
         for one in leaving()
     )
     found = judge_fold(echo, body, 1, folding_m=FOLDING_M, frame_stop_m=9.66)

@@ -9,8 +9,8 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, Gate, noise_floor_v2, normalise, signature, thin
-from doppelgait.processing.bursts import burst_pulses_of, burst_signature, find_burst_pulses
+from doppelgait.processing import Analysis, Gate, decimate, noise_floor_v2, normalise, signature
+from doppelgait.processing.bursts import burst_signature, find_burst_pulses, get_burst_pulses
 
 PRF_HZ = 3000.0
 M = 128
@@ -128,7 +128,7 @@ def test_what_follows_takes_it():
     assert mu.attrs["hop"] == 600  # 0.2 s at 3 kHz
     assert noise_floor_v2(mu) == pytest.approx((gaussian(M) ** 2).sum(), rel=0.15)
     np.testing.assert_allclose(normalise(mu, 0.0).sum("doppler"), 1.0)
-    assert thin(mu) is mu
+    assert decimate(mu) is mu
 
 
 def test_static_echoes_are_gone():
@@ -146,8 +146,8 @@ def test_bursts_are_found_from_the_pauses():
     assert find_burst_pulses(np.arange(50) / 10.0) is None
     assert find_burst_pulses([0.0]) is None
     times = burst_times()
-    assert burst_pulses_of(labelled(np.ones(times.size), times, burst_pulses=64)) == 64
-    assert burst_pulses_of(labelled(np.ones(times.size), times)) == M
+    assert get_burst_pulses(labelled(np.ones(times.size), times, burst_pulses=64)) == 64
+    assert get_burst_pulses(labelled(np.ones(times.size), times)) == M
     with pytest.raises(AnalysisError, match="different lengths \\(123, 128 pulses"):
         find_burst_pulses(np.delete(times, slice(M, M + 5)))
 

@@ -12,7 +12,7 @@ from doppelgait.processing import (
     mean_doppler_spectrum,
     observation_s,
 )
-from doppelgait.processing.cadence import CadenceParts, magnitudes, summed_powers
+from doppelgait.processing.cadence import CadenceParts, compute_magnitudes, sum_powers
 
 RATE_HZ = 100.0
 
@@ -127,10 +127,10 @@ def test_spectrum_and_rows_are_those_of_the_whole_map_e30_e32(n_columns, n_rows)
         rows_of(np.random.default_rng(n_columns).standard_normal((n_columns, n_rows))), NORMALISED_SIGNATURE
     )
     parts = CadenceParts(plain, 2)
-    np.testing.assert_array_equal(parts.detrended().values, detrend(plain, order=2).values)
+    np.testing.assert_array_equal(parts.detrend().values, detrend(plain, order=2).values)
     whole, power = cadence_map(detrend(plain, order=2)), parts.spectrum()
     spectrum = cadence_spectrum(whole)
-    np.testing.assert_array_equal(power.labelled().coords["cadence"], spectrum.labelled().coords["cadence"])
+    np.testing.assert_array_equal(power.add_labels().coords["cadence"], spectrum.add_labels().coords["cadence"])
     np.testing.assert_allclose(power.values, spectrum.values, rtol=0, atol=1e-12 * spectrum.values.max())
     cadence_hz, found = parts.rows(np.array([1, 4]), 7.3)
     assert cadence_hz[-2] <= 7.3 < cadence_hz[-1]
@@ -149,16 +149,18 @@ def test_lowest_lines_are_those_of_the_full_transform_to_rounding(n_columns, len
     rng = np.random.default_rng(n_columns)
     values, weights = rng.standard_normal((n_columns, 5)), rng.uniform(0.1, 1.0, n_columns)
     wanted = np.abs(np.fft.rfft(values * weights[:, None], length, axis=0)[:n_kept])
-    found = magnitudes(values, weights, length, n_kept)
+    found = compute_magnitudes(values, weights, length, n_kept)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() < 1e-12 * wanted.max()
-    powers = summed_powers(values, weights, length, n_kept)
+    powers = sum_powers(values, weights, length, n_kept)
     assert np.abs(powers - (wanted**2).sum(axis=1)).max() < 1e-12 * (wanted**2).sum(axis=1).max()
     # a strong wave beyond the lines asked for stays out of them as far as in the full transform
     if length > 12 * n_kept:
         high = 1e3 * np.cos(2 * np.pi * (0.4 * length) * np.arange(n_columns) / length)[:, None] * np.ones((1, 2))
         wanted = np.abs(np.fft.rfft(high, length, axis=0)[:n_kept])
-        np.testing.assert_allclose(magnitudes(high, np.ones(n_columns), length, n_kept), wanted, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            compute_magnitudes(high, np.ones(n_columns), length, n_kept), wanted, rtol=0, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize(("n_columns", "n_rows", "length"), [(22, 64, 176), (100, 70, 800), (613, 128, 4904)])
@@ -171,8 +173,8 @@ def test_memory_that_is_used_again_leaves_nothing_behind(n_columns, n_rows, leng
         for name in ("circular", "lines", "pairs"):
             held = getattr(cadence._buffers, name, np.empty(0))
             held[:] = np.nan
-        found = cadence.magnitudes(rows, weights, length, n_kept)
+        found = cadence.compute_magnitudes(rows, weights, length, n_kept)
         wanted = np.abs(np.fft.rfft(rows * weights[:, None], length, axis=0))[:n_kept]
         np.testing.assert_allclose(found, wanted, atol=1e-9 * wanted.max())
-        powers = cadence.summed_powers(rows, weights, length, n_kept)
+        powers = cadence.sum_powers(rows, weights, length, n_kept)
         np.testing.assert_allclose(powers, (wanted**2).sum(axis=1), atol=1e-9 * (wanted**2).sum(axis=1).max())

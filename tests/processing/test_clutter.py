@@ -8,8 +8,14 @@ import pytest
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, Gate, remove_clutter
-from doppelgait.processing.clutter import clutter_gain, pulse_sum, share_removed, torso_share_removed, without_clutter
-from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.processing.clutter import (
+    clutter_gain,
+    measure_share_removed,
+    predict_torso_share_removed,
+    remove_static_clutter,
+    sum_pulses,
+)
+from doppelgait.processing.common_phase import remove_common_phase
 
 PRF_HZ = 100.0
 TIME_S = np.arange(4000) / PRF_HZ
@@ -62,7 +68,7 @@ def test_exponential_starts_without_a_transient_from_zero():
 
 
 def measured_gain(doppler_hz, kind, **settings):
-    kept = without_clutter(tone(doppler_hz, clutter=0.0), kind=kind, **settings).values[:, 0]
+    kept = remove_static_clutter(tone(doppler_hz, clutter=0.0), kind=kind, **settings).values[:, 0]
     return np.sqrt((np.abs(kept if kind == "mean" else kept[2400:]) ** 2).mean())
 
 
@@ -79,7 +85,7 @@ def test_the_median_is_a_notch_like_the_mean(doppler_hz):
     starts = np.exp(1j * np.linspace(0, 2 * np.pi, 32, endpoint=False))
     values = (np.exp(2j * np.pi * doppler_hz * TIME_S)[:, None] * starts).astype(np.complex64)
     baseband = make_array(BASEBAND, values, {"slow_time": TIME_S, "range": np.arange(32) / 10})
-    found = np.sqrt((np.abs(without_clutter(baseband, kind="median").values) ** 2).mean())
+    found = np.sqrt((np.abs(remove_static_clutter(baseband, kind="median").values) ** 2).mean())
     expected = clutter_gain(doppler_hz, kind="median", prf_hz=PRF_HZ, n_pulses=TIME_S.size)
     assert found == pytest.approx(float(expected), abs=0.04)
 
@@ -90,8 +96,8 @@ def test_who_stands_for_a_while_leaves_no_echo_in_the_median(share):
     stands = np.abs(TIME_S - 20.0) < share * 20.0
     values = np.repeat((clutter + body * stands)[:, None], 2, axis=1).astype(np.complex64)
     baseband = make_array(BASEBAND, values, {"slow_time": TIME_S, "range": [1.0, 1.1]})
-    np.testing.assert_allclose(without_clutter(baseband, kind="median").values[:, 0], body * stands, atol=1e-5)
-    ghost = without_clutter(baseband, kind="mean").values[~stands, 0]
+    np.testing.assert_allclose(remove_static_clutter(baseband, kind="median").values[:, 0], body * stands, atol=1e-5)
+    ghost = remove_static_clutter(baseband, kind="mean").values[~stands, 0]
     np.testing.assert_allclose(ghost, -body * stands.mean(), atol=1e-5)
 
 
@@ -112,7 +118,7 @@ def room(phase_rad, clutter_v, body_v=0.0, seed=0):
 def test_the_phase_of_a_clock_is_taken_out_down_to_the_noise(drift_rad_per_min):
     steps = 0.5 / np.sqrt(60 * PRF_HZ) * np.random.default_rng(9).standard_normal(TIME_S.size)
     baseband, _ = room(drift_rad_per_min * TIME_S / 60 + np.cumsum(steps), 100.0)
-    steady = without_common_phase(baseband)
+    steady = remove_common_phase(baseband)
     left_v2 = steady.values.var(axis=0)
     # 1 V^2 of noise, and the error of the phase: at least 75 bins are 0.75 m away or more, each with 40 dB
     assert left_v2.mean() == pytest.approx(1.0 + 0.5 / 75, abs=0.01)
@@ -124,7 +130,7 @@ def test_a_weak_reference_is_summed_over_frames_and_spares_what_it_would_spoil()
     levels_v = np.full(120, 3.0)
     levels_v[:3], levels_v[3:6] = 300.0, 20.0
     baseband, _ = room(1.0 * TIME_S / 40, levels_v)
-    steady = without_common_phase(baseband).values
+    steady = remove_common_phase(baseband).values
     # 105 bins far off hold 9 V^2 each: 5 frames of them are ten times the echo of 20 V, which gains 400 / 2 / 4700
     assert steady[:, 3:6].var(axis=0).mean() == pytest.approx(1.04, abs=0.06)
     assert baseband.values[:, 3:6].var(axis=0).mean() > 20
@@ -133,21 +139,21 @@ def test_a_weak_reference_is_summed_over_frames_and_spares_what_it_would_spoil()
 
 def test_a_body_keeps_its_phase_where_the_clock_is_good():
     baseband, body = room(0.0, 100.0, body_v=30.0)
-    changed = without_common_phase(baseband).values - baseband.values
+    changed = remove_common_phase(baseband).values - baseband.values
     inside = np.abs(body) > 10.0
     assert np.abs(changed[inside]).max() < 0.15 * 130.0 / np.sqrt(2 * 75)  # the phase's own error, five times its sd
-    seen = (without_clutter(without_common_phase(baseband), kind="median").values * body.conj())[inside].mean()
+    seen = (remove_static_clutter(remove_common_phase(baseband), kind="median").values * body.conj())[inside].mean()
     assert abs(seen) == pytest.approx((np.abs(body[inside]) ** 2).mean(), rel=0.02)
 
 
 def test_a_body_is_never_its_own_reference():
     baseband, _ = room(0.0, 0.0, body_v=300.0)  # nothing stands still
-    np.testing.assert_array_equal(without_common_phase(baseband).values, baseband.values)
+    np.testing.assert_array_equal(remove_common_phase(baseband).values, baseband.values)
     baseband, _ = room(0.0, 300.0 * (np.arange(120) > 100), body_v=30.0)  # it walks away from the only thing that does
     beside = slice(100, 120)
-    np.testing.assert_array_equal(without_common_phase(baseband).values[:, beside], baseband.values[:, beside])
+    np.testing.assert_array_equal(remove_common_phase(baseband).values[:, beside], baseband.values[:, beside])
     near = baseband.isel(range=slice(0, 25))  # no bin is 1.5 m away
-    assert without_common_phase(near) is near
+    assert remove_common_phase(near) is near
 
 
 def test_mti_is_the_butterworth_high_pass():
@@ -161,7 +167,7 @@ def test_mti_is_the_butterworth_high_pass():
 def test_static_clutter_is_improved_by_50_db_and_a_slow_torso_loses_less_than_1_db(kind):
     torso_hz = 2 * 0.3 / 0.0411  # 0.3 m/s at 7.29 GHz
     clutter = tone(0.0, clutter=1e3) - tone(0.0, clutter=0.0)
-    left_v2 = (np.abs(without_clutter(clutter.assign_attrs(units="V"), kind=kind).values[:, 0]) ** 2).mean()
+    left_v2 = (np.abs(remove_static_clutter(clutter.assign_attrs(units="V"), kind=kind).values[:, 0]) ** 2).mean()
     gain_v2 = measured_gain(torso_hz, kind) ** 2
     improvement_db = 10 * np.log10(gain_v2 * 1e6 / max(left_v2, 1e-30))
     assert improvement_db > 50
@@ -170,7 +176,7 @@ def test_static_clutter_is_improved_by_50_db_and_a_slow_torso_loses_less_than_1_
 
 def test_mti_takes_off_what_sways_and_the_mean_does_not():
     swaying = tone(0.3)
-    left = {kind: np.abs(without_clutter(swaying, kind=kind).values[1000:, 0]).mean() for kind in ("mean", "mti")}
+    left = {kind: np.abs(remove_static_clutter(swaying, kind=kind).values[1000:, 0]).mean() for kind in ("mean", "mti")}
     assert left["mti"] == pytest.approx(0.01, rel=0.02)  # (f / f_c)^2
     assert left["mean"] == pytest.approx(1.0, abs=0.05)
 
@@ -181,7 +187,7 @@ def test_a_gain_that_depends_on_the_recording_needs_its_length_and_mti_a_frame_r
             clutter_gain(1.0, kind=kind, prf_hz=PRF_HZ)
     slow = make_array(BASEBAND, np.ones((50, 1), complex), {"slow_time": np.arange(50) / 5.0, "range": [1.0]})
     with pytest.raises(AnalysisError, match="more than 6 frames per second"):
-        without_clutter(slow, kind="mti")
+        remove_static_clutter(slow, kind="mti")
 
 
 def crossing(doppler_hz, clutter_v):
@@ -200,7 +206,7 @@ def crossing(doppler_hz, clutter_v):
 @pytest.mark.parametrize("doppler_hz", [2.0, 4.0, 20.0])
 def test_the_share_that_mti_takes_from_a_body_is_that_of_its_gain(doppler_hz, clutter_v):
     before, gate = crossing(doppler_hz, clutter_v)
-    share = share_removed(before, without_clutter(before, kind="mti"), gate)
+    share = measure_share_removed(before, remove_static_clutter(before, kind="mti"), gate)
     expected = 1 - clutter_gain(doppler_hz, kind="mti", prf_hz=PRF_HZ) ** 2
     assert float(share.mean()) == pytest.approx(float(expected), abs=0.03)
     assert share.dims == ("time",)
@@ -210,14 +216,14 @@ def test_the_share_that_mti_takes_from_a_body_is_that_of_its_gain(doppler_hz, cl
 
 def test_the_mean_takes_nothing_from_a_body_that_moves_and_no_answer_is_given_for_one_that_stays():
     before, gate = crossing(5.0, 30.0)
-    assert float(share_removed(before, without_clutter(before, kind="mean"), gate).max()) < 0.02
+    assert float(measure_share_removed(before, remove_static_clutter(before, kind="mean"), gate).max()) < 0.02
     stays = Gate.fixed(2.0, 3.0, time_s=TIME_S)
-    assert np.isnan(share_removed(before, without_clutter(before, kind="mean"), stays).values).all()
+    assert np.isnan(measure_share_removed(before, remove_static_clutter(before, kind="mean"), stays).values).all()
 
 
 def test_the_reference_is_every_pulse_when_the_gate_is_elsewhere_or_over():
     before, gate = crossing(4.0, 30.0)
-    after = without_clutter(before, kind="mti")
+    after = remove_static_clutter(before, kind="mti")
     part = gate.during(10.0, 20.0)
     range_m, values = before.coords["range"].values, before.values.astype(complex)
     at = np.arange(np.searchsorted(TIME_S, part.start_s - 1e-9), np.searchsorted(TIME_S, part.stop_s + 1e-9))
@@ -235,22 +241,24 @@ def test_the_reference_is_every_pulse_when_the_gate_is_elsewhere_or_over():
     length = round(0.1 * PRF_HZ)
     blocks = [slice(k * length, (k + 1) * length) for k in range(at.size // length)]
     expected = [max(1 - lost[block].sum() / body[block].sum(), 0) for block in blocks]
-    np.testing.assert_allclose(share_removed(before, after, part), expected, atol=1e-5)
-    np.testing.assert_allclose(share_removed(before, after, part, total=pulse_sum(before)), expected, atol=1e-5)
+    np.testing.assert_allclose(measure_share_removed(before, after, part), expected, atol=1e-5)
+    np.testing.assert_allclose(
+        measure_share_removed(before, after, part, total=sum_pulses(before)), expected, atol=1e-5
+    )
 
 
 def test_a_crossing_that_stands_at_0_hz_is_said_to_be_lost():
     before, gate = crossing(0.0, 30.0)
-    assert float(share_removed(before, without_clutter(before, kind="mti"), gate).median()) > 0.8
+    assert float(measure_share_removed(before, remove_static_clutter(before, kind="mti"), gate).median()) > 0.8
 
 
 def test_a_crossing_torso_is_lost_where_its_range_stands_still():
     wavelength_m, times = 0.0411, np.linspace(0.0, 5.0, 501)
     range_m = np.hypot(5.0, 1.0 * (times - 2.5))  # 1 m/s at 90 degrees
     gate = Gate.around(times, range_m, span_m=1.6, source="track")
-    found = torso_share_removed(gate, [0.0, 2.5, 2.8], kind="mti", wavelength_m=wavelength_m, prf_hz=1000.0)
+    found = predict_torso_share_removed(gate, [0.0, 2.5, 2.8], kind="mti", wavelength_m=wavelength_m, prf_hz=1000.0)
     doppler_hz = 2 / wavelength_m * np.array([2.5, 0.0, 0.3]) / np.hypot(5.0, [2.5, 0.0, 0.3])
     np.testing.assert_allclose(found, 1 / (1 + (doppler_hz / 3.0) ** 4), rtol=0.02, atol=1e-6)
     assert found[1] > 0.99
-    slow = torso_share_removed(gate, [2.8], kind="exponential", wavelength_m=wavelength_m, prf_hz=1000.0)
+    slow = predict_torso_share_removed(gate, [2.8], kind="exponential", wavelength_m=wavelength_m, prf_hz=1000.0)
     assert slow < 0.01

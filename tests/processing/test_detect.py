@@ -14,10 +14,10 @@ from doppelgait.core.samples import Samples
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis, plan_transform
-from doppelgait.processing.detect import Detector, find_scans, noise_factor, noise_map
-from doppelgait.processing.detect.cluster import find_clusters, merge_groups, shape_of
-from doppelgait.processing.detect.maps import maps_of, power_per_cell, residue_map
-from doppelgait.processing.detect.scans import NO_RANGE_SD_M, detected_cells
+from doppelgait.processing.detect import Detector, estimate_noise_map, find_scans, noise_factor
+from doppelgait.processing.detect.cluster import find_clusters, measure_shapes, merge_groups
+from doppelgait.processing.detect.maps import compute_cell_power, compute_maps, estimate_residue_map
+from doppelgait.processing.detect.scans import NO_RANGE_SD_M, find_cells
 from doppelgait.radar import Radar, link
 from doppelgait.radar.simulate import draw_key, label_baseband
 from doppelgait.scene import Scene, Target
@@ -91,7 +91,7 @@ def test_maps_are_the_equation():
     values = noise(260, 5, n_bins=3) + 2.0
     transform = plan_transform(Analysis(cpi_s=0.02, hop=37), n_pulses=260, prf_hz=PRF_HZ)
     scans = np.arange(transform.n_columns)
-    found = power_per_cell(baseband(values, range_m=RANGE_M[:3]), transform, scans)
+    found = compute_cell_power(baseband(values, range_m=RANGE_M[:3]), transform, scans)
     n_doppler, window = transform.n_doppler_bins, transform.window
     assert found.shape == (len(scans), n_doppler, 3)
     for j, k in itertools.product(scans, range(n_doppler)):
@@ -104,19 +104,19 @@ def test_the_floor_of_every_bin_is_found_beside_bodies():
     generator = np.random.default_rng(6)
     level = np.array([1.0, 4.0, 1e-6, 1e4])
     cells = (level * generator.standard_exponential((200, 128, 4))).astype(np.float32)
-    np.testing.assert_allclose(noise_map(cells), level, rtol=0.04)
+    np.testing.assert_allclose(estimate_noise_map(cells), level, rtol=0.04)
     cells[:, 60:85] *= 300.0  # a fifth of the cells
-    np.testing.assert_allclose(noise_map(cells), level, rtol=0.08)
+    np.testing.assert_allclose(estimate_noise_map(cells), level, rtol=0.08)
 
 
 def test_what_stays_in_a_cell_is_known_and_what_passes_is_not():
     cells = np.random.default_rng(7).standard_exponential((4000, 2, 3))
     cells[:, 1] *= 50.0
     cells[:800, 0] += 1e4  # passes: a fifth of the time
-    found = residue_map(cells)
+    found = estimate_residue_map(cells)
     np.testing.assert_allclose(found[1], 50.0, rtol=0.1)
     assert (found[0] < 1.5).all()
-    assert not residue_map(cells[:9]).any()
+    assert not estimate_residue_map(cells[:9]).any()
 
 
 @pytest.mark.parametrize("pfa", [1e-2, 1e-3])
@@ -124,8 +124,8 @@ def test_cells_of_white_noise_are_above_as_often_as_designed(pfa):
     settings = Detector(pfa=pfa, slow_mps=0.0, clutter="none", near_m=0.0, dynamic_range_db=100.0)
     rates = []
     for seed in range(4):
-        (maps,) = maps_of(baseband(noise(3001, seed)), settings, wavelength_m=WAVELENGTH_M)
-        rates.append(detected_cells(maps, settings)[0].mean())
+        (maps,) = compute_maps(baseband(noise(3001, seed)), settings, wavelength_m=WAVELENGTH_M)
+        rates.append(find_cells(maps, settings)[0].mean())
     n_cells = 4 * 30 * 101 / 1.46 * 120  # independent ones: 1.46 bins of noise bandwidth (E-23)
     assert np.mean(rates) == pytest.approx(pfa, rel=0.01, abs=2.5 * np.sqrt(pfa / n_cells))
 
@@ -164,7 +164,7 @@ def test_the_shape_of_a_cluster_is_that_of_its_cells():
     for doppler, range_bin, level in ((4, 7, 11.0), (5, 7, 31.0), (5, 8, 61.0)):
         mask[1, doppler, range_bin], power[1, doppler, range_bin] = True, level
     cells = find_clusters(mask, join_bins=3, join_doppler_bins=3)
-    shape = shape_of(cells, power, np.ones(20), box_quantile=0.0)
+    shape = measure_shapes(cells, power, np.ones(20), box_quantile=0.0)
     assert shape.power == pytest.approx([100.0])
     assert shape.snr == pytest.approx([100.0])
     assert shape.range_bin == pytest.approx([7.6])
@@ -173,7 +173,9 @@ def test_the_shape_of_a_cluster_is_that_of_its_cells():
     assert shape.doppler_spread == pytest.approx([0.3])
     np.testing.assert_allclose(shape.range_box, [[6.5, 8.5]])
     np.testing.assert_allclose(shape.doppler_box, [[3.5, 5.5]])
-    tight = shape_of(cells, power, np.ones(20), box_quantile=0.2)  # a tenth at Doppler 4 is left out, two fifths stay
+    tight = measure_shapes(
+        cells, power, np.ones(20), box_quantile=0.2
+    )  # a tenth at Doppler 4 is left out, two fifths stay
     np.testing.assert_allclose(tight.doppler_box, [[4.5, 5.5]])
     np.testing.assert_allclose(tight.range_box, [[6.5, 8.5]])
     assert shape.scan == [1]
@@ -214,7 +216,9 @@ def test_clusters_are_merged_to_bodies(bodies, expected):
 def test_merging_stays_within_a_scan():
     mask = np.zeros((2, 32, 20), dtype=bool)
     mask[0, 5, 5] = mask[1, 5, 6] = mask[1, 5, 12] = True
-    shape = shape_of(find_clusters(mask, join_bins=3, join_doppler_bins=3), mask * 10.0, np.ones(20), box_quantile=0.01)
+    shape = measure_shapes(
+        find_clusters(mask, join_bins=3, join_doppler_bins=3), mask * 10.0, np.ones(20), box_quantile=0.01
+    )
     group = merge_groups(shape, range_bins=7.0, gap_bins=1.0, limb_gap_bins=5.0, n_doppler=32)
     assert len(set(group)) == 2
     assert len(set(group[shape.scan == 1])) == 1
@@ -232,7 +236,7 @@ def test_noise_that_bins_share_is_a_body_as_seldom():
     generator, count = np.random.default_rng(0), 0
     for _ in range(6):
         silence = Samples(np.zeros((5001, radar.n_range_bins), np.complex64))
-        shared = silence.with_noise(draw_key(generator), 1.0, link.noise_taps(radar)).matrix
+        shared = silence.with_noise(draw_key(generator), 1.0, link.make_noise_taps(radar)).matrix
         baseband = label_baseband(shared, np.arange(5001) / radar.prf_hz, radar)
         scans = find_scans(baseband, wavelength_m=radar.wavelength_m)
         count += sum(len(scan.detections) for scan in scans)

@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.core.kernels.lines import follow_ridge
 from doppelgait.core.labels import SIGNATURE, make_array
-from doppelgait.processing import align, line_order, main_line_hz, needs_alignment
+from doppelgait.processing import align, choose_line_order, main_line_hz, needs_alignment
 from doppelgait.processing.main_line import settle_velocity, torso_velocity_mps, track_velocity
 
 K, PRF_HZ = 128, 1000.0
@@ -65,7 +65,7 @@ def test_the_time_taper_lessens_the_bias_of_steps_that_are_cut_off_e34():
 
 @pytest.mark.parametrize(("seconds", "order"), [(1.0, 1), (1.29, 1), (1.31, 2), (2.49, 2), (2.51, 3), (10, 3)])
 def test_order_of_the_line_e29(seconds, order):
-    assert line_order(seconds) == order
+    assert choose_line_order(seconds) == order
 
 
 def test_alignment_is_for_drifts_above_10_hz_e29():

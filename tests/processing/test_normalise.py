@@ -11,14 +11,14 @@ from doppelgait.pipeline import simulate
 from doppelgait.processing import (
     Analysis,
     Gate,
+    count_independent_bins,
+    count_independent_columns,
     gaussian_window,
-    independent_bins,
-    independent_columns,
     noise_floor_v2,
     normalise,
     signature,
 )
-from doppelgait.processing.normalise import median
+from doppelgait.processing.normalise import compute_median
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -52,7 +52,7 @@ def test_independent_bins_are_counted_from_correlated_noise_e27(taps):
     share = np.correlate(taps, taps, mode="full")[len(taps) - 1 :] / np.dot(taps, taps)
     rho = np.array([[share[abs(i - j)] if abs(i - j) < share.size else 0.0 for j in range(n)] for i in range(n)])
     found = [
-        independent_bins(mu, noise_floor_v2(mu))
+        count_independent_bins(mu, noise_floor_v2(mu))
         for mu in (noise_signature(n, seed=s, echo=1e-2, taps=taps) for s in range(4))
     ]
     assert np.mean(found) == pytest.approx(n**2 / (rho**2).sum(), rel=0.06)
@@ -61,7 +61,7 @@ def test_independent_bins_are_counted_from_correlated_noise_e27(taps):
 def test_bins_are_as_stated_where_there_are_few_quiet_rows_e27():
     mu = noise_signature(6)
     full = mu.copy(data=np.where(np.arange(128) < 11, mu.values, 1.0))
-    assert independent_bins(full, noise_floor_v2(mu)) == 6.0
+    assert count_independent_bins(full, noise_floor_v2(mu)) == 6.0
 
 
 @pytest.mark.parametrize("n_gate", [1, 20, 32])
@@ -140,15 +140,15 @@ def test_unknown_normalisation_is_refused():
 
 
 def test_independent_columns_are_60_ms_apart_e38():
-    assert independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
-    assert independent_columns(small_signature(np.ones((2, 3)))) == 1.0
+    assert count_independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
+    assert count_independent_columns(small_signature(np.ones((2, 3)))) == 1.0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (7, 3), (40, 25)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_median_is_that_of_numpy(shape, dtype):
     cells = np.random.default_rng(2).random(shape).astype(dtype)
-    assert median(cells) == pytest.approx(float(np.median(cells)), rel=1e-7)
+    assert compute_median(cells) == pytest.approx(float(np.median(cells)), rel=1e-7)
 
 
 @pytest.mark.parametrize("span_m", [0.01, 0.03, 0.2])

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, PART_POWER, axis, make_array
+from doppelgait.core.labels import BASEBAND, PART_POWER, make_array, read_axis
 from doppelgait.processing import Analysis, Gate, signature
 from doppelgait.processing.parts import LEGS_AHEAD, LEGS_BEHIND, PARTS, locate_parts, measure_parts
 
@@ -112,8 +112,8 @@ def test_parts_add_up_to_the_signature():
     mask, _ = locate(body)
     power = mask.power_v2(body, ANALYSIS, wavelength_m=WAVELENGTH_M)
     mu = view(body)
-    assert np.allclose(axis(power, "time"), axis(mu, "time"))
-    inside = np.abs(axis(mu, "velocity") - SPEED_MPS) < 1.4 * SPEED_MPS
+    assert np.allclose(read_axis(power, "time"), read_axis(mu, "time"))
+    inside = np.abs(read_axis(mu, "velocity") - SPEED_MPS) < 1.4 * SPEED_MPS
     difference = power.values.sum(axis=0)[:, inside] - mu.values[:, inside]
     assert np.abs(difference).max() < 1e-3 * mu.values.max()
 

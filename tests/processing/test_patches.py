@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, make_array
-from doppelgait.processing.patches import Patch, covering, cut, levels, patch
+from doppelgait.processing.patches import Patch, cut, cut_pictures, levels, patch
 
 SPEC = Patch()
 
@@ -90,10 +90,10 @@ def test_a_quiet_simulation_shows_40_db():
 def test_short_and_long_recordings():
     short, long = levels(of_body(seconds=0.8)), levels(of_body(seconds=9.0))
     assert short.shape[1] == 25
-    pieces = covering(short, SPEC)
+    pieces = cut_pictures(short, SPEC)
     assert pieces.shape == (1, 64, 64)
     assert not pieces[0, :, :19].any()
-    pieces = covering(long, SPEC)
+    pieces = cut_pictures(long, SPEC)
     assert len(pieces) == 1 + -(-2 * (288 - 64) // 64)
     assert np.array_equal(pieces[0], long[:, :64])
     assert np.array_equal(pieces[-1], long[:, -64:])

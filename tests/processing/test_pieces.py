@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.features.ground_motion import piece_motion
+from doppelgait.features.ground_motion import estimate_segment_motion
 from doppelgait.processing import pieces
-from doppelgait.processing.pieces import PieceSettings, best_knots, find_pieces
+from doppelgait.processing.pieces import SegmentationSettings, find_best_knots, find_track_segments
 
 SD_M = 0.065
 
@@ -44,7 +44,7 @@ def test_turns_of_four_legs_are_found(sd_m):
     hits = found_all = true_all = 0
     for seed in range(17):
         times, track, true, _ = legs(np.random.default_rng(seed), sd_m=sd_m)
-        found = change_points(find_pieces(times, track, range_sd_m=max(sd_m, 0.05)))
+        found = change_points(find_track_segments(times, track, range_sd_m=max(sd_m, 0.05)))
         hits, found_all, true_all = hits + matched(found, true), found_all + len(found), true_all + len(true)
     assert true_all >= 48
     assert 2 * hits / (found_all + true_all) >= 0.95
@@ -52,7 +52,7 @@ def test_turns_of_four_legs_are_found(sd_m):
 
 def test_a_piece_tells_velocity_and_leaves_out_what_lies_beside_a_turn():
     times, track, true, speeds = legs(np.random.default_rng(3), sd_m=1e-4)
-    pieces = find_pieces(times, track)
+    pieces = find_track_segments(times, track)
     assert len(pieces) == 4
     for piece, speed in zip(pieces, speeds, strict=True):
         assert piece.radial_velocity_mps == pytest.approx(speed, abs=2e-3)
@@ -77,7 +77,7 @@ def test_a_sinusoidal_speed_is_not_cut(period_s):
             + min(0.06 / w, 0.1 / w**2) * np.cos(w * times + seed)
             + np.random.default_rng(seed).normal(0, SD_M, times.size)
         )
-        assert len(find_pieces(times, track)) == 1
+        assert len(find_track_segments(times, track)) == 1
 
 
 @pytest.mark.parametrize("aspect_deg", [0, 30, 60, 90, 150])
@@ -89,9 +89,9 @@ def test_a_straight_walk_past_the_radar_is_one_piece(aspect_deg, range_m):
     near = range_m if aspect_deg > 30 and aspect_deg < 150 else range_m + 3.0
     clean = np.sqrt((near - along) ** 2 + across**2 + 0.09)
     for seed in range(4):
-        (piece,) = find_pieces(times, clean + np.random.default_rng(seed).normal(0, SD_M, times.size))
+        (piece,) = find_track_segments(times, clean + np.random.default_rng(seed).normal(0, SD_M, times.size))
         assert piece.usable
-    (piece,) = find_pieces(times, clean)
+    (piece,) = find_track_segments(times, clean)
     velocity = 1.4 * np.cos(np.radians(aspect_deg)) * near / np.hypot(near, 0.3)
     assert piece.radial_velocity_mps == pytest.approx(velocity, abs=1e-6)
     assert piece.curvature_mps2 == pytest.approx((1.4**2 - velocity**2) / np.hypot(near, 0.3), abs=1e-6)
@@ -105,7 +105,7 @@ def test_a_line_model_would_cut_the_walk_past_the_radar():
     one = np.polyfit(times, track, 1, full=True)[1][0]
     two = sum(np.polyfit(times[half], track[half], 1, full=True)[1][0] for half in (times < 0, times >= 0))
     assert one - two > 3 * SD_M**2 * np.log(50)
-    assert len(find_pieces(times, track)) == 1
+    assert len(find_track_segments(times, track)) == 1
 
 
 @pytest.mark.parametrize("jump_mps", [1.0, 1.4])
@@ -119,7 +119,7 @@ def test_a_sudden_change_of_speed_is_cut(jump_mps):
             - jump_mps * np.maximum(times - 4, 0)
             + np.random.default_rng(seed).normal(0, SD_M, times.size)
         )
-        assert change_points(find_pieces(times, track)) == [pytest.approx(4.0, abs=0.4)]
+        assert change_points(find_track_segments(times, track)) == [pytest.approx(4.0, abs=0.4)]
 
 
 def lasting_errors(source, n, *, sd_m=0.02):
@@ -145,7 +145,7 @@ def test_usable_segments_hold_one_velocity(name):
     found = 0
     for seed in range(12):
         track = np.interp(times, fine_s, smooth) + lasting_errors(np.random.default_rng(seed), times.size)
-        used = [piece for piece in find_pieces(times, track, range_sd_m=0.02) if piece.usable]
+        used = [piece for piece in find_track_segments(times, track, range_sd_m=0.02) if piece.usable]
         found += bool(used)
         for piece in used:
             (leg,) = [leg for leg in legs_s if leg[0] <= (piece.start_s + piece.stop_s) / 2 <= leg[1]]
@@ -157,12 +157,12 @@ def test_usable_segments_hold_one_velocity(name):
 
 def test_a_path_that_the_partition_takes_for_one_is_cut_by_the_goodness_of_fit():
     """A circle beside the radar: smooth enough for the partition, but no straight walk."""
-    times, cut, loose = np.arange(0, 5, 0.1), 0, PieceSettings(straight_level=0.0)
+    times, cut, loose = np.arange(0, 5, 0.1), 0, SegmentationSettings(straight_level=0.0)
     for seed in range(20):
         clean = 5 + 0.5 * np.sin(0.9 * times + seed)
         track = clean + lasting_errors(np.random.default_rng(seed), times.size)
-        whole = find_pieces(times, track, range_sd_m=0.02, settings=loose)
-        pieces = find_pieces(times, track, range_sd_m=0.02)
+        whole = find_track_segments(times, track, range_sd_m=0.02, settings=loose)
+        pieces = find_track_segments(times, track, range_sd_m=0.02)
         cut += len(whole) == 1 and (len(pieces) > 1 or not pieces[0].usable)
         assert all(piece.straight_probability >= 1e-3 for piece in pieces if piece.usable)
     assert cut >= 10
@@ -174,48 +174,48 @@ def test_straight_walks_are_hardly_ever_cut():
         source = np.random.default_rng(seed)
         angle, t = source.uniform(0, np.pi), times - 3.0
         clean = np.hypot(5 - 1.2 * np.cos(angle) * t, 1.2 * np.sin(angle) * t)
-        cut += len(find_pieces(times, clean + lasting_errors(source, times.size), range_sd_m=0.02)) > 1
+        cut += len(find_track_segments(times, clean + lasting_errors(source, times.size), range_sd_m=0.02)) > 1
     assert cut <= 2
 
 
 def test_neighbours_of_nearly_one_speed_are_joined():
     times = np.arange(0, 8, 0.1)
     track = 12 - 0.5 * times - 0.12 * np.maximum(times - 4, 0)
-    sharp = PieceSettings(smooth_mps2=0.01, same_speed_mps=0.0, straight_level=0.0)
-    assert len(find_pieces(times, track, range_sd_m=0.005, settings=sharp)) == 2
+    sharp = SegmentationSettings(smooth_mps2=0.01, same_speed_mps=0.0, straight_level=0.0)
+    assert len(find_track_segments(times, track, range_sd_m=0.005, settings=sharp)) == 2
     joined = sharp.model_copy(update={"same_speed_mps": 0.15})
-    assert len(find_pieces(times, track, range_sd_m=0.005, settings=joined)) == 1
+    assert len(find_track_segments(times, track, range_sd_m=0.005, settings=joined)) == 1
 
 
 def test_who_stops_stands_still_and_a_short_rest_is_too_short():
     times = np.arange(0, 9, 0.1)
     track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + np.random.default_rng(1).normal(0, 0.03, times.size)
-    assert [piece.reason for piece in find_pieces(times, track)] == ["", "stands_still", ""]
+    assert [piece.reason for piece in find_track_segments(times, track)] == ["", "stands_still", ""]
     track = np.interp(times, [0, 4, 5.2, 9], [8.0, 3.2, 3.2, 7.0])
-    assert [piece.reason for piece in find_pieces(times, track)] == ["", "too_short", ""]
+    assert [piece.reason for piece in find_track_segments(times, track)] == ["", "too_short", ""]
 
 
 def test_no_piece_reaches_across_a_gap_and_uneven_times_do_not_matter():
     times = np.concatenate([np.arange(0, 3, 0.1), np.arange(4, 7, 0.1)])
-    pieces = find_pieces(times, 10 - 1.2 * times)
+    pieces = find_track_segments(times, 10 - 1.2 * times)
     assert [(round(p.start_s, 3), round(p.stop_s, 3)) for p in pieces] == [(0, 2.9), (4, 6.9)]
     uneven = np.sort(np.random.default_rng(2).uniform(0, 6, 60))
     track = np.interp(uneven, [0, 3, 6], [6.0, 2.4, 6.0])
-    assert change_points(find_pieces(uneven, track)) == [pytest.approx(3.0, abs=0.3)]
+    assert change_points(find_track_segments(uneven, track)) == [pytest.approx(3.0, abs=0.3)]
 
 
 def test_faulty_tracks_are_refused_and_short_ones_have_no_pieces():
-    assert find_pieces([], []) == ()
-    assert find_pieces([0.0, 0.1], [3.0, 3.0]) == ()
-    assert [piece.reason for piece in find_pieces([0.0, 0.1, 0.2], [3.0, 2.9, 2.8])] == ["too_short"]
+    assert find_track_segments([], []) == ()
+    assert find_track_segments([0.0, 0.1], [3.0, 3.0]) == ()
+    assert [piece.reason for piece in find_track_segments([0.0, 0.1, 0.2], [3.0, 2.9, 2.8])] == ["too_short"]
     with pytest.raises(AnalysisError, match="as many times as ranges"):
-        find_pieces([0, 1, 2], [3, 3])
+        find_track_segments([0, 1, 2], [3, 3])
     with pytest.raises(AnalysisError, match="rising times"):
-        find_pieces([0, 2, 1], [3, 3, 3])
+        find_track_segments([0, 2, 1], [3, 3, 3])
     with pytest.raises(AnalysisError, match="above 0 m; the smallest of these is -1 m"):
-        find_pieces([0, 1, 2], [3, -1, 3])
+        find_track_segments([0, 1, 2], [3, -1, 3])
     with pytest.raises(AnalysisError, match="range_sd_m = 0"):
-        find_pieces([0, 1, 2], [3, 3, 3], range_sd_m=0)
+        find_track_segments([0, 1, 2], [3, 3, 3], range_sd_m=0)
 
 
 def path_cost(times, ranges, knots, *, sd_m, smooth_mps2, penalty):
@@ -266,7 +266,7 @@ def test_no_other_partition_costs_less(seed):
 
     all_knots = [k for size in range(4) for k in combinations(range(1, 13), size) if allowed(k)]
     costs = {k: path_cost(times, track, k, sd_m=0.05, **COSTS) for k in all_knots}
-    found, cost = best_knots(times, track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)
+    found, cost = find_best_knots(times, track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)
     assert tuple(found) == min(costs, key=costs.get)
     assert cost == pytest.approx(min(costs.values()), rel=1e-4)
 
@@ -274,7 +274,7 @@ def test_no_other_partition_costs_less(seed):
 def test_the_oracle_meets_tracks_with_and_without_change_points():
     """So that agreement with it says something."""
     tracks = [short_track(seed) for seed in range(9)]
-    counts = {len(best_knots(*track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)[0]) for track in tracks}
+    counts = {len(find_best_knots(*track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)[0]) for track in tracks}
     assert {0, 1, 2} <= counts
 
 
@@ -288,7 +288,7 @@ def test_motion_over_ground_of_a_piece(aspect_deg, visibility):
     t = np.maximum(times, 3.0) - 5.45  # middle of 3.0 to 7.9 s
     angle = np.radians(aspect_deg)
     track = np.hypot(6 - 1.3 * np.cos(angle) * t, 1.3 * np.sin(angle) * t)
-    found = piece_motion(times, track, start_s=3.0, stop_s=7.9)
+    found = estimate_segment_motion(times, track, start_s=3.0, stop_s=7.9)
     assert found.ground_speed_mps == pytest.approx(1.3, rel=0.01)
     assert found.aspect_deg == pytest.approx(aspect_deg, abs=2)
     assert found.visibility == visibility
@@ -296,10 +296,10 @@ def test_motion_over_ground_of_a_piece(aspect_deg, visibility):
 
 def test_a_short_piece_has_no_aspect_and_an_empty_one_is_refused():
     times = np.arange(0, 5, 0.1)
-    found = piece_motion(times, 8 - times, start_s=0, stop_s=2)
+    found = estimate_segment_motion(times, 8 - times, start_s=0, stop_s=2)
     assert (found.ground_speed_mps, found.aspect_deg, found.visibility) == (None, None, "unknown")
     with pytest.raises(AnalysisError, match="from 7 to 9 s holds 0 ranges"):
-        piece_motion(times, 8 - times, start_s=7, stop_s=9)
+        estimate_segment_motion(times, 8 - times, start_s=7, stop_s=9)
 
 
 def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
@@ -317,8 +317,8 @@ def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
         most.append(filters.count)
 
     monkeypatch.setattr(pieces._Filters, "keep", counted)
-    found = best_knots(times, ranges, **settings)
+    found = find_best_knots(times, ranges, **settings)
     assert len(found[0]) > 20
     assert max(most) < times.size / 3
     monkeypatch.setattr(pieces, "HOPELESS", np.inf)
-    assert best_knots(times, ranges, **settings) == found
+    assert find_best_knots(times, ranges, **settings) == found

@@ -9,8 +9,8 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, Gate, gaussian_window, range_doppler, signature
-from doppelgait.processing.config import next_fast_length, plan_transform
-from doppelgait.processing.signature import cut_out, signature_in_tiles, signature_of_planes
+from doppelgait.processing.config import find_fast_length, plan_transform
+from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, cut_out
 
 WAVELENGTH_M = 0.0411238
 LONG = 1 << 18
@@ -75,7 +75,7 @@ def test_independence_of_cells_and_columns_e23():
 
 @pytest.mark.parametrize(("m", "k"), [(101, 128), (129, 160), (161, 192), (131, 160), (31, 32), (3, 3), (1, 1)])
 def test_default_transform_length_is_the_next_fast_one(m, k):
-    assert next_fast_length(m) == k
+    assert find_fast_length(m) == k
 
 
 def test_plan_of_the_defaults_e21_e22():
@@ -83,7 +83,7 @@ def test_plan_of_the_defaults_e21_e22():
     assert plan.window.size == 101
     assert plan.n_doppler_bins == 128
     assert plan.hop == 8
-    centres = plan.centre_pulses()
+    centres = plan.compute_centre_pulses()
     assert centres[0] == 50
     assert centres[-1] <= 4949 < centres[-1] + 8  # valid region only
     assert plan_transform(Analysis(), n_pulses=1000, prf_hz=1300.0).hop == 10  # floor(130 / 12)
@@ -92,7 +92,7 @@ def test_plan_of_the_defaults_e21_e22():
 def test_plan_of_the_report_is_hop_1_k_m_and_zero_padding():
     plan = plan_transform(Analysis(method="liland2018"), n_pulses=500, prf_hz=1000.0)
     assert (plan.n_doppler_bins, plan.hop, plan.n_columns) == (101, 1, 500)
-    np.testing.assert_array_equal(plan.centre_pulses(), np.arange(500))
+    np.testing.assert_array_equal(plan.compute_centre_pulses(), np.arange(500))
 
 
 def test_plan_refuses_a_short_record_and_a_short_transform():
@@ -237,9 +237,9 @@ def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy):
     planes = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
     for samples in (Samples(matrix), Samples.from_planes(planes, n_pulses)):
         given = samples.with_noise(np.uint64(7), 0.3) if noisy else samples
-        whole, first_bin = given.read(cut.needed_pulses(), cut.margin_pulses)
-        wanted = signature_of_planes(whole[0], whole[1], first_bin, cut, wavelength_m=0.04)
-        found = signature_in_tiles(given.read_tile, cut, wavelength_m=0.04)
+        whole, first_bin = given.read(cut.find_needed_pulses(), cut.margin_pulses)
+        wanted = compute_plane_signature(whole[0], whole[1], first_bin, cut, wavelength_m=0.04)
+        found = compute_tiled_signature(given.read_tile, cut, wavelength_m=0.04)
         np.testing.assert_array_equal(found.values, wanted.values)
         assert found.attrs == wanted.attrs
 

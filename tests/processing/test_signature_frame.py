@@ -10,7 +10,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.processing import Analysis, Gate, noise_floor_v2, signature, within_frame
+from doppelgait.processing import Analysis, Gate, crop_to_frame, noise_floor_v2, signature
 from doppelgait.radar import Radar, add_noise
 from doppelgait.scene import Scene, Target
 
@@ -37,12 +37,12 @@ def test_share_of_the_gate_inside_the_frame_is_known(centre_m, share):
 def test_the_noise_floor_of_a_cut_gate_is_that_of_a_whole_one(centre_m):
     mu = noise_signature(centre_m)
     expected = POWER_V2 * mu.attrs["window_energy"] * mu.attrs["n_gate_bins"]
-    assert noise_floor_v2(within_frame(mu)[0]) == pytest.approx(expected, rel=0.03)
+    assert noise_floor_v2(crop_to_frame(mu)[0]) == pytest.approx(expected, rel=0.03)
 
 
 def test_the_time_outside_is_left_out():
     mu = noise_signature(np.linspace(7.0, 12.0, 4000))
-    kept, share = within_frame(mu)
+    kept, share = crop_to_frame(mu)
     assert kept.coords["gate_share"].values.min() >= 0.5
     assert kept.sizes["time"] == (mu.coords["gate_share"].values >= 0.5).sum()
     assert share == pytest.approx(mu.coords["gate_share"].values.mean())
@@ -50,14 +50,14 @@ def test_the_time_outside_is_left_out():
 
 def test_a_gate_inside_is_left_as_it_is():
     mu = noise_signature(5.0)
-    kept, share = within_frame(mu)
+    kept, share = crop_to_frame(mu)
     assert kept is mu
     assert share == 1.0
 
 
 def test_a_gate_that_is_hardly_ever_inside_is_refused():
     with pytest.raises(AnalysisError, match="outside the recorded frame for all but"):
-        within_frame(noise_signature(np.linspace(9.62, 14.0, 4000)))
+        crop_to_frame(noise_signature(np.linspace(9.62, 14.0, 4000)))
 
 
 def test_a_walker_who_leaves_the_frame_keeps_his_bandwidth_and_is_flagged():

@@ -12,7 +12,7 @@ from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import label_baseband
-from doppelgait.testing.tracking import agreement
+from doppelgait.testing.tracking import compare_tracks
 
 TIMES = np.arange(0.05, 6.0, 0.1)
 
@@ -104,7 +104,7 @@ def test_crossing_keeps_identities(merge_mps: float) -> None:
     for seed in range(20):
         scans, truth = crossing_scans(np.random.default_rng(seed), merge_mps=merge_mps)
         tracks = track(scans)
-        result = agreement(table(tracks), truth)
+        result = compare_tracks(table(tracks), truth)
         good += len(tracks) == 2 and result.switches == 0 and result.gospa < 0.35
     assert good >= 19
 

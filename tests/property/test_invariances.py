@@ -14,7 +14,7 @@ from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis, Gate, align, normalise, range_doppler, signature
 from doppelgait.radar import Radar, received_power_w, synthesise
-from doppelgait.scene import RcsSpec, Scene, Target, assemble, part_weights
+from doppelgait.scene import RcsSpec, Scene, Target, assemble, compute_part_weights
 from doppelgait.scene.rcs import PART_WEIGHTS
 
 
@@ -175,7 +175,7 @@ def test_received_power_falls_with_the_fourth_power_of_range(range_m, rcs_m2):
 
 @always(st.lists(st.sampled_from(sorted(PART_WEIGHTS)), min_size=1, max_size=40))
 def test_weights_sum_to_one_and_are_positive(parts):
-    weights = part_weights(parts)
+    weights = compute_part_weights(parts)
     assert abs(weights.sum() - 1) < 1e-12
     assert (weights > 0).all()
 

@@ -21,22 +21,22 @@ from doppelgait.radar import Radar, Recording, write_recording
 from doppelgait.radar.fit import (
     Estimate,
     SensorFit,
-    calibrated_preset,
-    calibrated_radar,
+    calibrate_radar,
     estimate_rows,
     fit_sensor,
+    format_calibrated_preset,
     sensor_as_dict,
 )
-from doppelgait.radar.fit.frames import frame_faults
-from doppelgait.radar.fit.levels import clutter_profile, leakage
+from doppelgait.radar.fit.frames import find_frame_faults
+from doppelgait.radar.fit.levels import estimate_leakage, fit_clutter_profile
 from doppelgait.radar.fit.static import (
-    correlation_sum,
-    factor_variance,
+    compute_factor_variance,
+    compute_leverage,
     fit_series,
+    fit_static_part,
     level_db,
-    leverage,
-    root,
-    static_part,
+    multiply_correlation,
+    take_root,
 )
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.link import noise_power_v2
@@ -95,10 +95,10 @@ def compared(fit: SensorFit) -> dict[str, tuple[Estimate, float]]:
     return {
         "noise": (fit.noise_level_db, NOISE_DB),
         "slope": (fit.noise.slope_db_per_m, 0.0),
-        "drift": (fit.phase.drift_per_s.scaled(minute), DRIFT),
-        "walk": (fit.phase.walk_per_root_s.scaled(math.sqrt(minute)), WALK),
+        "drift": (fit.phase.drift_per_s.scale(minute), DRIFT),
+        "walk": (fit.phase.walk_per_root_s.scale(math.sqrt(minute)), WALK),
         "white": (fit.phase.white, WHITE_RAD),
-        "gain_drift": (fit.gain.drift_per_s.scaled(minute), GAIN_DRIFT),
+        "gain_drift": (fit.gain.drift_per_s.scale(minute), GAIN_DRIFT),
         "gain_white": (fit.gain.white, GAIN_WHITE_DB),
     }
 
@@ -154,7 +154,7 @@ def test_noise_figure_and_gain_reproduce_the_noise() -> None:
     assert fit.noise_figure_db.value == pytest.approx(9.0, abs=4 * fit.noise_figure_db.sd)
     assert fit.receiver_gain_db.value == pytest.approx(13.0, abs=4 * fit.receiver_gain_db.sd)
     assert fit.noise_figure_db.sd < 0.1
-    assert calibrated_radar(fit).noise_figure_db == pytest.approx(fit.noise_figure_db.value)
+    assert calibrate_radar(fit).noise_figure_db == pytest.approx(fit.noise_figure_db.value)
 
 
 def test_noise_of_a_counter_changes_with_the_root_of_the_noise_figure() -> None:
@@ -164,20 +164,20 @@ def test_noise_of_a_counter_changes_with_the_root_of_the_noise_figure() -> None:
     assert fit.noise_figure_db.value == pytest.approx(12.0, abs=4 * fit.noise_figure_db.sd)
     assert fit.receiver_gain_db.value == pytest.approx(16.0, abs=4 * fit.receiver_gain_db.sd)
     assert fit.noise_figure_db.sd == pytest.approx(2.0 * fit.noise_level_db.sd)
-    own = calibrated_radar(fit)
+    own = calibrate_radar(fit)
     assert own.noise_figure_db == pytest.approx(fit.noise_figure_db.value)
     assert 10 * math.log10(noise_power_v2(own)) == pytest.approx(fit.noise_level_db.value, abs=1e-3)
 
 
 def test_fitted_correlation_goes_into_the_radar() -> None:
-    own = calibrated_radar(fit_sensor(recording(room(5, correlated=True)[0])))
+    own = calibrate_radar(fit_sensor(recording(room(5, correlated=True)[0])))
     np.testing.assert_allclose(own.noise_correlation, [2 / 3, 1 / 6], atol=0.01)
-    assert calibrated_radar(fit_sensor(recording(room(5)[0]))).noise_correlation == ()
+    assert calibrate_radar(fit_sensor(recording(room(5)[0]))).noise_correlation == ()
 
 
 def test_implausible_noise_figure_changes_the_gain_instead() -> None:
     fit = fit_sensor(recording(room(5, noise_db=-70.0, clutter_db=35.0)[0]))
-    twin = calibrated_radar(fit)
+    twin = calibrate_radar(fit)
     assert twin.noise_figure_db == RADAR.noise_figure_db
     assert twin.receiver_gain_db == pytest.approx(fit.receiver_gain_db.value)
     assert any("noise figure" in flag for flag in fit.flags)
@@ -206,7 +206,7 @@ def test_clutter_profile_is_the_mean_level_of_many_rooms() -> None:
 def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
     rng = np.random.default_rng(6)
     echo = 10 ** (mean_level_db(RANGE_M) / 20) * normal(rng, RANGE_M.size)
-    found = clutter_profile(echo, range_m=RANGE_M, noise_power_v2=0.0, resolution_m=RADAR.range_resolution_m)
+    found = fit_clutter_profile(echo, range_m=RANGE_M, noise_power_v2=0.0, resolution_m=RADAR.range_resolution_m)
     power = np.abs(echo) ** 2
 
     def cost(level_db: np.ndarray) -> float:
@@ -223,7 +223,7 @@ def test_clutter_profile_maximises_the_exponential_likelihood() -> None:
 def test_noise_left_in_the_static_echo_is_taken_off() -> None:
     """Noise alone, -60 dB: the profile must lie far below it."""
     echo = 1e-3 * normal(np.random.default_rng(2), RANGE_M.size)
-    found = clutter_profile(echo, range_m=RANGE_M, noise_power_v2=1e-6, resolution_m=RADAR.range_resolution_m)
+    found = fit_clutter_profile(echo, range_m=RANGE_M, noise_power_v2=1e-6, resolution_m=RADAR.range_resolution_m)
     assert np.median(found.level_db) < -62.0
 
 
@@ -233,7 +233,7 @@ def test_level_of_the_direct_path_scatters_as_its_uncertainty_says() -> None:
     for _ in range(400):
         echo = 1e-5 * normal(rng, RANGE_M.size)
         echo[3] += 1e-3
-        found = leakage(echo, range_m=RANGE_M, noise_power_v2=1e-10)
+        found = estimate_leakage(echo, range_m=RANGE_M, noise_power_v2=1e-10)
         levels.append(found.level_db)
     assert np.mean([e.value for e in levels]) == pytest.approx(-60.0, abs=0.01)
     assert np.std([e.value for e in levels]) == pytest.approx(levels[0].sd, rel=0.12)
@@ -284,15 +284,15 @@ def test_leverage_and_phase_variance_equal_those_of_the_dense_covariance() -> No
             if abs(a - b) < 4:
                 dense[a, b] = rho[a - b] if a >= b else rho[b - a].conj()
     echo = normal(rng, n) * np.linspace(3, 0.5, n)
-    static = static_part(np.exp(1j * rng.normal(size=40))[:, None] * echo)
+    static = fit_static_part(np.exp(1j * rng.normal(size=40))[:, None] * echo)
     c = static.echo_v
     energy = np.vdot(c, c).real
     remove = np.eye(n) - np.outer(c, c.conj()) / energy
     left = np.real(np.diag(remove @ dense @ remove.conj().T))
-    assert leverage(static, rho) == pytest.approx(1 - left, abs=1e-9)
-    assert correlation_sum(c, rho) == pytest.approx(dense @ c)
+    assert compute_leverage(static, rho) == pytest.approx(1 - left, abs=1e-9)
+    assert multiply_correlation(c, rho) == pytest.approx(dense @ c)
     wanted = np.real(np.vdot(c, dense @ c)) * power / (2 * energy**2)
-    assert factor_variance(static, rho, noise_power_v2=power) == pytest.approx(wanted)
+    assert compute_factor_variance(static, rho, noise_power_v2=power) == pytest.approx(wanted)
 
 
 def test_a_mover_is_named_and_does_not_spoil_the_rest() -> None:
@@ -348,7 +348,7 @@ def test_dropped_frames_are_counted_and_left_out() -> None:
 
 def test_missing_times_count_as_lost() -> None:
     time_s = np.delete(np.arange(200) / 10.0, [20, 21, 90])
-    faults = frame_faults(normal(np.random.default_rng(1), 197, 8), slow_time_s=time_s)
+    faults = find_frame_faults(normal(np.random.default_rng(1), 197, 8), slow_time_s=time_s)
     assert faults.lost == 3
     assert not faults.dropped.any()
     assert faults.probability.value == pytest.approx(3 / 200)
@@ -361,7 +361,7 @@ def test_the_share_of_dropped_frames_lies_within_its_uncertainty() -> None:
         samples = normal(rng, 400, 4)
         for frame in np.flatnonzero(rng.random(400) < 0.05):
             samples[max(frame, 1)] = samples[max(frame, 1) - 1]
-        found = frame_faults(samples, slow_time_s=np.arange(400.0)).probability
+        found = find_frame_faults(samples, slow_time_s=np.arange(400.0)).probability
         scores.append((found.value - 0.05) / found.sd)
     assert abs(np.mean(scores)) < 0.5
     assert 0.7 < np.std(scores) < 1.4
@@ -376,7 +376,7 @@ def test_direct_path_and_constant() -> None:
     assert fit.leakage.level_db.value == pytest.approx(-38.0, abs=4.0)  # clutter of -45 and the constant ride on it
     assert abs(fit.leakage.constant_v.value - 4e-3) < 4 * fit.leakage.constant_v.sd
     assert fit.leakage.constant_v.sd < 4e-4
-    assert "dc_leak" in [entry["kind"] for entry in tomllib.loads(calibrated_preset(fit))["impairments"]]
+    assert "dc_leak" in [entry["kind"] for entry in tomllib.loads(format_calibrated_preset(fit))["impairments"]]
 
 
 def test_without_static_echoes_phase_is_not_claimed() -> None:
@@ -387,7 +387,7 @@ def test_without_static_echoes_phase_is_not_claimed() -> None:
     assert fit.gain is None
     assert any("too weak" in flag for flag in fit.flags)
     assert abs(fit.noise_level_db.value - NOISE_DB) < 4 * fit.noise_level_db.sd
-    kinds = [entry["kind"] for entry in tomllib.loads(calibrated_preset(fit))["impairments"]]
+    kinds = [entry["kind"] for entry in tomllib.loads(format_calibrated_preset(fit))["impairments"]]
     assert kinds == ["static_clutter"]
 
 
@@ -418,7 +418,7 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
     samples[100] = samples[99]
     first = fit_sensor(recording(samples))
     path = tmp_path / "my-x4.toml"
-    path.write_text(calibrated_preset(first), encoding="utf-8")
+    path.write_text(format_calibrated_preset(first), encoding="utf-8")
     twin = Radar.preset(str(path))
     assert twin.n_range_bins == RANGE_M.size
     assert twin.prf_hz == PRF_HZ
@@ -443,7 +443,7 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
 
 
 def test_every_value_of_the_twin_file_has_a_comment() -> None:
-    text = calibrated_preset(fit_sensor(recording(room(19)[0])))
+    text = format_calibrated_preset(fit_sensor(recording(room(19)[0])))
     for line in text.splitlines():
         if " = " in line and not line.startswith("#") and "kind" not in line and not line.endswith("["):
             assert "  # " in line, line
@@ -453,7 +453,7 @@ def test_every_value_of_the_twin_file_has_a_comment() -> None:
 
 def test_source_names_cannot_break_the_file() -> None:
     fit = replace(fit_sensor(recording(room(20, frames=64)[0])), source='a"b\x07\n[radar]\nprf_hz = 1')
-    assert "radar" not in tomllib.loads(calibrated_preset(fit))
+    assert "radar" not in tomllib.loads(format_calibrated_preset(fit))
 
 
 def test_rows_and_json_hold_the_estimates() -> None:
@@ -470,10 +470,10 @@ def test_estimates_convert_with_their_uncertainty() -> None:
     assert level_db(Estimate(100.0, 1.0)).value == pytest.approx(20.0)
     assert level_db(Estimate(100.0, 1.0)).sd == pytest.approx(10 * math.log10(1.01), rel=0.01)
     assert level_db(Estimate(0.0, 1.0)).value == -math.inf
-    assert root(4.0, 0.1).value == pytest.approx(2.0)
-    assert root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
-    assert root(-1.0, 0.04).value == 0.0
-    assert root(-1.0, 0.04).sd == pytest.approx(0.2)
+    assert take_root(4.0, 0.1).value == pytest.approx(2.0)
+    assert take_root(4.0, 0.1).sd == pytest.approx(0.1 / 4, rel=0.02)
+    assert take_root(-1.0, 0.04).value == 0.0
+    assert take_root(-1.0, 0.04).sd == pytest.approx(0.2)
 
 
 @pytest.fixture

@@ -17,17 +17,17 @@ from doppelgait.pipeline import parse_run
 from doppelgait.radar import Radar, Recording, write_recording
 from doppelgait.radar.fit import (
     Estimate,
-    calibrated_radar,
+    calibrate_radar,
     fit_kind,
     fit_sensor,
-    kind_preset,
+    format_kind_preset,
     measure_recording,
     pool,
 )
-from doppelgait.radar.fit.gain import figure_of
-from doppelgait.radar.fit.measure import channels_of, converter_of
-from doppelgait.radar.fit.pool import mains_of
-from doppelgait.radar.link import derived_quantities, noise_power_v2
+from doppelgait.radar.fit.gain import find_noise_figure
+from doppelgait.radar.fit.measure import convert_ratio, find_converter
+from doppelgait.radar.fit.pool import find_mains_harmonic
+from doppelgait.radar.link import list_derived_quantities, noise_power_v2
 
 PRF_HZ = 400.0
 CW = Radar(waveform="cw", carrier_hz=24e9, prf_hz=PRF_HZ, range_stop_m=10.0, noise_figure_db=10.0)
@@ -120,9 +120,9 @@ def test_a_line_is_found_in_all_bins_and_a_mover_is_none() -> None:
     (line,) = measure_recording(recording(samples, X4)).lines
     assert line.frequency_hz == pytest.approx(100.0, abs=line.half_width_hz)
     assert line.level_db.value == pytest.approx(-100.0, abs=1.0)
-    assert mains_of(line.frequency_hz, PRF_HZ, 1.0) == "2 x 50 Hz"
-    assert mains_of(-100.0, 1000.0, 1.0) == "2 x 50 Hz"  # a real line has both signs
-    assert mains_of(37.0, 1000.0, 1.0) == ""
+    assert find_mains_harmonic(line.frequency_hz, PRF_HZ, 1.0) == "2 x 50 Hz"
+    assert find_mains_harmonic(-100.0, 1000.0, 1.0) == "2 x 50 Hz"  # a real line has both signs
+    assert find_mains_harmonic(37.0, 1000.0, 1.0) == ""
 
 
 def test_noise_over_doppler_range_and_between_bins() -> None:
@@ -145,11 +145,11 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
     assert abs(by_doppler[150]) < 0.5
     first, *_, last = (level for _, level in sloping.range_db)
     assert last - first == pytest.approx(10 * math.log10((1 + 10**0.52) / 1.011), abs=0.7)
-    assert 'kind = "coloured_noise"' in kind_preset(coloured)
+    assert 'kind = "coloured_noise"' in format_kind_preset(coloured)
     assert "noise over Doppler" not in coloured.refused
     bodies = np.stack([mover(rng, 6400, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
     kind = fit_kind([recording(shaped[0] + bodies, wide)])
-    entries = {entry["kind"]: entry for entry in tomllib.loads(kind_preset(kind))["impairments"]}
+    entries = {entry["kind"]: entry for entry in tomllib.loads(format_kind_preset(kind))["impairments"]}
     levels = entries["coloured_noise"]["levels"]
     knots_hz, levels_db = np.array(levels).T
     white_db = kind.pooled["noise_level_db"].mean.value
@@ -161,12 +161,12 @@ def test_converters_show_their_steps_and_their_ends() -> None:
     rng = np.random.default_rng(4)
     step, y = 1 / 2048, 0.5 * normal(rng, 20000, 1)
     codes = np.clip(np.round(y.real / step), -1024, 1023) + 1j * np.clip(np.round(y.imag / step), -1024, 1023)
-    found, full, clipped = converter_of(codes * step)
+    found, full, clipped = find_converter(codes * step)
     assert found == pytest.approx(step)
     assert full == pytest.approx(0.5)
     assert clipped.mean() == pytest.approx(float(np.mean((abs(y.real) > 0.4995) | (abs(y.imag) > 0.4995))), abs=0.01)
-    assert math.isnan(converter_of(y)[0])
-    inside = converter_of(np.round(0.05 * y / step) * step)
+    assert math.isnan(find_converter(y)[0])
+    inside = find_converter(np.round(0.05 * y / step) * step)
     assert inside[0] == pytest.approx(step)
     assert math.isnan(inside[1])
 
@@ -174,14 +174,14 @@ def test_converters_show_their_steps_and_their_ends() -> None:
 def test_channels_of_their_own_moments() -> None:
     rng = np.random.default_rng(5)
     y = channels(normal(rng, 400_000), -2.0, 12.0)
-    gain_db, phase_deg = channels_of(complex(np.sum(y**2) / np.sum(np.abs(y) ** 2)))
+    gain_db, phase_deg = convert_ratio(complex(np.sum(y**2) / np.sum(np.abs(y) ** 2)))
     assert gain_db == pytest.approx(-2.0, abs=0.05)
     assert phase_deg == pytest.approx(12.0, abs=0.3)
 
 
 @pytest.mark.parametrize("radar", [X4, X4.model_copy(update={"threshold_step_v": 1e-6}), CW])
 def test_the_noise_figure_gives_the_level_back(radar: Radar) -> None:
-    found = figure_of(radar, Estimate(10 * math.log10(noise_power_v2(radar)), 0.5))
+    found = find_noise_figure(radar, Estimate(10 * math.log10(noise_power_v2(radar)), 0.5))
     assert found.value == pytest.approx(radar.noise_figure_db, abs=1e-6)
     assert found.sd == pytest.approx(1.0 if radar.threshold_step_v else 0.5, rel=0.01)  # a counter's goes with the root
 
@@ -200,7 +200,7 @@ def several(count: int, *, noise_apart: bool = False) -> list[Recording]:
 
 def test_the_preset_has_the_spreads_and_loads(tmp_path: Path) -> None:
     path = tmp_path / "my.toml"
-    path.write_text(kind_preset(fit_kind(several(10))), encoding="utf-8")
+    path.write_text(format_kind_preset(fit_kind(several(10))), encoding="utf-8")
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     kinds = {entry["kind"]: entry for entry in table["impairments"]}
     assert list(kinds) == ["iq_imbalance", "dc_leak"]
@@ -223,7 +223,7 @@ def test_noise_that_arises_behind_the_mixer_comes_after_it(tmp_path: Path) -> No
     from doppelgait.radar.impairments import apply_impairments
 
     path = tmp_path / "my.toml"
-    path.write_text(kind_preset(fit_kind(several(8, noise_apart=True))), encoding="utf-8")
+    path.write_text(format_kind_preset(fit_kind(several(8, noise_apart=True))), encoding="utf-8")
     run = parse_run({"duration_s": 1.0, "radar": str(path)})
     text = path.read_text(encoding="utf-8")
     assert "the thermal_noise below stands in place of the radar's own" in text
@@ -256,15 +256,15 @@ def test_the_scale_of_the_values_changes_no_snr(step_v: float | None, scale: flo
         bins = radar.n_range_bins
         rooms.append(100 * level_v * normal(rng, bins) + level_v * normal(rng, 800, bins))
     several = [recording(scale * x, radar, source=f"{n}.h5") for n, x in enumerate(rooms)]
-    snr_db = derived_quantities(radar)["snr_1m2_5m_db"]
-    for found in (calibrated_radar(fit_sensor(several[0])), fit_kind(several).radar):
-        derived = derived_quantities(found)
+    snr_db = list_derived_quantities(radar)["snr_1m2_5m_db"]
+    for found in (calibrate_radar(fit_sensor(several[0])), fit_kind(several).radar):
+        derived = list_derived_quantities(found)
         assert derived["snr_1m2_5m_db"] == pytest.approx(snr_db, abs=0.3)
         assert derived["noise_level_dbv"] == pytest.approx(20 * math.log10(scale * level_v), abs=0.3)
     with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
         fit_kind([recording(1e8 * x, radar) for x in rooms])
     with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
-        calibrated_radar(fit_sensor(recording(1e8 * rooms[0], radar)))
+        calibrate_radar(fit_sensor(recording(1e8 * rooms[0], radar)))
 
 
 @pytest.mark.parametrize("own", ["gain", "figure"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import SensorFit, calibrated_preset, fit_sensor
+from doppelgait.radar.fit import SensorFit, fit_sensor, format_calibrated_preset
 from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared
@@ -76,7 +76,7 @@ def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: 
 
 def test_twin_file_loads(fit: SensorFit, tmp_path: Path) -> None:
     path = tmp_path / "my-x4.toml"
-    path.write_text(calibrated_preset(fit), encoding="utf-8")
+    path.write_text(format_calibrated_preset(fit), encoding="utf-8")
     radar = Radar.preset(str(path))
     assert radar.n_range_bins == fit.range_m.size
     assert radar.range_axis_m() == pytest.approx(fit.range_m, abs=0.01)  # drivers count with c = 3e8 m/s

@@ -31,7 +31,7 @@ from doppelgait.radar.impairments import (
     apply_impairments,
     image_ratio_db,
     make_impairment,
-    pulse_times,
+    shift_pulse_times,
 )
 
 X4 = Radar.preset("x4", volts_per_unit=0.4)
@@ -196,22 +196,22 @@ def test_empty_list_changes_nothing():
 def test_jitter_moves_the_pulses_and_not_the_samples():
     nominal = np.arange(20_000) / X4.prf_hz
     specs = [IqImbalance(), FrameJitter(sd_s=3e-5), FrameJitter(sd_s=4e-5)]
-    times = pulse_times(nominal, specs, radar=X4, rng=np.random.default_rng(2))
+    times = shift_pulse_times(nominal, specs, radar=X4, rng=np.random.default_rng(2))
     error = (times - nominal)[1:-1]
     assert error.std() == pytest.approx(5e-5, rel=0.03)  # 3-4-5: independent errors
     assert abs(error.mean()) < 4 * 5e-5 / math.sqrt(error.size)
     for seed in range(5):  # else one of them would leave it at either end
-        ends = pulse_times(nominal[:9], specs, radar=X4, rng=np.random.default_rng(seed))
+        ends = shift_pulse_times(nominal[:9], specs, radar=X4, rng=np.random.default_rng(seed))
         assert ends[0] >= nominal[0]
         assert ends[-1] <= nominal[8]
-    again = pulse_times(nominal, specs, radar=X4, rng=np.random.default_rng(2))
+    again = shift_pulse_times(nominal, specs, radar=X4, rng=np.random.default_rng(2))
     np.testing.assert_array_equal(times, again)
-    np.testing.assert_array_equal(pulse_times(nominal, [Adc()], radar=X4, rng=np.random.default_rng(2)), nominal)
+    np.testing.assert_array_equal(shift_pulse_times(nominal, [Adc()], radar=X4, rng=np.random.default_rng(2)), nominal)
 
 
 def test_jitter_that_would_exchange_pulses_is_refused():
     with pytest.raises(ConfigError, match=r"sd_s = 0\.001.*prf_hz = 1000.*0\.0001 s"):
-        pulse_times(np.arange(3) / 1000, [FrameJitter(sd_s=1e-3)], radar=X4, rng=np.random.default_rng(2))
+        shift_pulse_times(np.arange(3) / 1000, [FrameJitter(sd_s=1e-3)], radar=X4, rng=np.random.default_rng(2))
 
 
 @pytest.mark.parametrize(("probability", "mean_length"), [(0.05, 1.0), (0.2, 5.0), (0.6, 20.0)])

@@ -8,10 +8,10 @@ from scipy.stats import norm
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.samples import Samples
-from doppelgait.radar import Radar, derived_quantities
+from doppelgait.radar import Radar, list_derived_quantities
 from doppelgait.radar.impairments import ThermalNoise
 from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
-from doppelgait.radar.link import comparator_noise_v, counter_noise_ratio, noise_power_v2, noise_taps
+from doppelgait.radar.link import comparator_noise_v, compute_counter_noise_ratio, make_noise_taps, noise_power_v2
 from doppelgait.radar.simulate import draw_key
 
 SHAPE = {
@@ -44,7 +44,7 @@ def test_a_counter_counted_one_by_one_has_the_noise_of_e18b(steps, n_values):
     radar = counter_with_noise_of(steps)
     assert radar.averages_per_frame == N
     step_v = radar.threshold_step_v
-    formula = counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / step_v**2
+    formula = compute_counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / step_v**2
     assert formula == pytest.approx({1.0: 0.0035, 5.0: 0.0176, 20.0: 0.0705}[steps], abs=6e-5)
     # +-0.2 dB; the standard error of a variance of so many values is 0.04 to 0.1 dB
     assert 10 * math.log10(np.var(errors) / formula) == pytest.approx(0.0, abs=0.2)
@@ -57,7 +57,7 @@ def test_the_closed_form_is_the_mean_over_all_places_between_two_thresholds(step
     above = norm.cdf((place[:, None] - thresholds) / steps)
     variance = (above * (1 - above)).sum(axis=1).mean() / N  # steps^2
     radar = counter_with_noise_of(steps)
-    formula = counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / radar.threshold_step_v**2
+    formula = compute_counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / radar.threshold_step_v**2
     assert formula == pytest.approx(variance, rel=1e-3)
 
 
@@ -66,8 +66,8 @@ def test_bin_noise_of_a_counter_is_that_of_averaging_times_the_ratio():
     averaging = Radar(**SHAPE)
     change = noise_power_v2(radar) / noise_power_v2(averaging)
     assert change == pytest.approx(1 / (math.sqrt(math.pi) * 2.5))
-    assert derived_quantities(radar)["noise_power_v2"] == noise_power_v2(radar)
-    snr = derived_quantities(radar)["snr_1m2_5m_db"] - derived_quantities(averaging)["snr_1m2_5m_db"]
+    assert list_derived_quantities(radar)["noise_power_v2"] == noise_power_v2(radar)
+    snr = list_derived_quantities(radar)["snr_1m2_5m_db"] - list_derived_quantities(averaging)["snr_1m2_5m_db"]
     assert snr == pytest.approx(-10 * math.log10(change))
 
 
@@ -116,7 +116,7 @@ def test_independent_bins_follow_the_correlation():
     "correlation", [(), (0.633, 0.141, 0.006), (0.0, 0.0, 0.3), (-0.4, 0.1), (0.5,), (2 / 3, 1 / 3), (0.1,) * 5]
 )
 def test_the_factor_over_range_has_the_stated_correlation_and_is_minimum_phase(correlation):
-    taps = noise_taps(Radar(**SHAPE, noise_correlation=correlation)).astype(float)
+    taps = make_noise_taps(Radar(**SHAPE, noise_correlation=correlation)).astype(float)
     assert taps.dtype == float
     assert taps.size == len(correlation) + 1
     np.testing.assert_allclose(np.correlate(taps, taps, "full")[taps.size - 1 :], [1.0, *correlation], atol=2e-6)
@@ -126,7 +126,7 @@ def test_the_factor_over_range_has_the_stated_correlation_and_is_minimum_phase(c
 def test_simulated_noise_has_the_stated_correlation_and_power():
     radar = Radar(**SHAPE, noise_correlation=[0.633, 0.141, 0.006])
     silence = Samples(np.zeros((20_000, 60), np.complex64))
-    noise = silence.with_noise(draw_key(np.random.default_rng(1)), 4.0, noise_taps(radar)).matrix.astype(complex)
+    noise = silence.with_noise(draw_key(np.random.default_rng(1)), 4.0, make_noise_taps(radar)).matrix.astype(complex)
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(4.0, rel=0.005)
     for lag, rho in enumerate([0.633, 0.141, 0.006, 0.0, 0.0], start=1):
         found = np.mean(noise[:, lag:] * noise[:, :-lag].conj()) / 4.0

@@ -8,10 +8,10 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import rng
 from doppelgait.motion import make_motion
 from doppelgait.pipeline import Conditions, simulate
-from doppelgait.radar import Radar, preset_names, synthesise
-from doppelgait.radar.link import fold_scatterers, noise_power_v2, scatterer_arrays
+from doppelgait.radar import Radar, list_preset_names, synthesise
+from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, noise_power_v2
 from doppelgait.scene import Scene, Target
-from doppelgait.testing.conformance.radars import table
+from doppelgait.testing.conformance.radars import make_table
 
 C = 299_792_458.0
 X4 = Radar.preset("x4")
@@ -25,7 +25,7 @@ def same_but(radar, **changes):
 
 # --- Integration of a frame (E-13b) -------------------------------------------------------------------------------
 
-INTEGRATING = [name for name in preset_names() if Radar.preset(name).integration_share > 0]
+INTEGRATING = [name for name in list_preset_names() if Radar.preset(name).integration_share > 0]
 
 
 @pytest.mark.parametrize("name", INTEGRATING)
@@ -33,9 +33,9 @@ INTEGRATING = [name for name in preset_names() if Radar.preset(name).integration
 def test_a_moving_echo_loses_the_sinc_of_its_turns_in_the_integration(name, prf_hz):
     radar = Radar.preset(name) if prf_hz is None else Radar.preset(name, prf_hz=prf_hz)
     speed_mps = np.array([0.0, 0.1, -0.3, 0.7, -1.2, 2.0, 4.5, -6.0])
-    echoes = table(np.full(8, 3.0), radial_velocity=speed_mps)
-    _, whole_v = scatterer_arrays(echoes, same_but(radar, integration_share=0.0))
-    _, found_v = scatterer_arrays(echoes, radar)
+    echoes = make_table(np.full(8, 3.0), radial_velocity=speed_mps)
+    _, whole_v = compute_scatterer_arrays(echoes, same_but(radar, integration_share=0.0))
+    _, found_v = compute_scatterer_arrays(echoes, radar)
     turns = np.pi * 2.0 * speed_mps * radar.carrier_hz / C * radar.integration_share / radar.prf_hz
     turns[0] = 1e-9
     assert found_v[:, 0] / whole_v[:, 0] == pytest.approx(np.sin(turns) / turns, abs=1e-9)
@@ -44,7 +44,7 @@ def test_a_moving_echo_loses_the_sinc_of_its_turns_in_the_integration(name, prf_
 @pytest.mark.parametrize(("name", "speed_mps", "loss_db"), [("x4-17fps", 1.2, -23.1), ("x4-255fps", 4.5, -13.4)])
 def test_loss_of_a_walking_body_and_of_a_foot(name, speed_mps, loss_db):
     radar = Radar.preset(name)
-    moving, resting = synthesise(table([3.0, 3.0], radial_velocity=[speed_mps, 0.0]), radar).values
+    moving, resting = synthesise(make_table([3.0, 3.0], radial_velocity=[speed_mps, 0.0]), radar).values
     assert 20 * np.log10(np.abs(moving).max() / np.abs(resting).max()) == pytest.approx(loss_db, abs=0.06)
 
 
@@ -54,10 +54,10 @@ def test_a_frame_is_the_mean_of_looks_spread_over_the_integration(speed_mps):
     radar = Radar.preset("x4", prf_hz=250, integration_share=0.9)
     time_s = (np.arange(4000) + 0.5) / 4000 * 0.9 / 250
     time_s -= time_s.mean()
-    looks = table(4.0 - speed_mps * time_s, radial_velocity=speed_mps)
+    looks = make_table(4.0 - speed_mps * time_s, radial_velocity=speed_mps)
     mean = synthesise(looks, same_but(radar, integration_share=0.0)).values.astype(complex).mean(axis=0)
-    frame = synthesise(table([4.0], radial_velocity=speed_mps), radar).values[0]
-    peak = np.abs(synthesise(table([4.0]), radar).values).max()
+    frame = synthesise(make_table([4.0], radial_velocity=speed_mps), radar).values[0]
+    peak = np.abs(synthesise(make_table([4.0]), radar).values).max()
     n = np.abs(frame).argmax()
     if speed_mps < 10:  # not near a null
         assert 20 * np.log10(abs(frame[n] / mean[n])) == pytest.approx(0.0, abs=0.02)
@@ -102,7 +102,7 @@ def test_noise_of_a_cw_radar_belongs_to_the_same_integration():
 
 def test_integration_needs_velocities_and_a_waveform_without_a_model_of_its_own():
     with pytest.raises(ConfigError, match=r"no radial_velocity, which .* integration_share need"):
-        synthesise(table([3.0]).drop_vars("radial_velocity"), X4)
+        synthesise(make_table([3.0]).drop_vars("radial_velocity"), X4)
     with pytest.raises(ConfigError, match="integration_share means nothing to waveform 'fmcw'"):
         Radar.preset("ti-77", integration_share=0.5)
     with pytest.raises(ConfigError, match=r"integration_share.*less than or equal to 1"):
@@ -128,16 +128,16 @@ def pulse_train(radar, range_m):
 )  # fmt: skip
 def test_an_echo_is_that_of_all_pulses_that_ever_left(change, range_m):
     radar = Radar.preset("x4", **change)
-    found = synthesise(table([range_m]), radar).values[0]
+    found = synthesise(make_table([range_m]), radar).values[0]
     wanted = pulse_train(radar, range_m)
     assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted).max() + 1e-6 * np.abs(pulse_train(radar, 43.3)).max()
 
 
 def test_a_walker_at_12_m_appears_at_2_13_m_with_level_and_phase_of_12_m():
-    bins = synthesise(table([12.0]), same_but(X4, decimation=1))
+    bins = synthesise(make_table([12.0]), same_but(X4, decimation=1))
     n = int(np.abs(bins.values[0]).argmax())
     assert float(bins["range"][n]) == pytest.approx(2.130, abs=0.004)
-    near = np.abs(synthesise(table([12.0 - PULSE_M]), same_but(X4, decimation=1)).values).max()
+    near = np.abs(synthesise(make_table([12.0 - PULSE_M]), same_but(X4, decimation=1)).values).max()
     level_db = 20 * np.log10(np.abs(bins.values[0, n]) / near)
     assert level_db == pytest.approx(40 * np.log10((12.0 - PULSE_M) / 12.0), abs=0.01)  # R^-4 of the true range
     phase_rad = np.angle(bins.values[0, n] * np.exp(4j * np.pi * 12.0 * X4.carrier_hz / C))
@@ -153,12 +153,12 @@ def test_matched_pulses_fold_whole(waveform):
         pulse_rate_hz=15.1875e6, **own,
     )  # fmt: skip
     unfolded = same_but(radar, fold_echoes=False)
-    assert not np.abs(synthesise(table([14.0]), unfolded).values).any()
-    found = synthesise(table([14.0, 14.0 - PULSE_M], radial_velocity=3.0), radar).values
+    assert not np.abs(synthesise(make_table([14.0]), unfolded).values).any()
+    found = synthesise(make_table([14.0, 14.0 - PULSE_M], radial_velocity=3.0), radar).values
     ratio = ((14.0 - PULSE_M) / 14.0) ** 2  # the carrier turns whole times between two pulses
     assert found[0] == pytest.approx(found[1] * ratio, abs=2e-6 * float(np.abs(found[0]).max()))
     # a response that reaches beyond the next pulse goes on at the start of the frame
-    at_end, cut = (np.abs(synthesise(table([9.5]), r).values[0]) for r in (radar, unfolded))
+    at_end, cut = (np.abs(synthesise(make_table([9.5]), r).values[0]) for r in (radar, unfolded))
     assert at_end[-10:] == pytest.approx(cut[-10:], rel=1e-5)
     if waveform == "rectangular":  # the triangle's flank
         assert at_end[0] / at_end.max() == pytest.approx(1 - (PULSE_M - 9.5) / (C * 4e-9 / 2), abs=0.02)
@@ -181,8 +181,8 @@ def test_reflections_beyond_the_next_pulse_fold_and_truth_does_not():
 
 
 def test_what_does_not_fold_is_not_touched():
-    near = table(np.full((5, 3), [2.0, 5.0, 9.0]))
-    far = table([[2.0, 12.0]], path_phase=0.3)
+    near = make_table(np.full((5, 3), [2.0, 5.0, 9.0]))
+    far = make_table([[2.0, 12.0]], path_phase=0.3)
     assert fold_scatterers(near, X4) is near
     for radar in (Radar.preset("x4-long"), Radar.preset("liland2018"), Radar.preset("xband-cw"), Radar.preset("ti-77")):
         assert fold_scatterers(far, radar) is far

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from doppelgait.cli.radar import app
 from doppelgait.core.errors import RecordingError
-from doppelgait.radar.point_clouds import ranges_at, read_points, table_of_tracks, tracks_of_points
-from doppelgait.testing.tracking import agreement
+from doppelgait.radar.point_clouds import collect_tracks, interpolate_ranges, read_points, tabulate_tracks
+from doppelgait.testing.tracking import compare_tracks
 
 FRAME_S = 0.05
 
@@ -70,9 +70,9 @@ def test_tracks_and_their_speeds(tmp_path, form):
     else:
         points = read_points(write_json(tmp_path / "a.json", late=form == "late"))
     assert len(points) == 80 * 15
-    tracks = tracks_of_points(points)
+    tracks = collect_tracks(points)
     assert [one.track for one in tracks] == [3, 4]
-    table = table_of_tracks(tracks)
+    table = tabulate_tracks(tracks)
     # radial velocity of the closed form: the median over the frames
     times_s, places = bodies()
     radial = [-np.gradient(np.linalg.norm(place, axis=1), FRAME_S) for place in places]
@@ -82,30 +82,30 @@ def test_tracks_and_their_speeds(tmp_path, form):
     assert table["velocity_spread_mps"].to_numpy() == pytest.approx([1.2, 1.2], abs=0.01)
     assert table["range_start_m"].to_numpy() == pytest.approx([np.hypot(0.5, 6), np.hypot(1, 2)], abs=0.03)
     truth = np.stack([np.linalg.norm(place, axis=1) for place in places], axis=1)
-    score = agreement(ranges_at(tracks, times_s), truth)
+    score = compare_tracks(interpolate_ranges(tracks, times_s), truth)
     assert score.completeness.min() > 0.95
     assert score.switches == 0
     assert score.rms < 0.02
-    assert np.isnan(ranges_at(tracks, [-1.0, 5.0])).all()
+    assert np.isnan(interpolate_ranges(tracks, [-1.0, 5.0])).all()
 
 
 def test_gaps_turns_and_signs(tmp_path):
     path = write_csv(tmp_path / "a.csv")
-    flipped = table_of_tracks(tracks_of_points(read_points(path, approaching_positive=True)))
-    plain = table_of_tracks(tracks_of_points(read_points(path)))
+    flipped = tabulate_tracks(collect_tracks(read_points(path, approaching_positive=True)))
+    plain = tabulate_tracks(collect_tracks(read_points(path)))
     assert flipped["torso_velocity_mps"].to_numpy() == pytest.approx(-plain["torso_velocity_mps"].to_numpy())
     points = read_points(path)
-    broken = tracks_of_points(points[(points["time_s"] < 1) | (points["time_s"] > 1.9)])
-    found = ranges_at(broken, [0.5, 1.5, 3.0])
+    broken = collect_tracks(points[(points["time_s"] < 1) | (points["time_s"] > 1.9)])
+    found = interpolate_ranges(broken, [0.5, 1.5, 3.0])
     assert np.isnan(found[1]).all()
     assert np.isfinite(found[[0, 2]]).all()
-    again = tracks_of_points(points[(points["time_s"] < 1) | (points["time_s"] > 2.2)])
+    again = collect_tracks(points[(points["time_s"] < 1) | (points["time_s"] > 2.2)])
     assert [one.track for one in again] == [3, 3, 4, 4]  # a number that returns later is another body's
     assert [one.times_s[-1] < 1 for one in again] == [True, False, True, False]
-    assert tracks_of_points(points[points["time_s"] < 4 * FRAME_S - 1e-9]) == []
+    assert collect_tracks(points[points["time_s"] < 4 * FRAME_S - 1e-9]) == []
     angle = 2 * np.pi * points["time_s"] / 4
     circle = points.assign(x_m=np.cos(angle), y_m=3 + np.sin(angle))
-    assert table_of_tracks(tracks_of_points(circle))["ground_speed_mps"].isna().all()
+    assert tabulate_tracks(collect_tracks(circle))["ground_speed_mps"].isna().all()
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 from doppelgait.core.errors import ConfigError
 from doppelgait.radar import (
     Radar,
-    derived_quantities,
     echo_amplitude_v,
+    list_derived_quantities,
+    list_preset_names,
     noise_power_v2,
-    preset_names,
-    preset_table,
+    read_full_preset,
     synthesise,
 )
 from doppelgait.radar.effects import describe_effects
@@ -42,8 +42,8 @@ BURSTS = {"infineon-24-burst": (128, 0.2), "infineon-60-burst": (128, 0.0773), "
 
 def test_there_is_a_preset_for_every_sensor():
     wanted = {*SPEEDS_MPS, *BINS_CM, *BURSTS, "x4-long", "liland2018", "xband-cw"}
-    assert set(preset_names()) == wanted
-    assert {Radar.preset(name).waveform.kind for name in preset_names()} == {"impulse", "fmcw", "cw"}
+    assert set(list_preset_names()) == wanted
+    assert {Radar.preset(name).waveform.kind for name in list_preset_names()} == {"impulse", "fmcw", "cw"}
 
 
 @pytest.mark.parametrize("name", SPEEDS_MPS)
@@ -69,7 +69,7 @@ def test_range_bins_are_those_of_the_sources(name):
      ("ancortek-24", 128, 25.58), ("xband-fmcw", 1008, 1889.0)],
 )  # fmt: skip
 def test_samples_per_sweep_and_unambiguous_range(name, samples, reach_m):
-    derived = derived_quantities(Radar.preset(name))
+    derived = list_derived_quantities(Radar.preset(name))
     assert derived["n_samples"] == samples
     assert derived["unambiguous_range_m"] == pytest.approx(reach_m, rel=1e-3)
     assert derived["sweep_slope_hz_per_s"] == pytest.approx(
@@ -84,7 +84,7 @@ def test_x4_frames_and_averages(name, bins, averages):
     radar = Radar.preset(name)
     assert radar.n_range_bins == bins
     assert radar.averages_per_frame == pytest.approx(averages, rel=4e-3)
-    assert derived_quantities(radar)["unambiguous_range_m"] == pytest.approx(9.87, abs=5e-3)
+    assert list_derived_quantities(radar)["unambiguous_range_m"] == pytest.approx(9.87, abs=5e-3)
 
 
 def test_pulse_of_the_a121_has_its_profiles_width():
@@ -92,7 +92,7 @@ def test_pulse_of_the_a121_has_its_profiles_width():
     radar = Radar.preset("acconeer-a121")
     assert radar.sigma_s * C / 2 * 2.35482 == pytest.approx(0.32, rel=1e-3)
     assert radar.averages_per_frame == 16
-    assert derived_quantities(radar)["unambiguous_range_m"] == pytest.approx(9.6, abs=0.02)
+    assert list_derived_quantities(radar)["unambiguous_range_m"] == pytest.approx(9.6, abs=0.02)
 
 
 @pytest.mark.parametrize("name", [n for n in ("x4", "x4-long", "x4-high", "x4-17fps", "x4-255fps", "x4-512fps")])
@@ -145,13 +145,13 @@ def test_derived_quantities_of_the_link_budget():
     # -80.7 dBm by hand for the X4 (E-14); noise -82.5 dBm in 1.4 GHz + 6 dB + 10 dB gain, 94 averages; here 1.139 GHz,
     # and a counter with input noise of 2.47 steps
     less_db = 10 * np.log10(1.4 / 1.1391 * 2.467 * np.sqrt(np.pi))
-    derived = derived_quantities(Radar.preset("x4"))
+    derived = list_derived_quantities(Radar.preset("x4"))
     assert derived["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
     assert derived["noise_level_dbv"] == pytest.approx(-82.5 + 6 + 10 - 10 * np.log10(94) - 10 - less_db, abs=0.05)
     assert derived["snr_1m2_5m_db"] == pytest.approx(-80.7 + 82.5 - 6 + 10 * np.log10(94) + less_db, abs=0.1)
     assert derived["velocity_resolution_100ms_mps"] == pytest.approx(0.2056, abs=1e-4)
-    assert "unambiguous_range_m" not in derived_quantities(Radar.preset("infineon-24"))
-    json.dumps([derived_quantities(Radar.preset(name)) for name in preset_names()], allow_nan=False)
+    assert "unambiguous_range_m" not in list_derived_quantities(Radar.preset("infineon-24"))
+    json.dumps([list_derived_quantities(Radar.preset(name)) for name in list_preset_names()], allow_nan=False)
 
 
 # --- Files of one's own -------------------------------------------------------------------------------------------
@@ -183,8 +183,8 @@ def test_a_file_is_a_preset_and_its_lists_are_beside_the_radar(tmp_path):
     for name in (path, str(path)):
         radar = Radar.preset(name, prf_hz=300.0)
         assert (radar.name, radar.prf_hz, radar.n_range_bins) == ("my X4", 300.0, 98)
-        assert [entry["kind"] for entry in preset_table(name)["impairments"]] == ["phase_noise", "static_clutter"]
-        assert preset_table(name)["environment"] == [{"kind": "wall"}]
+        assert [entry["kind"] for entry in read_full_preset(name)["impairments"]] == ["phase_noise", "static_clutter"]
+        assert read_full_preset(name)["environment"] == [{"kind": "wall"}]
     assert Radar.preset(path, pulse_sigma_s=1e-9).bandwidth_hz is None
 
 
@@ -199,7 +199,7 @@ def test_faults_of_a_file_name_it(tmp_path):
     with pytest.raises(ConfigError, match=r"absent\.toml: cannot be read"):
         Radar.preset(tmp_path / "absent.toml")
     with pytest.raises(ConfigError, match=r"unknown radar preset 'x9'; known are: .*x4-17fps.*or give the path"):
-        preset_table("x9")
+        read_full_preset("x9")
 
 
 def test_a_file_starts_from_a_preset_or_a_file_and_changes_values(tmp_path):
@@ -209,8 +209,8 @@ def test_a_file_starts_from_a_preset_or_a_file_and_changes_values(tmp_path):
     assert Radar.preset(own) == Radar.preset("x4", prf_hz=500.0, pulse_sigma_s=3e-10)
     later.write_text('preset = "mine/own.toml"\ntx_power_dbm = 3\nrange_stop_m = { uniform = [4.0, 6.0] }\n')
     assert Radar.preset(later) == Radar.preset(own, tx_power_dbm=3.0, range_stop_m=5.0)
-    assert preset_table(later)["impairments"] == [{"kind": "adc"}]
-    assert "preset" not in preset_table(later)
+    assert read_full_preset(later)["impairments"] == [{"kind": "adc"}]
+    assert "preset" not in read_full_preset(later)
     assert Radar.preset("x4").prf_hz == 1000.0, "the built-in preset was changed"
 
 
@@ -233,7 +233,7 @@ def test_the_command_prints_a_radar_file_that_reads_back(tmp_path):
     from doppelgait.cli.radar import app
 
     (tmp_path / "my-x4.toml").write_text(TWIN)
-    for name in (*preset_names(), str(tmp_path / "my-x4.toml")):
+    for name in (*list_preset_names(), str(tmp_path / "my-x4.toml")):
         again = tmp_path / "again.toml"
         again.write_text(CliRunner().invoke(app, ["show", name, "--toml"]).stdout)
         assert Radar.preset(again) == Radar.preset(name)
@@ -243,7 +243,7 @@ def test_the_command_prints_a_radar_file_that_reads_back(tmp_path):
 
 
 def parse_lists(name):
-    return {key: preset_table(name).get(key) for key in ("environment", "impairments")}
+    return {key: read_full_preset(name).get(key) for key in ("environment", "impairments")}
 
 
 def test_the_command_shows_every_preset_and_a_file(tmp_path):
@@ -252,14 +252,14 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
     path = tmp_path / "my-x4.toml"
     path.write_text(TWIN)
     runner = CliRunner()
-    for name in (*preset_names(), str(path)):
+    for name in (*list_preset_names(), str(path)):
         plain = runner.invoke(app, ["show", name])
         assert plain.exit_code == 0, plain.output
         assert "unambiguous_velocity_mps" in plain.output
         document = json.loads(runner.invoke(app, ["show", name, "--json"]).stdout)
         assert document["parameters"]["waveform"] == Radar.preset(name).waveform.kind
         assert document["effects"]["noise correlation"] in plain.output
-        assert document["derived"] == derived_quantities(Radar.preset(name))
+        assert document["derived"] == list_derived_quantities(Radar.preset(name))
     assert "impairments, in this order: phase_noise, static_clutter" in plain.output
     assert document["impairments"][0]["drift_rad_per_min"] == 0.2
     assert "77.564 GHz" in runner.invoke(app, ["list"]).stdout
@@ -276,8 +276,8 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
 def effects_table():
     """The table of docs/radars.md: what every preset simulates, from its file."""
     rows = {}
-    for name in preset_names():
-        impairments = {entry["kind"] for entry in preset_table(name).get("impairments", ())}
+    for name in list_preset_names():
+        impairments = {entry["kind"] for entry in read_full_preset(name).get("impairments", ())}
         rows[name] = describe_effects(Radar.preset(name), impairments)
     head = ["preset", *next(iter(rows.values()))]
     cells = [head, ["---"] * len(head), *([f"`{name}`", *effects.values()] for name, effects in rows.items())]

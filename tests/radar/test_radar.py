@@ -16,10 +16,10 @@ from doppelgait.pipeline import analyze, simulate, write_results
 from doppelgait.radar import (
     Radar,
     Recording,
-    derived_quantities,
     echo_amplitude_v,
+    list_derived_quantities,
+    list_preset_names,
     lowest_prf_hz,
-    preset_names,
     read_recording,
     received_power_w,
     synthesise,
@@ -81,9 +81,9 @@ def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
     assert Radar.preset("x4").averages_per_frame == 94  # floor(15.1875e6 * 0.95 / (1000 * 152))
     assert Radar.preset("x4", prf_hz=624).averages_per_frame == 152
     assert Radar.preset("x4", prf_hz=624, integration_share=0).averages_per_frame == 160  # no pause
-    assert set(preset_names()) >= {"x4", "x4-long", "liland2018"}
-    for name in preset_names():
-        assert set(derived_quantities(Radar.preset(name))) >= {"wavelength_m", "snr_1m2_5m_db", "n_range_bins"}
+    assert set(list_preset_names()) >= {"x4", "x4-long", "liland2018"}
+    for name in list_preset_names():
+        assert set(list_derived_quantities(Radar.preset(name))) >= {"wavelength_m", "snr_1m2_5m_db", "n_range_bins"}
 
 
 # --- Link budget --------------------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def test_received_power_of_a_square_metre_at_5_m_e14():
     assert 10 * np.log10(power / 1e-3) == pytest.approx(-80.7, abs=0.05)
     ten = received_power_w(radar, range_m=50.0, rcs_m2=1.0)
     assert 10 * np.log10(ten / power) == pytest.approx(-40, abs=1e-9)
-    assert derived_quantities(radar)["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
+    assert list_derived_quantities(radar)["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
 
 
 def test_radar_equation_is_guarded_near_the_antenna_e14():

@@ -25,10 +25,10 @@ from doppelgait.radar.frames import (
     Frame,
     FrameParser,
     Header,
-    frame_record,
-    header_record,
-    record,
-    recording_header,
+    encode_frame,
+    encode_header,
+    encode_record,
+    make_recording_header,
     write_frames,
 )
 from doppelgait.radar.streams import Stream
@@ -49,11 +49,11 @@ def make_recording(n_frames: int = N_FRAMES, **changes: object) -> Recording:
 
 RECORDING = make_recording()
 ROWS = RECORDING.samples.matrix
-OPENING = header_record(recording_header(RECORDING))
+OPENING = encode_header(make_recording_header(RECORDING))
 
 
 def frames(first: int = 0, stop: int = N_FRAMES, *, clock_s: float = 0.0) -> bytes:
-    return b"".join(frame_record(i, clock_s + i / PRF_HZ, ROWS[i]) for i in range(first, stop))
+    return b"".join(encode_frame(i, clock_s + i / PRF_HZ, ROWS[i]) for i in range(first, stop))
 
 
 def take(stream: Stream) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -93,7 +93,7 @@ def assert_whole(times_s: np.ndarray, rows: np.ndarray) -> None:
 ])  # fmt: skip
 def test_a_counter_that_does_not_go_on_is_said_and_time_goes_on(tmp_path, counters, numbers):
     path = tmp_path / "twice.dgf"
-    path.write_bytes(OPENING + b"".join(frame_record(counter, 0.0, ROWS[n]) for n, counter in enumerate(counters)))
+    path.write_bytes(OPENING + b"".join(encode_frame(counter, 0.0, ROWS[n]) for n, counter in enumerate(counters)))
     with pytest.warns(DoppelgaitWarning, match="1 places, first from [67] to [06]: frames sent twice"):
         back = read_recording(path)
     assert back.n_pulses == len(counters)
@@ -142,7 +142,7 @@ def test_the_format_is_the_documented_one():
     payload = struct.pack("<Qd", 5, 0.25) + np.array([1 + 2j, 3 - 4j], "<c8").tobytes()
     checked = struct.pack("<BBHI", 1, 2, 0, len(payload)) + payload
     literal = b"DGfr" + checked + struct.pack("<I", zlib.crc32(checked))
-    assert frame_record(5, 0.25, np.array([1 + 2j, 3 - 4j])) == literal
+    assert encode_frame(5, 0.25, np.array([1 + 2j, 3 - 4j])) == literal
     assert END_RECORD[5] == 3
 
 
@@ -300,7 +300,7 @@ def test_damaged_bytes_cost_only_their_frames(tmp_path, seed):
 
 
 def test_frames_of_another_radar_are_refused_with_both_values(tmp_path):
-    other = header_record(recording_header(make_recording(2, carrier_hz=8.748e9)))
+    other = encode_header(make_recording_header(make_recording(2, carrier_hz=8.748e9)))
     path = tmp_path / "walk.dgf"
     path.write_bytes(OPENING + frames(0, 5) + other + frames(5, 10) + END_RECORD)
     stream = open_stream(path)
@@ -318,7 +318,7 @@ def test_frames_of_another_radar_are_refused_with_both_values(tmp_path):
 
 def test_datagrams_of_another_radar_are_refused_and_counted():
     stream = open_stream("udp://:0")
-    other = header_record(recording_header(make_recording(2, prf_hz=250.0)))
+    other = encode_header(make_recording_header(make_recording(2, prf_hz=250.0)))
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as foreign,
@@ -383,9 +383,9 @@ def test_a_hundred_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path)
     row = (rng.normal(size=20) + 1j).astype(np.complex64)
     radar = Radar.preset("x4", prf_hz=PRF_HZ, range_stop_m=1.02)
     with path.open("wb") as file:
-        file.write(header_record(Header(radar, np.arange(20) * 0.05)))
+        file.write(encode_header(Header(radar, np.arange(20) * 0.05)))
         for number in range(100_000):
-            file.write(frame_record(number, number / PRF_HZ, row))
+            file.write(encode_frame(number, number / PRF_HZ, row))
         file.write(END_RECORD)
     peaks = []
     with open_stream(path, queue_s=0.5) as stream:
@@ -416,10 +416,10 @@ def test_a_hundred_thousand_frames_need_no_more_memory_than_a_thousand(tmp_path)
     ],
 )
 def test_a_header_that_is_not_allowed_is_refused(tmp_path, change, message):
-    header = recording_header(RECORDING)
+    header = make_recording_header(RECORDING)
     table = {**header.facts, "range_bins": 20, "radar": header.radar.model_dump(mode="json"), **change}
     path = tmp_path / "walk.dgf"
-    path.write_bytes(record(1, json.dumps(table).encode()))
+    path.write_bytes(encode_record(1, json.dumps(table).encode()))
     with pytest.raises(RecordingError, match=message):
         _ = open_stream(path, timeout_s=0).radar
 
@@ -427,7 +427,7 @@ def test_a_header_that_is_not_allowed_is_refused(tmp_path, change, message):
 def test_a_header_with_a_preset_needs_no_table(tmp_path):
     table = {"carrier_hz": 7.29e9, "prf_hz": 400.0, "range_start_m": 0.4, "bin_spacing_m": 0.0514, "range_bins": 20}
     path = tmp_path / "walk.dgf"
-    path.write_bytes(record(1, json.dumps({**table, "radar": "x4"}).encode()))
+    path.write_bytes(encode_record(1, json.dumps({**table, "radar": "x4"}).encode()))
     with open_stream(path, timeout_s=0) as stream:
         assert stream.radar.name == Radar.preset("x4").name
         assert stream.radar.prf_hz == 400.0
@@ -445,7 +445,7 @@ def test_lengths_that_are_declared_are_not_waited_for():
 
 @pytest.mark.parametrize("length", [5, 20, 100])
 def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
-    cut = frame_record(399, 0.0, np.zeros(20))[:length]
+    cut = encode_frame(399, 0.0, np.zeros(20))[:length]
     path = tmp_path / "walk.dgf"
     path.write_bytes(OPENING + frames(0, 5) + cut + END_RECORD)
     stream = open_stream(path, timeout_s=0)
@@ -453,8 +453,8 @@ def test_whole_frames_behind_one_that_was_cut_off_are_kept(tmp_path, length):
     np.testing.assert_array_equal(rows, ROWS[:5])
     assert stream.counts.malformed == 1
     assert not any("end record" in text for text in texts)
-    wide = header_record(Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
-    long = [frame_record(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
+    wide = encode_header(Header(RECORDING.radar, np.arange(200) * 0.05))  # a frame as long as what follows it
+    long = [encode_frame(i, i / PRF_HZ, np.full(200, i)) for i in range(8)]
     path.write_bytes(wide + b"".join(long[:5]) + long[5][:length] + long[6] + long[7])
     with pytest.warns(DoppelgaitWarning):
         assert read_recording(path).n_pulses == 7
@@ -484,8 +484,8 @@ def test_a_closed_stream_ends_without_waiting_for_a_sender():
 def test_a_sensor_in_bursts_begins_with_a_whole_one():
     recording = make_recording(64, burst_pulses=16, burst_period_s=0.1)
     rows, stream = recording.samples.matrix, open_stream("udp://:0")
-    late = [frame_record(i, 3.0 + float(recording.slow_time_s[i]), rows[i]) for i in range(5, 64)]
-    send_udp(stream, [header_record(recording_header(recording)), *late, END_RECORD])
+    late = [encode_frame(i, 3.0 + float(recording.slow_time_s[i]), rows[i]) for i in range(5, 64)]
+    send_udp(stream, [encode_header(make_recording_header(recording)), *late, END_RECORD])
     times_s, found, texts = take(stream)
     np.testing.assert_array_equal(found, rows[16:])
     np.testing.assert_allclose(times_s, 3.0 + recording.radar.frame_time_s(np.arange(16, 64)), rtol=0, atol=1e-12)

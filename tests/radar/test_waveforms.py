@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from doppelgait.core import plugins
-from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import boulic_walk
@@ -20,8 +20,8 @@ from doppelgait.radar import (
     Radar,
     Waveform,
     compress,
-    derived_quantities,
     echo_amplitude_v,
+    list_derived_quantities,
     noise_power_v2,
     synthesise,
     synthesise_samples,
@@ -301,7 +301,7 @@ def test_response_of_a_chirp_from_its_table_is_that_of_the_equation_everywhere(s
 def test_widths_of_matched_filter_responses():
     rectangular = RADARS["rectangular"]
     assert rectangular.range_resolution_m == pytest.approx((2 - np.sqrt(2)) * C * 2e-9 / 2, rel=1e-12)
-    assert derived_quantities(rectangular)["pulse_bandwidth_3db_hz"] == pytest.approx(0.886 / 2e-9, rel=1e-3)
+    assert list_derived_quantities(rectangular)["pulse_bandwidth_3db_hz"] == pytest.approx(0.886 / 2e-9, rel=1e-3)
     assert RADARS["lfm"].range_resolution_m == pytest.approx(0.8859 * C / 2e9, rel=2e-3)
     for name in ("rectangular", "lfm"):
         radar = changed(RADARS[name], sample_rate_hz=3e11, range_start_m=3.5, range_stop_m=4.5)
@@ -658,7 +658,7 @@ def test_a_waveform_has_parameters_of_its_own(barker):
     assert Radar(waveform="barker", **BARKER).waveform.chips == 13
     assert radar != Radar(waveform="barker", **BARKER)
     assert radar.model_dump(mode="json")["waveform"] == {"kind": "barker", "chips": 11}
-    assert Radar.model_validate_json(canonical_json(radar)) == radar
+    assert Radar.model_validate_json(format_canonical_json(radar)) == radar
     assert RADARS["lfm"].model_dump()["waveform"] == "lfm"
     assert Radar.preset("x4", waveform={"kind": "impulse"}) == Radar.preset("x4")
 

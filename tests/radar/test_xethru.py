@@ -12,7 +12,7 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.radar.xethru import Splitting, TimedRecord, make_records, read_xethru, sniff_xethru, write_xethru
-from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, data_type_of_file, parse_records
+from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, find_data_type_by_file, parse_records
 
 START = datetime(2026, 11, 21, 1, 8, 48, 634_000, tzinfo=UTC)
 START_MS = 1_795_223_328_634
@@ -72,10 +72,10 @@ def test_wrong_fields_are_named() -> None:
 
 
 def test_names_tell_the_type() -> None:
-    assert data_type_of_file("xethru_radar_rf_normalized_20261121_010819.dat") is DATA_TYPES["radar_rf_normalized"]
-    assert data_type_of_file("xethru_radar_rf_20261121_010819.dat") is DATA_TYPES["radar_rf"]
-    assert data_type_of_file("xethru_sleep_20261121_010818.csv") is DATA_TYPES["sleep"]
-    assert data_type_of_file(META_NAME) is None
+    assert find_data_type_by_file("xethru_radar_rf_normalized_20261121_010819.dat") is DATA_TYPES["radar_rf_normalized"]
+    assert find_data_type_by_file("xethru_radar_rf_20261121_010819.dat") is DATA_TYPES["radar_rf"]
+    assert find_data_type_by_file("xethru_sleep_20261121_010818.csv") is DATA_TYPES["sleep"]
+    assert find_data_type_by_file(META_NAME) is None
 
 
 @pytest.mark.timeout(60)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from doppelgait.motion.models import boulic_points, boulic_walk
+from doppelgait.motion.models import boulic_walk, compute_boulic_points
 from doppelgait.motion.models.boulic import (
     LEG_LENGTH,
     POINTS,
-    body_offset,
+    compute_body_offset,
+    compute_support_fraction,
     limb_angles_deg,
-    support_fraction,
     trunk_angles_deg,
 )
 
@@ -25,7 +25,9 @@ def trace(request, shared):
 
 
 def test_the_points_in_place_are_those_of_the_published_program(trace):
-    ours = boulic_points(np.arange(SAMPLES) / SAMPLES, float(trace["rv"]), float(trace["height"]), offset_scale_m=1.0)
+    ours = compute_boulic_points(
+        np.arange(SAMPLES) / SAMPLES, float(trace["rv"]), float(trace["height"]), offset_scale_m=1.0
+    )
     np.testing.assert_allclose(ours.transpose(1, 2, 0), trace["pos_inplace_fixed"], rtol=0, atol=1e-9)
     assert [name.replace("left_", "l").replace("right_", "r") for name in POINTS] == list(trace["names"])
 
@@ -58,7 +60,7 @@ def test_the_compatibility_form_is_the_published_walk_but_for_its_seam(trace):
 
 def test_the_driving_curves_are_the_published_ones(trace):
     q, phase = float(trace["rv"]), np.arange(SAMPLES) / SAMPLES
-    offset, trunk, limb = body_offset(phase, q), trunk_angles_deg(phase, q), limb_angles_deg(phase, q)
+    offset, trunk, limb = compute_body_offset(phase, q), trunk_angles_deg(phase, q), limb_angles_deg(phase, q)
     ours = {
         "trunk_vertical_m": offset[:, 2], "trunk_lateral_m": offset[:, 1], "trunk_forward_m": offset[:, 0],
         "trunk_pitch_deg": trunk["trunk_pitch"], "pelvis_list_deg": trunk["pelvic_list"],
@@ -67,4 +69,4 @@ def test_the_driving_curves_are_the_published_ones(trace):
     }  # fmt: skip
     for name, curve in zip(trace["curve_names"], trace["curves_fixed"].T, strict=True):
         np.testing.assert_allclose(ours[name], curve, rtol=0, atol=1e-9, err_msg=name)
-    assert support_fraction(q) == pytest.approx(float(trace["support_fraction"]), abs=1e-12)
+    assert compute_support_fraction(q) == pytest.approx(float(trace["support_fraction"]), abs=1e-12)

@@ -7,7 +7,7 @@ import xarray as xr
 import literal
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
 from doppelgait.core.rng import Streams
-from doppelgait.features import gait_frequency, harmonic_ratio, limb_torso_ratio
+from doppelgait.features import estimate_gait_frequency, harmonic_ratio, limb_torso_ratio
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.retime import resample, scale_to_height
@@ -357,7 +357,7 @@ def test_08_synthetic_signature_gives_its_frequency_and_ratio():
     row = step_doppler.values[:, 9]
     assert row[cadence_hz > 2.6].max() < 10 ** (-31 / 20) * row.max()
     assert cadence_map(rows, tapered=False).values[cadence_hz > 2.6, 9].max() > 2 * 10 ** (-31 / 20) * row.max()
-    gait = gait_frequency(normalised, mu, 0.0, velocity_mps=1.0)
+    gait = estimate_gait_frequency(normalised, mu, 0.0, velocity_mps=1.0)
     assert gait.frequency_hz == pytest.approx(1.9, rel=0.01)
     assert gait.periodicity > 0.95
     assert gait.n_periods == pytest.approx(7.6, rel=0.01)
@@ -371,7 +371,7 @@ def test_08_synthetic_signature_gives_its_frequency_and_ratio():
 def test_08b_harmonics_are_found_at_two_and_three_times_the_frequency():
     mu = two_row_signature(harmonics=(0.4, 0.3))
     normalised, _, _, spectrum = cadence_of(mu)
-    frequency_hz = gait_frequency(normalised, mu, 0.0, velocity_mps=1.0).frequency_hz
+    frequency_hz = estimate_gait_frequency(normalised, mu, 0.0, velocity_mps=1.0).frequency_hz
     assert frequency_hz == pytest.approx(1.9, rel=0.01)
     assert harmonic_ratio(spectrum, frequency_hz, 2) == pytest.approx(2, rel=0.01)
     assert harmonic_ratio(spectrum, frequency_hz, 3) == pytest.approx(3, rel=0.01)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
-from doppelgait.motion.clean import body_centre
+from doppelgait.motion.clean import find_body_centre
 from doppelgait.motion.describe import describe_recording
 from doppelgait.motion.readers import read
 from doppelgait.motion.skeleton import HUMAN_PARTS
@@ -45,7 +45,7 @@ def test_all_horse_trials_are_read_with_speed_stride_and_gait(shared: Path) -> N
         assert any("treadmill" in note for note in read(path, units="mm").report["notes"]), path.name
         motion = read(path, units="mm", treadmill=True, segment="longest")
         low, high = SPEED_MPS[gait]
-        travel = body_centre(motion.position_m)[[0, -1], :2]
+        travel = find_body_centre(motion.position_m)[[0, -1], :2]
         assert low < float(np.linalg.norm(travel[1] - travel[0])) / motion.duration_s < high, path.name
         assert motion.facts.gait == gait, path.name
         low, high = STRIDE_HZ[gait]

@@ -12,7 +12,7 @@ from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, make_
 from doppelgait.processing import gaussian_window
 from doppelgait.reproduce import measures
 from doppelgait.reproduce.drawing import band_hz
-from doppelgait.reproduce.scenarios import cohens_d, is_wrong, line_through, roc_area, separation_table
+from doppelgait.reproduce.scenarios import cohens_d, fit_line, is_wrong, roc_area, tabulate_separation
 
 WAVELENGTH_M = 299_792_458 / 7.29e9
 RATE_HZ = 200.0
@@ -46,7 +46,7 @@ def test_side_lobe_of_the_reports_window_against_scipy():
 
 
 def test_printed_window_is_off_its_centre():
-    window = measures.printed_window(40, 0.3)
+    window = measures.make_printed_window(40, 0.3)
     assert window.argmax() == 19  # m = 20 = M/2, one of two middle frames
     assert window[19] == 1.0
     assert measures.side_lobe_db(window) == pytest.approx(-63.81, abs=0.01)
@@ -174,7 +174,7 @@ def test_separation_by_method_and_feature():
         rows([2.0, 2.2, 2.4]), rows([3.0, 3.2, 3.4], label="dog"),
         rows([2.0, 3.0, math.nan], method="liland2018"), rows([2.0, 3.0], label="dog", method="liland2018"),
     ])  # fmt: skip
-    found = separation_table(table, ["gait_frequency_hz"], classes=("human", "dog")).set_index("method")
+    found = tabulate_separation(table, ["gait_frequency_hz"], classes=("human", "dog")).set_index("method")
     assert found.loc["standard", "roc_area"] == 0.0
     assert found.loc["standard", "cohens_d"] == pytest.approx(-1.0 / 0.2)
     assert found.loc["standard", "median dog"] == 3.2
@@ -184,8 +184,8 @@ def test_separation_by_method_and_feature():
 
 def test_line_through_points_is_not_carried_off_by_a_quarter_of_them():
     x = np.append(np.linspace(0.5, 4.0, 40), math.nan)
-    assert line_through(x, 0.4 * x + 0.1) == pytest.approx((0.4, 0.1))
+    assert fit_line(x, 0.4 * x + 0.1) == pytest.approx((0.4, 0.1))
     off = np.where(np.arange(41) % 4 == 0, 9.0, 0.4 * x + 0.1)
-    assert line_through(x, off) == pytest.approx((0.4, 0.1), abs=0.02)
+    assert fit_line(x, off) == pytest.approx((0.4, 0.1), abs=0.02)
     assert np.polyfit(x[:40], off[:40], 1)[1] > 1.0  # least squares is
-    assert all(math.isnan(value) for value in line_through([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]))
+    assert all(math.isnan(value) for value in fit_line([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]))

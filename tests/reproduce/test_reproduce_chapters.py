@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from doppelgait.core.errors import MotionError
 from doppelgait.reproduce import chapter2, chapter3_data, chapter3_frame, measures
-from doppelgait.reproduce.material import Material, point_table, slow_time_signal
+from doppelgait.reproduce.material import Material, make_point_table, simulate_slow_time_signal
 
 LIGHT = 299_792_458.0
 WAVELENGTH_M = LIGHT / 7.29e9
@@ -32,14 +32,14 @@ def made(material):
         chapter2, chapter3_frame, chapter3_data,
     )  # fmt: skip
     entries = {entry.number: entry for module in modules for entry in module.ENTRIES}
-    return lambda number: material.once(("test", number), lambda: entries[number].make(material))
+    return lambda number: material.compute_once(("test", number), lambda: entries[number].make(material))
 
 
 # single points
 
 
 def test_a_point_table_is_straight_motion_centred_on_its_range(material):
-    table = point_table(material.radar(), 101, range_m=[5.0, 6.0], velocity_mps=[2.0, -1.0], rcs_m2=[1.0, 0.3])
+    table = make_point_table(material.radar(), 101, range_m=[5.0, 6.0], velocity_mps=[2.0, -1.0], rcs_m2=[1.0, 0.3])
     assert table["range"].values[50] == pytest.approx([5.0, 6.0])
     assert table["range"].values[0] - table["range"].values[-1] == pytest.approx([0.2, -0.1])
     assert table["rcs"].values[7] == pytest.approx([1.0, 0.3])
@@ -78,17 +78,17 @@ def test_phase_between_lines_does_not_see_drift_or_harmonics(phase_deg):
 def test_phase_and_cycle_need_a_whole_stride(material):
     with pytest.raises(MotionError, match="shorter than one stride"):
         measures.phase_between_deg(np.arange(50.0), np.arange(50.0), stride_hz=1.0, rate_hz=100.0)
-    motion = material.walker().motion
+    motion = material.make_walker().motion
     with pytest.raises(MotionError, match=r"left_paw touches down 0 times where two are needed"):
         measures.one_cycle_s(motion, "left_paw")
     with pytest.raises(MotionError, match="no point is known to be of the left hind paw"):
-        measures.part_line(motion.positions.isel(space=0), "left_hind_paw")
+        measures.average_part_line(motion.positions.isel(space=0), "left_hind_paw")
 
 
 def test_departure_is_the_root_mean_square_about_the_line():
     time = np.linspace(0.0, 1.0, 1001)
-    assert measures.departure(5.0 - 2.0 * time) == pytest.approx(0.0, abs=1e-12)
-    assert measures.departure(5.0 - 2.0 * time + 0.1 * np.sin(2 * np.pi * 10 * time)) == pytest.approx(
+    assert measures.measure_departure(5.0 - 2.0 * time) == pytest.approx(0.0, abs=1e-12)
+    assert measures.measure_departure(5.0 - 2.0 * time + 0.1 * np.sin(2 * np.pi * 10 * time)) == pytest.approx(
         0.1 / np.sqrt(2), rel=0.01
     )
 
@@ -107,10 +107,10 @@ def test_forward_places_follow_the_direction_of_travel(material):
 
 
 def test_the_ankle_peaks_where_differences_of_its_positions_say(material, made):
-    motion, rate_hz = material.walker().motion, 500.0
+    motion, rate_hz = material.make_walker().motion, 500.0
     number = motion.markers.index("right_ankle")
     ankle_m = motion.position_m[: round(rate_hz / motion.facts.stride_frequency_hz), number]
-    start_m = material.recording(material.walker()).truth[0].scatterers["range"].values[0, number]
+    start_m = material.recording(material.make_walker()).truth[0].scatterers["range"].values[0, number]
     radar_m = ankle_m[0, 0] + np.sqrt(start_m**2 - ankle_m[0, 1] ** 2 - (ankle_m[0, 2] - 1.0) ** 2)
     range_m = np.hypot(np.hypot(radar_m - ankle_m[:, 0], ankle_m[:, 1]), ankle_m[:, 2] - 1.0)
     approach_mps = -np.diff(range_m) * rate_hz
@@ -122,7 +122,7 @@ def test_the_ankle_peaks_where_differences_of_its_positions_say(material, made):
 
 
 def test_the_walker_goes_two_metres_a_second_with_17_points(material, made):
-    walker = material.walker()
+    walker = material.make_walker()
     assert readings_of(made("fig-2.15"))["points of the walker"].kind == "set"
     way_m = np.ptp(walker.motion.position_m[:, :, 0].mean(axis=1))
     assert way_m / walker.seconds == pytest.approx(2.0, abs=0.01)
@@ -141,7 +141,7 @@ def test_a_walk_has_two_steps_and_feet_in_opposite_phase(made):
 def test_the_stand_in_for_the_dog_bounds(material, made):
     found = readings_of(made("fig-2.18"))
     assert found["phase between left and right hind paw"].ours == pytest.approx(0.0, abs=0.1)
-    landings = material.galloping_dog().motion.facts.footfalls["left_hind"]
+    landings = material.find_galloping_dog().motion.facts.footfalls["left_hind"]
     assert found["stride frequency"].ours == pytest.approx(1 / np.diff(landings).mean(), rel=1e-3)
     assert readings_of(made("fig-2.20"))["hind paws, smallest shift"].ours == pytest.approx(0.0, abs=1e-6)
 
@@ -199,9 +199,9 @@ def dirichlet(frequency_hz, frames, prf_hz):
 
 @pytest.mark.parametrize(("letter", "spacing_hz"), chapter3_data.SPACINGS_3_13_HZ.items())
 def test_two_points_have_the_spectrum_of_two_dirichlet_kernels(material, letter, spacing_hz):
-    radar = chapter3_data._radar(material)
-    signal = chapter3_data.tones(radar, 31, [-spacing_hz / 2, spacing_hz / 2])
-    frequency_hz, power = chapter3_frame.spectrum(signal, 300.0, points=1 << 15)
+    radar = chapter3_data._make_radar(material)
+    signal = chapter3_data.simulate_tones(radar, 31, [-spacing_hz / 2, spacing_hz / 2])
+    frequency_hz, power = chapter3_frame.compute_spectrum(signal, 300.0, points=1 << 15)
     shown = np.abs(frequency_hz) > 1e-9  # away from 0 / 0
     kernels = sum(dirichlet(frequency_hz - side * spacing_hz / 2 + 1e-7, 31, 300.0) for side in (-1, 1)) ** 2
     np.testing.assert_allclose(power[shown], (kernels / kernels.max())[shown], atol=0.01)
@@ -280,6 +280,6 @@ def test_tables_hold_the_sections_and_scales_of_the_report(made):
 
 def test_slow_time_signal_is_the_bin_of_the_point(material):
     radar = material.radar(prf_hz=300.0)
-    table = point_table(radar, 11, range_m=5.0, velocity_mps=0.0)
-    near, far = (np.abs(slow_time_signal(radar, table, range_m=place)).mean() for place in (5.0, 8.0))
+    table = make_point_table(radar, 11, range_m=5.0, velocity_mps=0.0)
+    near, far = (np.abs(simulate_slow_time_signal(radar, table, range_m=place)).mean() for place in (5.0, 8.0))
     assert far < 1e-6 * near

@@ -16,10 +16,20 @@ from typer.testing import CliRunner
 from doppelgait.cli.reproduce import reproduce as command
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, OutputError
 from doppelgait.reproduce import run as module
-from doppelgait.reproduce.entry import KINDS, Entry, Made, Reading, all_entries, judged, pick, place_of, verdict
+from doppelgait.reproduce.entry import (
+    KINDS,
+    Entry,
+    EntryResult,
+    Reading,
+    collect_entries,
+    format_judgement,
+    pick,
+    place_of,
+    summarise_readings,
+)
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.run import reproduce
-from doppelgait.viz.style import new_axes
+from doppelgait.viz.style import make_axes
 
 REPORT = [
     *("2.6", "2.12", "2.13", "2.14", "2.15", "2.16", "2.18", "2.19", "2.20"),
@@ -29,7 +39,7 @@ REPORT = [
 
 
 def _draw(material):
-    figure, axes = new_axes()
+    figure, axes = make_axes()
     axes.plot([0, 1], [0, 1])
     readings = [
         Reading("peak", 1.0, "Hz", 1.05, 0.1, "<b>close</b>"),
@@ -39,7 +49,7 @@ def _draw(material):
         Reading("chosen", 4.0, "1", 4.0, given=True),
     ]
     table = pd.DataFrame({"n": range(40), "x": [0.5] * 40})
-    return Made(figure, readings, "Differs & is <said>.", table)
+    return EntryResult(figure, readings, "Differs & is <said>.", table)
 
 
 def _fail(material):
@@ -50,8 +60,8 @@ def _warn(material):
     import warnings
 
     warnings.warn("the target leaves the frame", DoppelgaitWarning, stacklevel=1)
-    material.use(material.walker())
-    return Made(None, [], "Nothing to see.")
+    material.use(material.make_walker())
+    return EntryResult(None, [], "Nothing to see.")
 
 
 FEW = (
@@ -63,7 +73,7 @@ FEW = (
 
 @pytest.fixture
 def few(monkeypatch):
-    monkeypatch.setattr(module, "all_entries", lambda: FEW)
+    monkeypatch.setattr(module, "collect_entries", lambda: FEW)
 
 
 class Requests(HTMLParser):
@@ -96,10 +106,10 @@ def test_a_number_agrees_within_its_tolerance():
 
 def test_a_judgement_names_what_differs():
     good, bad = Reading("one", 1.0, "1", 1.0), Reading("two", 1.0, "1", 2.0)
-    assert judged([good], "it is so.") == "Agrees: it is so."
-    assert judged([good, bad], "it is so.") == "Differs in: two. it is so."
+    assert format_judgement([good], "it is so.") == "Agrees: it is so."
+    assert format_judgement([good, bad], "it is so.") == "Differs in: two. it is so."
     chosen = Reading("three", 1.0, "1", 1.0, given=True)
-    assert judged([chosen], "it is so.") == "Set as stated: it is so."
+    assert format_judgement([chosen], "it is so.") == "Set as stated: it is so."
 
 
 def test_what_was_set_as_stated_is_no_agreement():
@@ -108,19 +118,23 @@ def test_what_was_set_as_stated_is_no_agreement():
     assert [one.kind for one in (good, chosen, bad, free)] == list(KINDS)
     assert chosen.agrees is None
     assert (missed.kind, missed.agrees) == ("differs", False)  # set, and yet not as stated: a fault
-    assert [verdict(some) for some in ([good, chosen, free], [chosen, free], [free], [])] == [
+    assert [summarise_readings(some) for some in ([good, chosen, free], [chosen, free], [free], [])] == [
         "Agrees", "Set as stated", "Not compared", "Not compared",
     ]  # fmt: skip
-    assert [verdict(some) for some in ([good, bad], [chosen, bad], [bad])] == ["Differs in part", "Differs", "Differs"]
+    assert [summarise_readings(some) for some in ([good, bad], [chosen, bad], [bad])] == [
+        "Differs in part",
+        "Differs",
+        "Differs",
+    ]
 
 
 def test_every_figure_of_chapters_2_and_3_is_there_once_and_in_order():
-    numbers = [entry.number for entry in all_entries()]
+    numbers = [entry.number for entry in collect_entries()]
     assert len(set(numbers)) == len(numbers)
     assert numbers == sorted(numbers, key=place_of)
     assert [n for n in numbers if re.match(r"fig-[23]\.", n)] == [f"fig-{n}" for n in REPORT]
     assert {"table-3.2", "table-3.3"} <= set(numbers)
-    assert all(entry.title and entry.stated for entry in all_entries())
+    assert all(entry.title and entry.stated for entry in collect_entries())
 
 
 def test_places_in_the_report_are_ordered_by_chapter_and_number():
@@ -246,7 +260,7 @@ def test_a_run_that_breaks_off_leaves_the_earlier_one_as_it_was(few, tmp_path, m
     def broken(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(module, "page", broken)
+    monkeypatch.setattr(module, "format_page", broken)
     with pytest.raises(OutputError, match=r"out: cannot be written: .*No space left"):
         reproduce(out)
     assert (out / "index.html").read_bytes() == before
@@ -257,7 +271,7 @@ def test_a_fault_of_the_program_is_no_outcome(tmp_path, monkeypatch):
     def wrong(material):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(module, "all_entries", lambda: (Entry("fig-9.1", "t", "s", wrong),))
+    monkeypatch.setattr(module, "collect_entries", lambda: (Entry("fig-9.1", "t", "s", wrong),))
     with pytest.raises(ZeroDivisionError):
         reproduce(tmp_path / "out")
     assert not list(tmp_path.iterdir())
@@ -283,13 +297,13 @@ def test_a_folder_of_one_kind_leaves_the_other_to_models(tmp_path):
         person = material.person()
     assert person.about == "recording: human/walk.csv, stretch 1"
     assert person.real
-    assert not material.galloping_dog().real
+    assert not material.find_galloping_dog().real
     assert material.used() == ("recording: human/walk.csv, stretch 1", "model: dog, bound, 0.5 m, 3.0 m/s")
 
 
 def test_material_is_made_once_and_says_for_every_entry_what_it_used():
     material = Material()
-    walker = material.walker(cycles=1)
+    walker = material.make_walker(cycles=1)
     first = material.result(walker, prf_hz=1000.0)
     material.begin_entry()
     assert material.used() == ()

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion.models import moving_point
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.reproduce import appendix_a, chapter4, chapter4_features, chapter5, chapter5_study, chapter5_views
 from doppelgait.reproduce.material import Material
-from doppelgait.reproduce.scenarios import AWAY_EVERY, Scenario, all_scenarios, is_wrong, observe, study
+from doppelgait.reproduce.scenarios import AWAY_EVERY, Scenario, is_wrong, make_scenarios, observe, run_study
 
 SEED = 7
 
@@ -34,8 +34,8 @@ def numbers(outcome):
 
 
 def test_recordings_come_first_and_models_fill_up():
-    recorded = all_scenarios({}, {}, seed=SEED, counts=(2, 0, 0))[0].motion
-    found = all_scenarios({"a": recorded}, {"b": recorded, "c": recorded, "d": recorded}, seed=SEED, counts=(3, 2, 2))
+    recorded = make_scenarios({}, {}, seed=SEED, counts=(2, 0, 0))[0].motion
+    found = make_scenarios({"a": recorded}, {"b": recorded, "c": recorded, "d": recorded}, seed=SEED, counts=(3, 2, 2))
     groups = [scenario.group for scenario in found]
     assert groups == ["recorded person"] + ["model person"] * 2 + ["Boulic walker"] * 2 + ["recorded dog"] * 2
     assert [s.name for s in found if s.group == "recorded dog"] == ["b", "c"]
@@ -44,9 +44,9 @@ def test_recordings_come_first_and_models_fill_up():
 
 
 def test_scenarios_follow_the_seed_alone():
-    first, again = (all_scenarios({}, {}, seed=SEED, counts=(3, 1, 3)) for _ in range(2))
-    other = all_scenarios({}, {}, seed=SEED + 1, counts=(3, 1, 3))
-    more = all_scenarios({}, {}, seed=SEED, counts=(5, 1, 6))
+    first, again = (make_scenarios({}, {}, seed=SEED, counts=(3, 1, 3)) for _ in range(2))
+    other = make_scenarios({}, {}, seed=SEED + 1, counts=(3, 1, 3))
+    more = make_scenarios({}, {}, seed=SEED, counts=(5, 1, 6))
     for one, same in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.motion.position_m, same.motion.position_m)
     assert travel_speed_mps(first[0].motion) != travel_speed_mps(other[0].motion)
@@ -55,7 +55,7 @@ def test_scenarios_follow_the_seed_alone():
 
 
 def test_models_go_through_a_recording_room():
-    for scenario in all_scenarios({}, {}, seed=SEED, counts=(12, 0, 12)):
+    for scenario in make_scenarios({}, {}, seed=SEED, counts=(12, 0, 12)):
         way_m = travel_speed_mps(scenario.motion) * scenario.seconds
         assert 1.0 <= scenario.seconds <= 5.0
         assert way_m < 6.3 or scenario.seconds == 1.0  # six metres at an even speed, or the shortest time
@@ -64,7 +64,7 @@ def test_models_go_through_a_recording_room():
 def test_point_has_its_speed_and_a_sign(material):
     point = moving_point(speed_mps=1.5, duration_s=2.1)
     coming = Scenario("model person", "human", "point", point, 2.0)
-    table = study([coming, replace(coming, away=True)], material.radar())
+    table = run_study([coming, replace(coming, away=True)], material.radar())
     assert table["method"].tolist() == ["liland2018", "standard"] * 2
     assert table["true_velocity_mps"].to_numpy() == pytest.approx([1.5, 1.5, -1.5, -1.5], abs=0.02)
     ours = table[table["method"] == "standard"]["torso_velocity_mps"].to_numpy()
@@ -73,7 +73,7 @@ def test_point_has_its_speed_and_a_sign(material):
 
 
 def test_frame_rate_is_the_lowest_that_does_not_alias(material):
-    scenario = all_scenarios({}, {}, seed=SEED, counts=(0, 1, 0))[0]
+    scenario = make_scenarios({}, {}, seed=SEED, counts=(0, 1, 0))[0]
     recording = observe(scenario, material.radar())
     fastest_hz = np.abs(recording.truth[0].doppler_hz(recording.radar.wavelength_m)).max()
     assert 2 * fastest_hz < recording.radar.prf_hz < 2 * fastest_hz + 2 * 3 / 0.1 + 15  # E-06 and rounding
@@ -83,15 +83,15 @@ def test_frame_rate_is_the_lowest_that_does_not_alias(material):
 
 
 def test_scenario_that_cannot_be_observed_is_named(material):
-    good = all_scenarios({}, {}, seed=SEED, counts=(1, 0, 0))[0]
-    table = study([good, replace(good, name="too short", seconds=60.0)], material.radar())
+    good = make_scenarios({}, {}, seed=SEED, counts=(1, 0, 0))[0]
+    table = run_study([good, replace(good, name="too short", seconds=60.0)], material.radar())
     assert len(table) == 2
     assert list(table.attrs["left_out"]) == ["too short"]
     assert "60" in table.attrs["left_out"]["too short"]
 
 
 def test_ours_finds_the_steps_of_a_handful(material):
-    table = study(all_scenarios({}, {}, seed=SEED, counts=(4, 2, 6)), material.radar())
+    table = run_study(make_scenarios({}, {}, seed=SEED, counts=(4, 2, 6)), material.radar())
     ours = table[table["method"] == "standard"]
     assert not is_wrong(ours, 0.1).any()
     assert not is_wrong(table[table["group"] == "Boulic walker"], 0.1).any()
@@ -101,7 +101,7 @@ def test_ours_finds_the_steps_of_a_handful(material):
 
 def test_figures_of_the_study(material, monkeypatch):
     monkeypatch.setattr(
-        chapter5_study, "all_scenarios", lambda *a, seed: all_scenarios({}, {}, seed=seed, counts=(5, 3, 6))
+        chapter5_study, "make_scenarios", lambda *a, seed: make_scenarios({}, {}, seed=seed, counts=(5, 3, 6))
     )
     small = Material(seed=SEED)
     lengths, features = (made(small, chapter5_study, number) for number in ("fig-5.8", "fig-5.9"))
@@ -140,7 +140,7 @@ def test_five_cycles_are_ten_steps(material):
     found = numbers(made(material, chapter4, "fig-4.11"))
     assert found["steps: peaks of the upper edge"].ours == 10
     assert found["oscillation of the main line over the gait frequency"].agrees
-    shorter = material.recording(material.walker(cycles=3), prf_hz=1000.0)
+    shorter = material.recording(material.make_walker(cycles=3), prf_hz=1000.0)
     assert shorter.truth[0].stride_frequency_hz * shorter.baseband.sizes["slow_time"] / 1000 == pytest.approx(
         3, abs=0.01
     )
@@ -149,7 +149,7 @@ def test_five_cycles_are_ten_steps(material):
 def test_ankle_peaks_near_300_hz(material):
     ankle = numbers(made(material, chapter4, "fig-4.10"))["peak Doppler of the right ankle"]
     recording, _ = chapter4.walk(material)
-    place = axis(recording.truth[0].scatterers, "marker").tolist().index("right_ankle")
+    place = read_axis(recording.truth[0].scatterers, "marker").tolist().index("right_ankle")
     range_m = recording.truth[0].scatterers["range"].values[:, place]
     speed_mps = -np.gradient(range_m, 1e-3)  # independent of the velocities in the truth
     assert ankle.ours == pytest.approx(2 * speed_mps[5:-5].max() / recording.radar.wavelength_m, rel=0.01)
@@ -181,7 +181,7 @@ def test_radar_table_names_the_two_errors(material):
 
 
 def test_prominences_fall_with_long_intervals(material):
-    table = appendix_a.summary(material).set_index("T_d (s)")
+    table = appendix_a.tabulate_summary(material).set_index("T_d (s)")
     assert list(table.index) == [1.0, 0.5, 0.3, 0.1, 0.05, 0.01]
     assert (table["f_2 (dB)"][[0.3, 0.1]] > table["f_2 (dB)"][[1.0, 0.5]].max()).all()
     assert table["least (dB)"].idxmax() == 0.1
@@ -191,7 +191,7 @@ def test_prominences_fall_with_long_intervals(material):
 
 
 def test_every_peak_of_the_appendix_is_judged_by_its_own_prominence(material):
-    table = appendix_a.summary(material).set_index("T_d (s)")
+    table = appendix_a.tabulate_summary(material).set_index("T_d (s)")
     peaks = table[["f_m (dB)", "f_2 (dB)", "f_3 (dB)"]]
     detected, gain_db = peaks >= 6.0, peaks - peaks.loc[0.1]
     best_two = peaks.rank(ascending=False) <= 2

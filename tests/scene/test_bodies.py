@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.kernels import occlusion as kernel
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
@@ -19,15 +19,15 @@ from doppelgait.scene.bodies import (
     Ellipsoids,
     Segment,
     Skeleton,
+    build_skeleton,
+    compute_ellipsoids_at,
+    compute_frame_ellipsoids,
     ellipsoid_rcs_m2,
-    ellipsoids_at,
-    ellipsoids_of_frames,
+    find_nearest_points,
     horizontal_mean_rcs_m2,
-    nearest_points,
     seen_rcs_m2,
-    skeleton_of,
 )
-from doppelgait.scene.observe import ranges_and_velocities
+from doppelgait.scene.observe import compute_ranges_and_velocities
 
 T = np.arange(0, 0.9, 0.01)
 
@@ -101,21 +101,21 @@ def test_every_segment_joins_known_joints_and_is_there_once():
 
 def test_a_person_is_chens_but_for_the_torso_with_radii_that_scale_with_stature():
     walk = boulic_walk(height_m=1.80, duration_s=1.0)
-    size = dict(zip([s.name for s in PERSON], skeleton_of(walk).semi_axes_m, strict=True))
+    size = dict(zip([s.name for s in PERSON], build_skeleton(walk).semi_axes_m, strict=True))
     np.testing.assert_allclose(size["torso"], [0.16, 0.13, 0.288 * 1.8 / 2])
     np.testing.assert_allclose(size["left_shank"], [0.06, 0.06, 0.246 * 1.8 / 2])
     np.testing.assert_allclose(size["right_hip"], [0.07, 0.07, 0.0955 * 1.8 / 2])
-    child = skeleton_of(boulic_walk(height_m=0.90, duration_s=1.0)).semi_axes_m
-    np.testing.assert_allclose(child, skeleton_of(walk).semi_axes_m / 2, rtol=1e-9)
+    child = build_skeleton(boulic_walk(height_m=0.90, duration_s=1.0)).semi_axes_m
+    np.testing.assert_allclose(child, build_skeleton(walk).semi_axes_m / 2, rtol=1e-9)
 
 
 def test_scatterers_are_the_segments_where_they_face_the_radar():
     walk = boulic_walk(duration_s=1.0)
     table = assemble(Scene([Target(walk, rcs="ellipsoids")]), T)
     assert table.sizes == {"slow_time": T.size, "scatterer": 16}
-    assert axis(table, "marker").tolist() == [s.name for s in PERSON]
-    skeleton = skeleton_of(walk)
-    points = nearest_points(skeleton, ellipsoids_of_frames(skeleton), (1000.0, 0.0, 1.0))
+    assert read_axis(table, "marker").tolist() == [s.name for s in PERSON]
+    skeleton = build_skeleton(walk)
+    points = find_nearest_points(skeleton, compute_frame_ellipsoids(skeleton), (1000.0, 0.0, 1.0))
     ahead = (
         points.positions.sel(marker="torso").values - walk.positions.sel(marker=["base", "neck"]).mean("marker").values
     )
@@ -125,17 +125,17 @@ def test_scatterers_are_the_segments_where_they_face_the_radar():
 
 
 def test_the_front_of_a_torso_reflects_two_to_four_db_more_than_its_side():
-    skeleton = skeleton_of(boulic_walk(duration_s=1.0))
-    body = ellipsoids_of_frames(skeleton)
+    skeleton = build_skeleton(boulic_walk(duration_s=1.0))
+    body = compute_frame_ellipsoids(skeleton)
     front, side = (seen_rcs_m2(body, at)[:, 1].mean() for at in ((1e4, 0, 1.2), (0, 1e4, 1.2)))
     assert 2 < 10 * np.log10(front / side) < 4
 
 
 def test_the_axes_follow_the_joints_between_frames():
     walk = boulic_walk(duration_s=1.0)
-    skeleton = skeleton_of(walk)
-    body = ellipsoids_at(skeleton, walk.time_s[10:20])
-    np.testing.assert_allclose(body.along, ellipsoids_of_frames(skeleton).along[10:20], atol=1e-9)
+    skeleton = build_skeleton(walk)
+    body = compute_ellipsoids_at(skeleton, walk.time_s[10:20])
+    np.testing.assert_allclose(body.along, compute_frame_ellipsoids(skeleton).along[10:20], atol=1e-9)
     np.testing.assert_allclose((body.along**2).sum(axis=-1), 1.0)
     line = (walk.positions.sel(marker="head") - walk.positions.sel(marker="neck")).values[10:20]
     np.testing.assert_allclose(body.along[:, 0], line / np.linalg.norm(line, axis=1)[:, None], atol=1e-9)
@@ -143,8 +143,8 @@ def test_the_axes_follow_the_joints_between_frames():
 
 def test_the_trunk_of_an_animal_is_narrower_from_side_to_side_than_upright():
     dog = quadruped_gait(withers_m=0.5, duration_s=1.0)
-    skeleton = skeleton_of(dog)
-    thorax = ellipsoids_of_frames(skeleton)
+    skeleton = build_skeleton(dog)
+    thorax = compute_frame_ellipsoids(skeleton)
     np.testing.assert_allclose(skeleton.semi_axes_m[1], [0.07, 0.115, 0.15])
     assert np.abs(thorax.across[:, 1, 1]).min() > 0.9  # the dog goes along x
     assert np.abs((thorax.across[:, 1] * thorax.along[:, 1]).sum(axis=-1)).max() < 1e-12
@@ -156,12 +156,12 @@ def test_the_trunk_of_an_animal_is_narrower_from_side_to_side_than_upright():
 def test_the_ends_of_an_animals_trunk_are_blunt(build):
     """The chest ends at the shoulders, the rump at the tail's root."""
     animal = quadruped_gait(build=build, duration_s=1.0)
-    skeleton, withers_m = skeleton_of(animal), animal.facts.height_m
-    body = ellipsoids_of_frames(skeleton)
+    skeleton, withers_m = build_skeleton(animal), animal.facts.height_m
+    body = compute_frame_ellipsoids(skeleton)
     for number, (name, joint, sign) in {0: ("chest", "left_shoulder", 1), 3: ("rump", "tail_base", -1)}.items():
         assert skeleton.segments[number].name == name
         at = (sign * 1e5, 0.0, body.centre_m[:, number, 2].mean())
-        end = nearest_points(skeleton, body, at).positions.sel(marker=name).values[:, 0]
+        end = find_nearest_points(skeleton, body, at).positions.sel(marker=name).values[:, 0]
         joint_m = animal.positions.sel(marker=joint).values[:, 0]
         assert abs((end - joint_m).mean()) < 0.05 * withers_m
         across, upright, along = skeleton.semi_axes_m[number]
@@ -197,9 +197,9 @@ def marker_person(prefix=""):
 
 def test_marker_sets_give_the_same_body_as_the_joints_they_surround():
     walk, take = marker_person("liu:")
-    ours, wanted = skeleton_of(take), skeleton_of(walk)
+    ours, wanted = build_skeleton(take), build_skeleton(walk)
     assert [s.name for s in ours.segments] == [s.name for s in wanted.segments]
-    bodies = ellipsoids_of_frames(ours), ellipsoids_of_frames(wanted)
+    bodies = compute_frame_ellipsoids(ours), compute_frame_ellipsoids(wanted)
     np.testing.assert_allclose(bodies[0].centre_m, bodies[1].centre_m, atol=1e-12)
     np.testing.assert_allclose(bodies[0].along, bodies[1].along, atol=1e-12)
 
@@ -207,18 +207,18 @@ def test_marker_sets_give_the_same_body_as_the_joints_they_surround():
 def test_unknown_joints_and_unknown_height_are_refused():
     walk, take = marker_person()
     with pytest.raises(ConfigError, match=r"take\.c3d.*nearest set is CMU 41, which lacks LKNE, RELB; use rcs kind"):
-        skeleton_of(replace(take, positions=take.positions.drop_sel(marker=["LKNE", "RELB"])))
+        build_skeleton(replace(take, positions=take.positions.drop_sel(marker=["LKNE", "RELB"])))
     nameless = make_motion(np.zeros((5, 2, 3)), rate_hz=10, markers=["a", "b"], parts=["", ""])
     for rcs in (RcsSpec(kind="ellipsoids"), RcsSpec(occlusion=True)):
         with pytest.raises(ConfigError, match="joints are known"):
             assemble(Scene([Target(nameless, rcs=rcs)]), [0.0])
     walk = walk.with_facts(height_m=float("nan"))
     with pytest.raises(ConfigError, match="height is unknown"):
-        skeleton_of(walk)
+        build_skeleton(walk)
     flat = boulic_walk(duration_s=1.0)
     flat.position_m[:] = 0.0
     with pytest.raises(ConfigError, match="segment head has no length"):
-        skeleton_of(flat)
+        build_skeleton(flat)
 
 
 def test_merging_ellipsoids_is_refused():
@@ -316,13 +316,13 @@ def test_phase_and_doppler_are_those_of_the_physical_optics_integral(axes):
         frame = frames[i * every]
         place = body.centre_m[i * every, 0] + point @ frame.T
         echo[i] = integral(place, normal @ frame.T, area, radar, wavelength_m)
-    points = nearest_points(one_segment(body), body, radar)
-    range_m, approach_mps = (found[:, 0] for found in ranges_and_velocities(points, times, radar))
+    points = find_nearest_points(one_segment(body), body, radar)
+    range_m, approach_mps = (found[:, 0] for found in compute_ranges_and_velocities(points, times, radar))
     error = np.unwrap(np.angle(echo * np.exp(2j * k * range_m)))
     assert np.ptp(error) < 0.02
     doppler_mps = -np.gradient(range_m - error / (2 * k), times, edge_order=2)
     assert np.abs(doppler_mps - approach_mps)[2:-2].max() < 0.005
-    middle_mps = ranges_and_velocities(points.with_positions(body.centre_m), times, radar)[1][:, 0]
+    middle_mps = compute_ranges_and_velocities(points.with_positions(body.centre_m), times, radar)[1][:, 0]
     assert np.abs(middle_mps - doppler_mps)[2:-2].max() > 0.15  # so far off is the middle of the segment
     level_db = 20 * np.log10(np.abs(echo) * range_m**2) - 10 * np.log10(seen_rcs_m2(body, radar)[::every, 0])
     assert np.abs(level_db).max() < 0.1
@@ -354,7 +354,7 @@ TORSO = Ellipsoids(np.zeros((1, 1, 3)), np.eye(3)[2:, None], np.eye(3)[:1, None]
 def test_the_level_near_the_radar_is_that_of_the_physical_optics_integral(range_m, direction):
     radar = range_m * np.array(direction) / np.linalg.norm(direction)
     amplitude = np.abs(integral(*surface(TORSO.semi_axes_m[0], 400), radar, wavelength_m=0.01))
-    distance_m = np.linalg.norm(nearest_points(one_segment(TORSO), TORSO, radar).position_m[0, 0] - radar)
+    distance_m = np.linalg.norm(find_nearest_points(one_segment(TORSO), TORSO, radar).position_m[0, 0] - radar)
     level_db = 20 * np.log10(amplitude * distance_m**2) - 10 * np.log10(seen_rcs_m2(TORSO, radar)[0, 0])
     assert abs(level_db) < 0.1
 
@@ -366,7 +366,7 @@ def test_the_level_at_a_receiver_elsewhere_follows_the_bisector(there_m, back_m)
     ends = np.array([[there_m], [back_m]]) * [[side, ahead, 0.0], [-side, ahead, 0.0]]
     foot = (ends[0] * back_m + ends[1] * there_m) / (there_m + back_m)
     amplitude = np.abs(integral(*surface(TORSO.semi_axes_m[0], 400), ends[0], 0.01, back=ends[1]))
-    point = nearest_points(one_segment(TORSO), TORSO, foot).position_m[0, 0]
+    point = find_nearest_points(one_segment(TORSO), TORSO, foot).position_m[0, 0]
     ways_m = np.linalg.norm(ends - point, axis=1)
     level_db = 20 * np.log10(amplitude * ways_m.prod()) - 10 * np.log10(seen_rcs_m2(TORSO, foot)[0, 0])
     assert abs(level_db) < 0.3  # the integral's own edge of the shadow gives ripples of 0.1 to 0.2 dB
@@ -380,7 +380,7 @@ def test_nearest_points_against_a_minimum_found_blindly(range_m):
         body, frame = turned(seed, axes)
         radar = rng.standard_normal(3)
         radar *= range_m / np.linalg.norm(radar)
-        found = nearest_points(one_segment(body), body, radar).position_m[0, 0]
+        found = find_nearest_points(one_segment(body), body, radar).position_m[0, 0]
         assert (((found @ frame.T) / axes) ** 2).sum() == pytest.approx(1.0, abs=1e-9)
         point = surface(axes, 200)[0] @ frame
         least_m = np.linalg.norm(point - radar, axis=1).min()
@@ -399,7 +399,7 @@ def test_radial_velocity_is_the_rate_of_the_range_of_the_surface(mover):
     motion, radar = place(scene).targets[0].motion, np.array(scene.radar_position_m)
 
     def surface_range_m(at_s):
-        body = ellipsoids_at(skeleton_of(motion), at_s)
+        body = compute_ellipsoids_at(build_skeleton(motion), at_s)
         points = np.empty_like(body.centre_m)
         kernel.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
         return np.linalg.norm(points - radar, axis=-1)
@@ -417,7 +417,7 @@ def test_a_bistatic_echo_takes_the_shortest_way_over_the_surface():
     scene = Scene([Target(walk, rcs="ellipsoids", range_m=4.0)], receiver_position_m=receiver)
     motion, times = place(scene).targets[0].motion, np.array([0.2, 0.6])
     table = assemble(scene, times)
-    body = ellipsoids_at(skeleton_of(motion), times)
+    body = compute_ellipsoids_at(build_skeleton(motion), times)
     for n in (1, 4):  # torso and a limb
         shape = surface(body.semi_axes_m[n], 300)[0]
         for i in range(times.size):

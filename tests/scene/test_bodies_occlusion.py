@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
-from doppelgait.scene.bodies import EDGE_M, Ellipsoids, ellipsoids_of_frames, own_points, skeleton_of, visible_power
+from doppelgait.scene.bodies import (
+    EDGE_M,
+    Ellipsoids,
+    build_skeleton,
+    compute_frame_ellipsoids,
+    compute_visible_power,
+    find_own_points,
+)
 
 
 def ball(centre, radius=0.2):
@@ -55,10 +62,10 @@ def test_who_is_hidden_is_what_marched_rays_say(mover, aspect_deg):
     scene = Scene([Target(mover, aspect_deg=aspect_deg)])
     placed = place(scene).targets[0].motion
     motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 25)))
-    body = ellipsoids_of_frames(skeleton_of(motion))
+    body = compute_frame_ellipsoids(build_skeleton(motion))
     points, radar = motion.position_m, np.array(scene.radar_position_m)
-    own = own_points(points, body)
-    gain = visible_power(points, body, own, radar, edge_m=1e-5)
+    own = find_own_points(points, body)
+    gain = compute_visible_power(points, body, own, radar, edge_m=1e-5)
     form = marched(points, body, own, radar)
     within = marched(points, body, own, points, n_steps=1) < 1  # in another limb of the model: not a line past it
     clear = (np.abs(form - 1) > 1e-2) & ~within  # the steps of the march are not finer than that
@@ -73,7 +80,7 @@ def test_the_border_of_a_ball_is_where_and_as_wide_as_stated():
     radius, radar = 0.2, np.array([1e8, 0.0, 0.0])
     height = np.linspace(0, 0.4, 401)
     points = np.stack([np.full(401, -2.0), np.zeros(401), height], axis=-1)[None]
-    gain = visible_power(points, ball([0, 0, 0], radius), none_own(401), radar)[0]
+    gain = compute_visible_power(points, ball([0, 0, 0], radius), none_own(401), radar)[0]
     assert (gain[height < radius - EDGE_M * 1.2] == 0).all()
     assert (gain[height > radius + EDGE_M * 1.2] == 1).all()
     assert (np.diff(gain) >= 0).all()
@@ -87,9 +94,9 @@ def test_the_border_of_a_ball_is_where_and_as_wide_as_stated():
 def test_only_what_stands_before_a_point_hides_it():
     radar = np.array([10.0, 0.0, 0.0])
     place = np.array([[[-1.0, 0, 0], [0.25, 0, 0], [0.5, 0, 0], [1.0, 0.1, 0]]])
-    gain = visible_power(place, ball([0, 0, 0]), none_own(4), radar)
+    gain = compute_visible_power(place, ball([0, 0, 0]), none_own(4), radar)
     np.testing.assert_array_equal(gain[0], [0, 1, 1, 1])
-    beyond = visible_power(np.array([[[5.0, 0, 0]]]), ball([20.0, 0, 0]), none_own(1), radar)
+    beyond = compute_visible_power(np.array([[[5.0, 0, 0]]]), ball([20.0, 0, 0]), none_own(1), radar)
     assert beyond[0, 0] == 1  # behind the radar
 
 
@@ -99,15 +106,15 @@ def test_a_point_that_comes_from_behind_to_before_does_not_click():
     for direction in (np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0.7, 0.7, 0.1])):
         for aside in (0.0, 0.1, 0.22):
             way = np.arange(-1, 1, step_m)[:, None] * direction + np.array([0, 0, aside])
-            amplitude = np.sqrt(visible_power(way[None], ball([0, 0, 0]), none_own(way.shape[0]), radar)[0])
+            amplitude = np.sqrt(compute_visible_power(way[None], ball([0, 0, 0]), none_own(way.shape[0]), radar)[0])
             # 15/8 is the steepest slope of the ramp; the clearance of a ball deeper than its edge changes faster
             assert np.abs(np.diff(amplitude)).max() < 3 * (15 / 8) * step_m / EDGE_M
 
 
 def test_an_ellipsoid_does_not_hide_what_it_contains():
     walk = boulic_walk(duration_s=1.0)
-    skeleton = skeleton_of(walk)
-    own = own_points(walk.position_m, ellipsoids_of_frames(skeleton))
+    skeleton = build_skeleton(walk)
+    own = find_own_points(walk.position_m, compute_frame_ellipsoids(skeleton))
     names, points = [s.name for s in skeleton.segments], walk.markers
     for n, segment in enumerate(skeleton.segments):
         assert own[points.index(segment.start), n], names[n]
@@ -122,7 +129,7 @@ def hidden_share(aspect_deg, **rcs):
         Scene([Target(walk, aspect_deg=aspect_deg, rcs=RcsSpec(occlusion=True, **rcs))]), np.arange(0, 2, 0.01)
     )
     mean = table["path_gain"].values.mean(axis=0)
-    return dict(zip(axis(table, "marker").tolist(), mean, strict=True))
+    return dict(zip(read_axis(table, "marker").tolist(), mean, strict=True))
 
 
 @pytest.mark.parametrize("kind", ["auto", "ellipsoids"])

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion import read
 from doppelgait.motion.models.boulic import LENGTHS
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.bodies import skeleton_of
+from doppelgait.scene.bodies import build_skeleton
 
 pytestmark = pytest.mark.shared
 
 
 def test_a_recorded_person_has_the_ellipsoids_of_a_person(shared):
     take = read(shared / "data" / "mocap" / "human" / "c3d" / "cmu_07_12.c3d")
-    skeleton = skeleton_of(take)
+    skeleton = build_skeleton(take)
     lengths_m = dict(zip([s.name for s in skeleton.segments], 2 * skeleton.semi_axes_m[:, 2], strict=True))
     for side in ("left", "right"):
         for name in ("thigh", "shank", "upper_arm", "forearm"):
@@ -23,6 +23,6 @@ def test_a_recorded_person_has_the_ellipsoids_of_a_person(shared):
     scene = Scene([Target(take, aspect_deg=90.0, rcs=RcsSpec(kind="ellipsoids", total_m2=0.8, occlusion=True))])
     table = assemble(scene, np.arange(0, 2.0, 0.01))
     assert 0.4 < table["rcs"].values.sum(axis=1).mean() < 1.6
-    gain = dict(zip(axis(table, "marker").tolist(), table["path_gain"].values.mean(axis=0), strict=True))
+    gain = dict(zip(read_axis(table, "marker").tolist(), table["path_gain"].values.mean(axis=0), strict=True))
     assert min(gain["left_upper_arm"], gain["right_upper_arm"]) < 0.3
     assert max(gain["left_upper_arm"], gain["right_upper_arm"]) > 0.9

@@ -7,7 +7,7 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core import plugins
-from doppelgait.core.config import FrozenModel, canonical_json, validate
+from doppelgait.core.config import FrozenModel, format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.scene.environment import (
@@ -46,8 +46,8 @@ def test_a_list_takes_tables_and_models_and_survives_json():
     assert [type(effect) for effect in room.environment] == [GroundBounce, WallGhost, Wall, Visibility]
     again = Room(environment=room.environment)
     assert again == room
-    assert Room.model_validate_json(canonical_json(room)) == room
-    assert '"thickness_m":0.115' in canonical_json(room)
+    assert Room.model_validate_json(format_canonical_json(room)) == room
+    assert '"thickness_m":0.115' in format_canonical_json(room)
     assert set(ENVIRONMENT) >= {"wall", "ground_bounce", "wall_ghost", "visibility"}
 
 

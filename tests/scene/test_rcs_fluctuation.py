@@ -7,7 +7,7 @@ from scipy import stats
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.rcs import fluctuation_factor, spread_factor
+from doppelgait.scene.rcs import sample_fluctuation, sample_spread
 
 LAW = {"swerling1": stats.expon, "swerling3": stats.gamma(a=2, scale=0.5)}
 WALK = boulic_walk(duration_s=1.0)
@@ -16,7 +16,7 @@ T = np.arange(0, 1.0, 0.01)
 
 @pytest.mark.parametrize("kind", sorted(LAW))
 def test_the_law_is_the_swerling_one(kind):
-    found = fluctuation_factor(kind, [0.0, 0.333], 20_000, correlation_s=0.1, rng=np.random.default_rng(1))
+    found = sample_fluctuation(kind, [0.0, 0.333], 20_000, correlation_s=0.1, rng=np.random.default_rng(1))
     for sample in found:
         assert stats.kstest(sample, LAW[kind].cdf).pvalue > 0.01
         assert sample.mean() == pytest.approx(1.0, abs=0.02)
@@ -29,14 +29,14 @@ def test_the_law_is_the_swerling_one(kind):
 @pytest.mark.parametrize("kind", sorted(LAW))
 def test_autocovariance_falls_to_1_over_e_at_the_correlation_time(kind):
     lag_s = np.array([0.0, 0.03, 0.06, 0.12])
-    found = fluctuation_factor(kind, 0.017 + lag_s, 100_000, correlation_s=0.06, rng=np.random.default_rng(2))
+    found = sample_fluctuation(kind, 0.017 + lag_s, 100_000, correlation_s=0.06, rng=np.random.default_rng(2))
     centred = found - 1.0
     covariance = (centred[0] * centred).mean(axis=1) / (centred[0] ** 2).mean()
     np.testing.assert_allclose(covariance, np.exp(-((lag_s / 0.06) ** 2)), atol=0.02)
 
 
 def test_stationary_at_every_phase_of_the_grid_that_it_is_made_on():
-    found = fluctuation_factor(
+    found = sample_fluctuation(
         "swerling1", np.linspace(0, 0.1, 9), 100_000, correlation_s=0.1, rng=np.random.default_rng(3)
     )
     np.testing.assert_allclose(found.mean(axis=1), 1.0, atol=0.015)
@@ -44,7 +44,7 @@ def test_stationary_at_every_phase_of_the_grid_that_it_is_made_on():
 
 
 def test_scatterers_fluctuate_independently():
-    found = fluctuation_factor("swerling1", np.arange(2000) * 1.0, 4, correlation_s=0.1, rng=np.random.default_rng(4))
+    found = sample_fluctuation("swerling1", np.arange(2000) * 1.0, 4, correlation_s=0.1, rng=np.random.default_rng(4))
     correlation = np.corrcoef(found.T)[~np.eye(4, dtype=bool)]
     assert np.abs(correlation).max() < 4 / 2000**0.5
 
@@ -52,7 +52,7 @@ def test_scatterers_fluctuate_independently():
 def test_smooth_no_clicks_from_pulse_to_pulse():
     """Mean square slope of the Gaussian process is 1 / T_c^2, so that of the exponential factor is 4 / (2 T_c^2)."""
     step_s = 1e-4
-    found = fluctuation_factor(
+    found = sample_fluctuation(
         "swerling1", np.arange(3) * step_s, 50_000, correlation_s=0.1, rng=np.random.default_rng(5)
     )
     slope = np.diff(found, axis=0) / step_s
@@ -61,15 +61,15 @@ def test_smooth_no_clicks_from_pulse_to_pulse():
 
 
 def test_a_time_does_not_depend_on_the_others():
-    all_of_them = fluctuation_factor("swerling3", T, 3, correlation_s=0.1, rng=np.random.default_rng(6))
-    some = fluctuation_factor("swerling3", T[[40, 7]], 3, correlation_s=0.1, rng=np.random.default_rng(6))
+    all_of_them = sample_fluctuation("swerling3", T, 3, correlation_s=0.1, rng=np.random.default_rng(6))
+    some = sample_fluctuation("swerling3", T[[40, 7]], 3, correlation_s=0.1, rng=np.random.default_rng(6))
     np.testing.assert_array_equal(some, all_of_them[[40, 7]])
-    assert fluctuation_factor("swerling1", [], 3, correlation_s=0.1, rng=np.random.default_rng(6)).shape == (0, 3)
+    assert sample_fluctuation("swerling1", [], 3, correlation_s=0.1, rng=np.random.default_rng(6)).shape == (0, 3)
 
 
 def test_spread_is_log_normal_with_mean_1():
     source = np.random.default_rng(7)
-    found = np.array([spread_factor(2.0, source) for _ in range(40_000)])
+    found = np.array([sample_spread(2.0, source) for _ in range(40_000)])
     assert found.mean() == pytest.approx(1.0, abs=0.01)
     assert (10 * np.log10(found)).std() == pytest.approx(2.0, rel=0.02)
 

@@ -17,12 +17,12 @@ from doppelgait.scene import (
     Scene,
     Target,
     assemble,
-    body_track,
+    compute_body_track,
+    compute_part_weights,
+    compute_scatterers,
     line_of_sight,
-    part_weights,
     place,
     scatterer_rcs_m2,
-    scatterers_of,
 )
 from doppelgait.scene.companions import leashed_dog, side_by_side
 
@@ -100,7 +100,7 @@ def test_target_is_where_it_was_asked_to_be_at_mid_observation(bearing_deg, aspe
     scene = Scene(
         [Target(motion, range_m=4.0, bearing_deg=bearing_deg, aspect_deg=aspect_deg)], radar_position_m=(1.0, 2.0, 1.0)
     )
-    sight = body_track(place(scene).targets[0], scene, [0.999, 1.0, 1.001])
+    sight = compute_body_track(place(scene).targets[0], scene, [0.999, 1.0, 1.001])
     assert sight.range_m[1] == pytest.approx(4.0)
     assert np.degrees(sight.azimuth_rad[1]) == pytest.approx(bearing_deg)
     assert np.degrees(sight.aspect_rad[1]) == pytest.approx(abs(aspect_deg), abs=1e-4)
@@ -133,7 +133,7 @@ def test_a_target_follows_its_path_from_its_start():
     # a left turn from heading +y: the centre of the circle is 1 m in -x
     expected = np.stack([2 + np.cos(t), -1 + np.sin(t), np.ones_like(t)], axis=-1)
     np.testing.assert_allclose(placed.position_m[:, 0], expected, atol=1e-6)
-    sight = body_track(place(scene).targets[0], scene, [0.5])
+    sight = compute_body_track(place(scene).targets[0], scene, [0.5])
     assert sight.radial_velocity_mps[0] == pytest.approx(
         -np.dot([-np.sin(0.5), np.cos(0.5)], [2 + np.cos(0.5), -1 + np.sin(0.5)]) / sight.range_m[0], abs=1e-4
     )
@@ -152,7 +152,7 @@ path = { kind = "turn_around", out_m = 2.5, radius_m = 0.5 }
     run = Run.from_toml(path)
     scene = run.scene
     assert scene.targets[0].path == TurnAroundPath(out_m=2.5, radius_m=0.5)
-    track = body_track(place(scene).targets[0], scene, [0.5, 3.9])
+    track = compute_body_track(place(scene).targets[0], scene, [0.5, 3.9])
     assert track.radial_velocity_mps[0] > 1 > -1 > track.radial_velocity_mps[1]
     assert type(run).model_validate_json(run.model_dump_json()) == run
     path.write_text("duration_s = 4.0" + target.replace("out_m = 2.5", "out_m = -1"))
@@ -223,7 +223,7 @@ def test_default_range_keeps_the_closest_approach_at_2_m():
     slow, fast = (points([lambda t, v=v: (v * t, 0 * t, 1 + 0 * t)]) for v in (0.5, 4.0))
     for motion, middle in ((slow, 5.0), (fast, 6.0)):
         scene = Scene([Target(motion)])
-        assert body_track(place(scene).targets[0], scene, [1.0]).range_m[0] == pytest.approx(middle)
+        assert compute_body_track(place(scene).targets[0], scene, [1.0]).range_m[0] == pytest.approx(middle)
 
 
 def test_observation_is_the_shortest_motion_unless_given():
@@ -265,7 +265,7 @@ PERSON += ["left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm",
 
 
 def test_weights_of_a_person_e08():
-    weight = dict(zip(PERSON, part_weights(PERSON), strict=True))
+    weight = dict(zip(PERSON, compute_part_weights(PERSON), strict=True))
     assert sum(weight.values()) == pytest.approx(1)
     wanted = {"torso": 0.50, "head": 0.10, "left_thigh": 0.07, "right_shank": 0.055, "left_foot": 0.015}
     for part, share in {**wanted, "right_upper_arm": 0.03}.items():
@@ -275,15 +275,15 @@ def test_weights_of_a_person_e08():
 
 def test_a_part_without_a_point_leaves_its_share_to_its_neighbour_e08():
     boulic = [p for p in PERSON if "forearm" not in p]
-    weight = dict(zip(boulic, part_weights(boulic), strict=True))
+    weight = dict(zip(boulic, compute_part_weights(boulic), strict=True))
     assert weight["left_hand"] == pytest.approx(0.03)
     assert weight["torso"] == pytest.approx(0.5)
     assert weight["head"] == pytest.approx(0.1)
 
 
 def test_weight_of_a_part_does_not_depend_on_its_number_of_markers_e08():
-    few = part_weights(PERSON)
-    many = part_weights([*PERSON, "left_foot", "left_foot", "torso"])
+    few = compute_part_weights(PERSON)
+    many = compute_part_weights([*PERSON, "left_foot", "left_foot", "torso"])
     assert many[6] == pytest.approx(few[6] / 3)
     assert many[[6, 14, 15]].sum() == pytest.approx(few[6])
     assert many[[0, 16]].sum() == pytest.approx(0.5)
@@ -329,7 +329,7 @@ def test_points_of_unknown_parts_are_warned_of_by_name_e08(unknown, message):
     parts = ["" if name in unknown else part for name, part in zip(walk.markers, walk.parts, strict=True)]
     partly = walk.with_points(walk.position_m, walk.markers, parts)
     with pytest.warns(DoppelgaitWarning, match=message):
-        scatterers_of(partly, RcsSpec(), np.array([0.0, 0.1]), [3.0, 0.0, 1.0])
+        compute_scatterers(partly, RcsSpec(), np.array([0.0, 0.1]), [3.0, 0.0, 1.0])
 
 
 # --- Truth --------------------------------------------------------------------------------------------------------
@@ -345,7 +345,7 @@ def test_truth_is_the_geometry_that_the_radar_saw():
     for number, truth in enumerate(recording.truth):
         rows = table.isel(scatterer=table.coords["target"].values == number)
         np.testing.assert_array_equal(truth.scatterers["range"], rows["range"])
-        centre = body_track(place(scene).targets[number], scene, slow_time_s)
+        centre = compute_body_track(place(scene).targets[number], scene, slow_time_s)
         np.testing.assert_array_equal(truth.centre_range_m, centre.range_m)
         np.testing.assert_array_equal(truth.centre_velocity_mps, centre.radial_velocity_mps)
         speed = walkers[number].motion.facts

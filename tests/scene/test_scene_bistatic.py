@@ -7,14 +7,14 @@ import pytest
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.radar import Radar
 from doppelgait.radar.link import echo_amplitude_v, received_power_w
 from doppelgait.radar.simulate import synthesise
-from doppelgait.scene import Scene, Target, assemble, body_track, line_of_sight, place
-from doppelgait.scene.observe import bistatic_line_of_sight, bistatic_spreading
+from doppelgait.scene import Scene, Target, assemble, compute_body_track, line_of_sight, place
+from doppelgait.scene.observe import bistatic_line_of_sight, compute_bistatic_spreading
 
 SPEED_OF_LIGHT = 299_792_458.0
 TRANSMITTER, RECEIVER = (0.3, -0.4, 1.2), (2.1, 1.5, 0.7)
@@ -23,7 +23,7 @@ TRANSMITTER, RECEIVER = (0.3, -0.4, 1.2), (2.1, 1.5, 0.7)
 def observe(scene, times, **options):
     """Scatterer table, and the line of sight of every observed target."""
     placed = place(scene)
-    return assemble(placed, times, **options), [body_track(one, scene, times) for one in placed.observed]
+    return assemble(placed, times, **options), [compute_body_track(one, scene, times) for one in placed.observed]
 
 
 TIMES = np.arange(60) / 50
@@ -85,7 +85,7 @@ def test_table_and_centre_track_follow_the_two_ways():
     np.testing.assert_allclose(np.cos(table["aspect"].values[:, 0]), -away, rtol=1e-9)
     for name, of_table in (("range_m", "range"), ("radial_velocity_mps", "radial_velocity"), ("aspect_rad", "aspect")):
         np.testing.assert_allclose(getattr(track, name), table[of_table].values[:, 0], rtol=1e-9)
-    np.testing.assert_array_equal(body_track(place(scene).targets[0], scene, TIMES).range_m, track.range_m)
+    np.testing.assert_array_equal(compute_body_track(place(scene).targets[0], scene, TIMES).range_m, track.range_m)
 
 
 def test_doppler_of_the_echo_is_that_of_both_ways():
@@ -136,7 +136,7 @@ def test_a_receiver_at_the_transmitter_is_a_monostatic_radar(rcs):
 @pytest.mark.parametrize(("there", "back"), [(3.0, 7.0), (7.0, 3.0), (5.0, 5.0), (0.1, 4.0), (0.05, 0.1)])
 def test_echo_has_the_power_of_the_bistatic_radar_equation(there, back):
     radar = Radar.preset("x4")
-    power_w = received_power_w(radar, range_m=(there + back) / 2, rcs_m2=0.6 * bistatic_spreading(there, back))
+    power_w = received_power_w(radar, range_m=(there + back) / 2, rcs_m2=0.6 * compute_bistatic_spreading(there, back))
     gain = 10 ** ((radar.tx_gain_dbi + radar.rx_gain_dbi) / 10)
     near = [max(length, 0.2) for length in (there, back)]  # the far field starts at 0.2 m
     wavelength = SPEED_OF_LIGHT / radar.carrier_hz
@@ -162,7 +162,7 @@ def test_occlusion_is_that_of_both_ways():
     scene = Scene([target], radar_position_m=(0.0, 0.0, 1.0), receiver_position_m=(3.0, 6.0, 1.0))
     table = assemble(scene, TIMES)
     ways = [assemble(Scene([target], radar_position_m=end), TIMES) for end in ((0.0, 0.0, 1.0), (3.0, 6.0, 1.0))]
-    spreading = bistatic_spreading(ways[0]["range"].values, ways[1]["range"].values)
+    spreading = compute_bistatic_spreading(ways[0]["range"].values, ways[1]["range"].values)
     one, other = (way["path_gain"].values for way in ways)
     np.testing.assert_allclose(table["path_gain"].values, np.sqrt(one * other) * spreading, rtol=1e-9, atol=1e-15)
     assert (np.abs(one - other) > 0.5).any()
@@ -190,7 +190,7 @@ def test_background_movers_scatter_but_are_no_targets():
     people = [walker(label="first"), walker(label="second", start_position_m=(7.0, 0.0))]
     scene = Scene([people[0], fan, people[1]])
     table, tracks = observe(scene, TIMES)
-    numbers = axis(table, "target")
+    numbers = read_axis(table, "target")
     assert numbers.tolist() == [0] * 17 + [-1] + [1] * 17
     assert [target.label for target in scene.observed_targets] == ["first", "second"]
     assert len(tracks) == 2
@@ -208,7 +208,7 @@ def test_a_scene_of_background_only():
     assert tracks == []
     assert scene.observed_targets == ()
     assert place(scene).observation_s == pytest.approx(1.4, abs=0.01)
-    assert (axis(table, "target") == -1).all()
+    assert (read_axis(table, "target") == -1).all()
 
 
 @pytest.mark.parametrize("angles", [True, False])
@@ -224,7 +224,7 @@ def test_an_empty_room_has_a_table_without_scatterers(angles):
         assert table[name].dims == filled[name].dims
         assert table[name].attrs == filled[name].attrs
         assert table[name].dtype.kind == filled[name].dtype.kind
-    np.testing.assert_array_equal(axis(table, "slow_time"), TIMES)
+    np.testing.assert_array_equal(read_axis(table, "slow_time"), TIMES)
     assert not synthesise(table, Radar.preset("x4")).values.any()
 
 

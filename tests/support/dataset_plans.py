@@ -7,11 +7,11 @@ import json
 from functools import partial
 
 from doppelgait.core.config import validate
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.finish import LOG, SUMS
-from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.status import read_dataset_status
 from shared_work import made_once
 
 
@@ -40,7 +40,7 @@ def dataset_hash(folder):
     """Hash of every byte of a dataset but its log, which holds times, and the list of hashes, which holds the log's."""
     digest = hashlib.sha256()
     for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in (LOG, SUMS)):
-        digest.update(f"{path.relative_to(folder)}\n{file_sha256(path)}\n".encode())
+        digest.update(f"{path.relative_to(folder)}\n{hash_file(path)}\n".encode())
     return digest.hexdigest()
 
 
@@ -56,7 +56,7 @@ def put_index(folder, index):
 
 def check_whole(folder, expected_hash):
     """Everything is there, nothing else is, and it is what it should be."""
-    status = dataset_status(folder)
+    status = read_dataset_status(folder)
     assert status.count("done") == len(status.shards) == 8
     assert (status.n_examples, status.planned, status.n_failed, status.complete) == (24, 24, 0, True)
     assert (status.running, status.partial, status.removed) == ((), (), ())

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
-from doppelgait.features import Extraction, GaitFeatures, Observed
+from doppelgait.features import Extraction, GaitFeatures, Observation
 from doppelgait.features.extended import measure_extended
-from doppelgait.processing.main_line import column_peaks
+from doppelgait.processing.main_line import find_column_peaks
 
 RATE_HZ, PRF_HZ, WAVELENGTH_M = 125.0, 1000.0, 299_792_458 / 7.29e9
 HALF_M = WAVELENGTH_M / 2
@@ -37,10 +37,10 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     coords = {name: mu.coords[name] for name in ("time", "doppler", "velocity")}
     cadence_hz = np.arange(0, 20, 0.025)
     power = np.ones(cadence_hz.size) if spectrum is None else spectrum(cadence_hz)
-    return Observed(
+    return Observation(
         signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M, excess=mu - floor,
         aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
-        cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=column_peaks(mu)[1],
+        cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=find_column_peaks(mu)[1],
         spectrum=make_array(CADENCE_SPECTRUM, power, {"cadence": cadence_hz}),
         observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
     )  # fmt: skip

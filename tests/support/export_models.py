@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.export.device import Device
-from doppelgait.classify.export.examples import levels_of_samples, walk_samples
-from doppelgait.classify.learned import Ensemble, Network, Part, join_inputs
+from doppelgait.classify.export.examples import convert_samples, walk_samples
+from doppelgait.classify.learned import Ensemble, LabelledRows, Network, join_inputs
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.training import train_boosting, train_logistic, train_svm
 from doppelgait.processing.config import Analysis, plan_transform
-from doppelgait.processing.patches import Patch, covering
+from doppelgait.processing.patches import Patch, cut_pictures
 
 NAMES = (
     "torso_speed_mps", "doppler_bandwidth_mps", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3",
@@ -46,8 +46,10 @@ def random_network(rng: np.random.Generator, n_classes: int, patch: Patch, chann
     plan = plan_transform(Analysis(), n_pulses=100_000, prf_hz=500.0)
     n_stft = math.ceil(patch.n_time * patch.column_s * 500.0 / plan.hop)
     device = Device(500.0, 0.0411, 1, patch, plan.window, plan.hop, plan.n_doppler_bins, patch.n_time, n_stft, None)
-    pictures = [levels_of_samples(walk_samples(rng, device), device) for _ in range(20)]
-    scores = found.of_pictures(np.stack([*pictures, *(random_levels(rng, patch, patch.n_time) for _ in range(20))]))
+    pictures = [convert_samples(walk_samples(rng, device), device) for _ in range(20)]
+    scores = found.classify_pictures(
+        np.stack([*pictures, *(random_levels(rng, patch, patch.n_time) for _ in range(20))])
+    )
     scores -= scores.mean(axis=1, keepdims=True)
     factor = 1.5 / scores.std(axis=0).mean()
     bias = (-factor * scores.mean(axis=0)).astype(np.float32)
@@ -71,7 +73,7 @@ def export_model_of(
     values = random_features(rng, 300)
     labels = np.digitize(np.nan_to_num(values[:, 4]), np.nanquantile(values[:, 4], np.arange(1, n_classes) / n_classes))
     labels[np.isnan(values[:, 5])] = n_classes - 1
-    part, nothing = Part(values, labels), Part(values[:0], labels[:0])
+    part, nothing = LabelledRows(values, labels), LabelledRows(values[:0], labels[:0])
     train = {"linear": train_logistic, "trees": train_boosting, "kernel": train_svm}
     net = random_network(rng, n_classes, patch or Patch(n_velocity=16, n_time=16), channels)
     if kind == "ensemble":
@@ -115,8 +117,8 @@ def pictures_of(model: Model, levels: np.ndarray) -> np.ndarray:
     """Pictures (n, m, n_velocity, n_time) of levels of one length, NaN for unknown ones."""
     patch = network_of(model).patch
     known = next(whole for whole in levels if whole is not None)
-    unknown = np.full((len(covering(known, patch)), patch.n_velocity, patch.n_time), np.nan, np.float32)
-    return np.stack([unknown if whole is None else covering(whole, patch) for whole in levels])
+    unknown = np.full((len(cut_pictures(known, patch)), patch.n_velocity, patch.n_time), np.nan, np.float32)
+    return np.stack([unknown if whole is None else cut_pictures(whole, patch) for whole in levels])
 
 
 def require(found: object, what: str) -> None:

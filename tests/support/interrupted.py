@@ -24,7 +24,7 @@ from doppelgait.radar import write_recording
 
 KINDS = ("processes", "serial", "dask", "import", "evaluate", "verify", "live")
 START = (
-    "from doppelgait.core.interrupt import end_on_signals; end_on_signals(); print('begun', flush=True); "
+    "from doppelgait.core.interrupt import restore_signals; restore_signals(); print('begun', flush=True); "
     "from doppelgait.cli import main; main()"
 )
 

@@ -13,7 +13,7 @@ import numpy as np
 import processes
 from doppelgait.viewer.app import make_app
 from doppelgait.viewer.limits import make_server
-from doppelgait.viewer.server import listening
+from doppelgait.viewer.server import open_socket
 
 TOKEN = "token-of-this-test"
 
@@ -95,7 +95,7 @@ class Client:
 @contextmanager
 def served(opened, settings=None):
     """Client of a viewer that has something open, or nothing."""
-    with listening(0) as listener:
+    with open_socket(0) as listener:
         port = listener.getsockname()[1]
         with running(make_server(make_app(opened, token=TOKEN, port=port, settings=settings)), listener):
             yield Client(port)

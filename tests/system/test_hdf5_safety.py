@@ -11,7 +11,7 @@ import pytest
 
 from dataset_plans import put_index
 from doppelgait.core.errors import AnalysisError, DatasetError, RecordingError
-from doppelgait.core.own_hdf5 import open_hdf5, own_member
+from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.pipeline.result import read_results
@@ -114,10 +114,10 @@ def test_groups_that_hold_themselves_and_names_with_slashes(tmp_path):
     with h5py.File(tmp_path / "loop.h5", "w") as file:
         file["inner/values"] = np.arange(3)
         file["inner/again"] = file["inner"]
-        assert own_member(file, "nothing") is None
-        assert own_member(file["inner"], "values")[:].tolist() == [0, 1, 2]
+        assert get_own_member(file, "nothing") is None
+        assert get_own_member(file["inner"], "values")[:].tolist() == [0, 1, 2]
         with pytest.raises(ValueError, match="not allowed as a name"):
-            own_member(file, "inner/values")
+            get_own_member(file, "inner/values")
     with pytest.raises(ValueError, match=r"the group 'inner/again' has two names"):
         open_hdf5(tmp_path / "loop.h5")
 

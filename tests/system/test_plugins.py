@@ -38,14 +38,14 @@ plugin("classifier", "six-logistic")(object())
 """
 LOOK = """
 import warnings
-from doppelgait.core.plugins import foreign_plugins
+from doppelgait.core.plugins import list_foreign_plugins
 with warnings.catch_warnings(record=True) as seen:
     warnings.simplefilter("always")
     from doppelgait.radar import Radar
     Radar.preset("x4")
     from doppelgait.classify.training import CLASSIFIERS
     from doppelgait.features.feature_set import FEATURES
-    print(len(seen), foreign_plugins(), "gaitlab_half" in FEATURES, CLASSIFIERS["six-logistic"].package)
+    print(len(seen), list_foreign_plugins(), "gaitlab_half" in FEATURES, CLASSIFIERS["six-logistic"].package)
 """
 
 
@@ -66,7 +66,7 @@ def test_a_package_of_version_0_1_0_is_left_out_with_what_to_do(tmp_path):
     (tmp_path / "old-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: old\nVersion: 1\n")
     (tmp_path / "old-1.dist-info" / "entry_points.txt").write_text("[doppelgait.impairments]\nhum = old_hum:hum\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
-    look = "from doppelgait.core.plugins import foreign_plugins; print(foreign_plugins())"
+    look = "from doppelgait.core.plugins import list_foreign_plugins; print(list_foreign_plugins())"
     done = processes.run([sys.executable, "-c", look], capture_output=True, text=True, timeout=120, env=environment)
     assert done.stdout.strip() == "[]"
     assert "'hum' (old_hum:hum) is in the entry-point group 'doppelgait.impairments', which is not read" in done.stderr

@@ -28,7 +28,7 @@ reveal_type(dg.Radar.preset("x4"))  # doppelgait.radar.parameters.Radar
 reveal_type(dg.Run(scene=scene, radar="x4").streams)  # doppelgait.core.rng.Streams
 reveal_type(dg.motion.read("walk.c3d"))  # doppelgait.motion.motion.Motion
 reveal_type(dg.open_dataset("walks"))  # doppelgait.dataset.open.Dataset
-reveal_type(dg.radar.preset_names())  # list[str]
+reveal_type(dg.radar.list_preset_names())  # list[str]
 reveal_type(dg.classify.classify("walk.h5"))  # list[doppelgait.classify.decide.Decision]
 reveal_type(dg.viz.signature(results[0].signature))  # matplotlib.figure.Figure
 dg.simulate(scene, "x4", sed=1)  # error: Unexpected keyword argument "sed" for "simulate"

@@ -4,13 +4,13 @@ import os
 import sys
 
 import processes
-from doppelgait.core.worker import WORKER_ENVIRONMENT, worker_environment
+from doppelgait.core.worker import WORKER_ENVIRONMENT, mark_workers
 
 
 def test_the_callers_environment_is_as_before(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "8")
     monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)
-    with worker_environment():
+    with mark_workers():
         assert {name: os.environ[name] for name in WORKER_ENVIRONMENT} == WORKER_ENVIRONMENT
     assert os.environ["OMP_NUM_THREADS"] == "8"
     assert "MALLOC_TRIM_THRESHOLD_" not in os.environ

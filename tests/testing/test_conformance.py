@@ -12,15 +12,26 @@ import pytest
 from doppelgait.core.errors import ConfigError
 from doppelgait.radar import Radar
 from doppelgait.testing import conformance
-from doppelgait.testing.conformance import Check, __main__, bench, format_report, run_conformance, suite_radars, theory
-from doppelgait.testing.conformance.radars import changed
+from doppelgait.testing.conformance import (
+    Check,
+    __main__,
+    bench,
+    format_report,
+    list_suite_radars,
+    run_conformance,
+    theory,
+)
+from doppelgait.testing.conformance.radars import change_radar
 from doppelgait.testing.conformance.run import RULES
 
 C = 299_792_458.0
 PARTS = {
-    "sweep": bench.sweep_samples, "noise": bench.receiver_noise, "quantise": bench.quantised, "wall": bench.behind_wall,
-    "two_ray": bench.over_floor,
-}  # fmt: skip
+    "sweep": bench.simulate_sweep,
+    "noise": bench.sample_receiver_noise,
+    "quantise": bench.quantise_samples,
+    "wall": bench.apply_wall,
+    "two_ray": bench.apply_floor,
+}
 OF_PARTS = [rule.name for rule in RULES if rule.needs != "simulator"]
 X4 = Radar.preset("x4")
 
@@ -80,7 +91,7 @@ def literal(
 
 
 def test_a_literal_loop_passes_and_has_no_other_parts():
-    checks = run_conformance(literal, radars=suite_radars("impulse"))
+    checks = run_conformance(literal, radars=list_suite_radars("impulse"))
     assert failed(checks) == set()
     missing = {check.name for check in checks if check.passed is None}
     assert missing == {
@@ -132,7 +143,7 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_fails_exactly_the_checks_of_what_it_breaks(fault):
     simulator, wanted = FAULTS[fault]
-    checks = run_conformance(simulator, radars=suite_radars("impulse"))
+    checks = run_conformance(simulator, radars=list_suite_radars("impulse"))
     assert failed(checks) == each(*wanted, radar="impulse")
 
 
@@ -172,19 +183,19 @@ SWEPT_FAULTS = {
 @pytest.mark.parametrize("fault", SWEPT_FAULTS)
 def test_a_fault_of_fmcw_fails_exactly_its_checks_and_no_others_waveform(fault):
     simulator, wanted = SWEPT_FAULTS[fault]
-    radars = suite_radars("cw", "fmcw") if simulator is turned_round else suite_radars("fmcw")
+    radars = list_suite_radars("cw", "fmcw") if simulator is turned_round else list_suite_radars("fmcw")
     assert failed(run_conformance(simulator, radars=radars)) == each(*wanted, radar="fmcw")
 
 
 def test_a_beat_of_twice_the_slope_or_of_the_wrong_coupling_fails():
     def half(scatterers, radar):
-        return bench.sweep_samples(scatterers.assign(range=0.5 * scatterers["range"]), radar)
+        return bench.simulate_sweep(scatterers.assign(range=0.5 * scatterers["range"]), radar)
 
     def against(scatterers, radar):
-        return bench.sweep_samples(scatterers.assign(radial_velocity=-scatterers["radial_velocity"]), radar)
+        return bench.simulate_sweep(scatterers.assign(radial_velocity=-scatterers["radial_velocity"]), radar)
 
     def conjugated(scatterers, radar):  # the text books' sign
-        return np.conj(bench.sweep_samples(scatterers, radar))
+        return np.conj(bench.simulate_sweep(scatterers, radar))
 
     for sweep, wanted in ((half, False), (against, False), (conjugated, True)):
         (check,) = run_conformance(only=["beat_frequency"], sweep=sweep)
@@ -195,13 +206,13 @@ def test_a_beat_of_twice_the_slope_or_of_the_wrong_coupling_fails():
 
 
 def one_way_wall(scatterers, **wall):
-    behind = bench.behind_wall(scatterers, **wall)
+    behind = bench.apply_wall(scatterers, **wall)
     return behind.assign(path_gain=np.sqrt(behind["path_gain"]))
 
 
 def wall_without(name):
     def part(scatterers, **wall):
-        behind = bench.behind_wall(scatterers, **wall)
+        behind = bench.apply_wall(scatterers, **wall)
         return behind.drop_vars(name) if name == "path_phase" else behind.assign({name: scatterers[name]})
 
     return part
@@ -209,16 +220,16 @@ def wall_without(name):
 
 def wall_that_spreads(scatterers, **wall):
     """The radar equation takes the delay for distance: 0.4 dB at 5 m behind 115 mm of brick."""
-    behind = bench.behind_wall(scatterers, **wall)
+    behind = bench.apply_wall(scatterers, **wall)
     return behind.assign(path_gain=behind["path_gain"] * (scatterers["range"] / behind["range"]) ** 4)
 
 
 def real_noise(radar, *, n_pulses, rng):
-    return math.sqrt(2) * bench.receiver_noise(radar, n_pulses=n_pulses, rng=rng).real
+    return math.sqrt(2) * bench.sample_receiver_noise(radar, n_pulses=n_pulses, rng=rng).real
 
 
 def slow_noise(radar, *, n_pulses, rng):
-    noise = bench.receiver_noise(radar, n_pulses=n_pulses, rng=rng)
+    noise = bench.sample_receiver_noise(radar, n_pulses=n_pulses, rng=rng)
     return (noise + np.roll(noise, 1, axis=0)) / math.sqrt(2)
 
 
@@ -228,23 +239,29 @@ def truncated(samples, *, bits, full_scale_v):
 
 
 def floor_of_the_other_sign(scatterers, **floor):
-    over = bench.over_floor(scatterers, **floor)
+    over = bench.apply_floor(scatterers, **floor)
     once = np.char.endswith(over["marker"].values.astype(str), ":bounce")
     return over.assign(path_phase=over["path_phase"] + np.where(once, np.pi, 0.0))
 
 
 PART_FAULTS = {
     "noise 0.5 dB high": (
-        {"noise": lambda r, *, n_pulses, rng: 10**0.025 * bench.receiver_noise(r, n_pulses=n_pulses, rng=rng)},
+        {"noise": lambda r, *, n_pulses, rng: 10**0.025 * bench.sample_receiver_noise(r, n_pulses=n_pulses, rng=rng)},
         {"noise_power[fmcw]", "matched_snr[fmcw]"},
     ),
     "noise in one channel": ({"noise": real_noise}, {"noise_whiteness[fmcw]"}),
     "noise from two pulses": ({"noise": slow_noise}, {"noise_whiteness[fmcw]"}),
-    "no noise": ({"noise": lambda r, *, n_pulses, rng: np.zeros((n_pulses, 65))},
-                 {"noise_power[fmcw]", "noise_whiteness[fmcw]", "matched_snr[fmcw]"}),
+    "no noise": (
+        {"noise": lambda r, *, n_pulses, rng: np.zeros((n_pulses, 65))},
+        {"noise_power[fmcw]", "noise_whiteness[fmcw]", "matched_snr[fmcw]"},
+    ),
     "no rounding": ({"quantise": lambda s, *, bits, full_scale_v: s}, {"quantisation_snr"}),
     "one bit less": (
-        {"quantise": lambda s, *, bits, full_scale_v: bench.quantised(s, bits=bits - 1, full_scale_v=full_scale_v)},
+        {
+            "quantise": lambda s, *, bits, full_scale_v: bench.quantise_samples(
+                s, bits=bits - 1, full_scale_v=full_scale_v
+            )
+        },
         {"quantisation_snr", "quantisation_bias"},
     ),
     "truncation": ({"quantise": truncated}, {"quantisation_snr", "quantisation_bias"}),
@@ -256,38 +273,38 @@ PART_FAULTS = {
     "no bounce": ({"two_ray": lambda s, **floor: s}, {"two_ray_pattern"}),
     "bounce without a change of sign": ({"two_ray": floor_of_the_other_sign}, {"two_ray_pattern"}),
     "one bounce alone": (
-        {"two_ray": lambda s, **floor: bench.over_floor(s, **floor).isel(scatterer=[0, 1])},
+        {"two_ray": lambda s, **floor: bench.apply_floor(s, **floor).isel(scatterer=[0, 1])},
         {"two_ray_pattern"},
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("fault", PART_FAULTS)
 def test_a_fault_of_a_part_fails_exactly_its_checks(fault):
     parts, wanted = PART_FAULTS[fault]
-    checks = run_conformance(radars=suite_radars("fmcw"), only=OF_PARTS, **parts)
+    checks = run_conformance(radars=list_suite_radars("fmcw"), only=OF_PARTS, **parts)
     assert failed(checks) == wanted
     own = [rule for rule in RULES if rule.name in OF_PARTS and (not rule.waveforms or "fmcw" in rule.waveforms)]
     assert len(checks) == len(own)
 
 
 def averaged_noise(radar, *, n_pulses, rng):
-    return bench.receiver_noise(changed(radar, threshold_step_v=None), n_pulses=n_pulses, rng=rng)
+    return bench.sample_receiver_noise(change_radar(radar, threshold_step_v=None), n_pulses=n_pulses, rng=rng)
 
 
 def fixed_ratio_noise(radar, *, n_pulses, rng):
     """A counter whose noise does not rise with the root of the input noise: right at 5 steps, not at 1 and 20."""
-    noise = bench.receiver_noise(changed(radar, threshold_step_v=None), n_pulses=n_pulses, rng=rng)
+    noise = bench.sample_receiver_noise(change_radar(radar, threshold_step_v=None), n_pulses=n_pulses, rng=rng)
     return noise if radar.threshold_step_v is None else noise * math.sqrt(1 / (5 * math.sqrt(math.pi)))
 
 
 def white_noise(radar, *, n_pulses, rng):
-    return bench.receiver_noise(changed(radar, noise_correlation=()), n_pulses=n_pulses, rng=rng)
+    return bench.sample_receiver_noise(change_radar(radar, noise_correlation=()), n_pulses=n_pulses, rng=rng)
 
 
 def shuffled_noise(radar, *, n_pulses, rng):
     """The right correlation over every second bin."""
-    noise = bench.receiver_noise(radar, n_pulses=n_pulses, rng=rng)
+    noise = bench.sample_receiver_noise(radar, n_pulses=n_pulses, rng=rng)
     return np.concatenate([noise[:, ::2], noise[:, 1::2]], axis=1)
 
 
@@ -301,7 +318,7 @@ def shuffled_noise(radar, *, n_pulses, rng):
     ],
 )
 def test_a_fault_of_the_noise_of_bins_fails_exactly_its_check(noise, wanted):
-    checks = run_conformance(radars=suite_radars("impulse"), only=OF_PARTS, noise=noise)
+    checks = run_conformance(radars=list_suite_radars("impulse"), only=OF_PARTS, noise=noise)
     assert failed(checks) == {f"{wanted}[impulse]"}
     # the X4 states both itself: its noise power shows the law too
     checks = run_conformance(radars={"x4": X4}, only=["noise_power", "noise_correlation"], noise=noise)
@@ -312,8 +329,8 @@ def test_a_fault_of_the_noise_of_bins_fails_exactly_its_check(noise, wanted):
 def test_a_weak_echo_shows_in_the_signal_to_noise_ratio():
     for name in ("impulse", "rectangular", "stepped", "cw"):
         checks = run_conformance(
-            lambda s, r: 0.9 * bench.simulate_bins(s, r), radars=suite_radars(name), only=["matched_snr"],
-            noise=bench.receiver_noise,
+            lambda s, r: 0.9 * bench.simulate_bins(s, r), radars=list_suite_radars(name), only=["matched_snr"],
+            noise=bench.sample_receiver_noise,
         )  # fmt: skip
         assert failed(checks) == {f"matched_snr[{name}]"}
         assert checks[0].figure == pytest.approx(-20 * math.log10(0.9), abs=0.03)
@@ -326,14 +343,16 @@ def test_an_error_or_a_wrong_shape_is_a_failure_with_its_text():
     def broken(scatterers, radar):
         raise ZeroDivisionError("no such thing")
 
-    (check,) = run_conformance(broken, radars=suite_radars("cw"), only=["radar_equation"])
+    (check,) = run_conformance(broken, radars=list_suite_radars("cw"), only=["radar_equation"])
     assert check.passed is False
     assert check.note == "ZeroDivisionError: no such thing"
-    (check,) = run_conformance(lambda s, r: np.zeros((5, 7)), radars=suite_radars("cw"), only=["radar_equation"])
+    (check,) = run_conformance(lambda s, r: np.zeros((5, 7)), radars=list_suite_radars("cw"), only=["radar_equation"])
     assert check.passed is False
     assert "(5, 7)" in check.note
     (check,) = run_conformance(
-        lambda s, r: bench.simulate_bins(s, r).rename(range="bin"), radars=suite_radars("cw"), only=["radar_equation"]
+        lambda s, r: bench.simulate_bins(s, r).rename(range="bin"),
+        radars=list_suite_radars("cw"),
+        only=["radar_equation"],
     )
     assert "(slow_time, range)" in check.note
 
@@ -341,7 +360,7 @@ def test_an_error_or_a_wrong_shape_is_a_failure_with_its_text():
 def test_silence_and_nan_fail():
     for value in (0.0, np.nan):
         checks = run_conformance(
-            lambda s, r, value=value: np.full((s.sizes["slow_time"], 65), value), radars=suite_radars("fmcw")
+            lambda s, r, value=value: np.full((s.sizes["slow_time"], 65), value), radars=list_suite_radars("fmcw")
         )
         passed = {check.name for check in checks if check.passed is True}
         assert passed == set()
@@ -352,7 +371,7 @@ def test_an_own_range_axis_of_a_data_array_counts():
         fine = Radar.model_validate({**radar.model_dump(), "sample_rate_hz": 2 * radar.sample_rate_hz})
         return bench.simulate_bins(scatterers, fine)
 
-    checks = run_conformance(finer, radars=suite_radars("impulse"), only=["range_migration", "range_profile"])
+    checks = run_conformance(finer, radars=list_suite_radars("impulse"), only=["range_migration", "range_profile"])
     assert failed(checks) == set()
 
 
@@ -369,7 +388,7 @@ def test_only_takes_rules_and_single_checks_and_refuses_others():
     with pytest.raises(ConfigError, match=r"no check 'wal'.*wall_loss"):
         run_conformance(only=["wal"])
     with pytest.raises(ConfigError, match="no theory for waveform 'chaos'"):
-        suite_radars("chaos")
+        list_suite_radars("chaos")
     with pytest.raises(ConfigError, match="radars is empty"):
         run_conformance(radars={})
 
@@ -394,7 +413,7 @@ def test_command_prints_a_table_or_json_and_its_exit_tells(capsys, monkeypatch):
     assert [c["name"] for c in json.loads(capsys.readouterr().out)] == ["quantisation_snr", "wall_loss"]
     assert __main__.main(["--only", "nonsense"]) == 2
     assert "nonsense" in capsys.readouterr().err
-    monkeypatch.setattr(bench, "quantised", lambda s, *, bits, full_scale_v: s)
+    monkeypatch.setattr(bench, "quantise_samples", lambda s, *, bits, full_scale_v: s)
     assert __main__.main(["--only", "quantisation_snr", "--json"]) == 1
     (check,) = json.loads(capsys.readouterr().out)
     assert check["figure"] is None  # infinite
@@ -407,24 +426,24 @@ def test_command_prints_a_table_or_json_and_its_exit_tells(capsys, monkeypatch):
 def test_theory_has_the_figures_of_the_literature():
     assert theory.pulse_sigma_s(X4) == pytest.approx(0.3450e-9, rel=1e-4)
     assert theory.half_power_width_m(X4) == pytest.approx(0.0861, abs=5e-5)
-    assert theory.averages(X4) == 94  # 0.95 x 15.1875 MHz / (1000 Hz x 152 levels)
+    assert theory.count_averages(X4) == 94  # 0.95 x 15.1875 MHz / (1000 Hz x 152 levels)
     power_w = theory.received_w(X4, range_m=np.array(5.0), gain_m2=np.array(1.0))
     assert 10 * math.log10(1e3 * power_w) == pytest.approx(-80.7, abs=0.05)
-    one = changed(X4, receiver_gain_db=0.0, noise_figure_db=0.0, noise_bandwidth_hz=1.4e9, threshold_step_v=None)
+    one = change_radar(X4, receiver_gain_db=0.0, noise_figure_db=0.0, noise_bandwidth_hz=1.4e9, threshold_step_v=None)
     noise_w = theory.bin_noise_v2(one) * 94 / (2 * 50)
     assert 10 * math.log10(1e3 * noise_w) == pytest.approx(-82.5, abs=0.05)
     # a counter with input noise of 5 steps, n = 94: 0.564 x 5 / 94 steps^2 of an RF sample
-    five = changed(X4, threshold_step_v=theory.input_noise_v(X4) / 5, noise_bandwidth_hz=X4.sample_rate_hz / 4)
+    five = change_radar(X4, threshold_step_v=theory.input_noise_v(X4) / 5, noise_bandwidth_hz=X4.sample_rate_hz / 4)
     assert theory.bin_noise_v2(five) / five.threshold_step_v**2 == pytest.approx(0.5642 * 5 / 94, rel=1e-4)
     fmcw = Radar(waveform="fmcw", carrier_hz=24e9, bandwidth_hz=1e9, sweep_s=1e-3, sample_rate_hz=256e3, prf_hz=500.0,
                  range_stop_m=9.0)  # fmt: skip
     assert 2.0 * theory.coupling_s(fmcw) == pytest.approx(-0.048)
     assert theory.half_power_width_m(fmcw) / (C / 2e9) == pytest.approx(1.441, abs=2e-3)
-    lfm = suite_radars("lfm")["lfm"]
+    lfm = list_suite_radars("lfm")["lfm"]
     assert theory.half_power_width_m(lfm) == pytest.approx(0.886 * C / 2e9, rel=0.01)
-    rectangular = suite_radars("rectangular")["rectangular"]
+    rectangular = list_suite_radars("rectangular")["rectangular"]
     assert theory.half_power_width_m(rectangular) == pytest.approx((2 - math.sqrt(2)) * C * 1e-9 / 2, rel=1e-3)
-    assert theory.profile(rectangular, np.array([0.0, 0.075, 0.16])) == pytest.approx(
+    assert theory.compute_profile(rectangular, np.array([0.0, 0.075, 0.16])) == pytest.approx(
         [1.0, 1 - 2 * 0.075 / C / 1e-9, 0.0], abs=1e-3
     )
 
@@ -435,14 +454,16 @@ def test_theory_of_walls_is_that_of_p_2040_at_7_29_ghz(wall, loss_db):
 
     given = dict(WALLS[wall])
     thickness_m = given.pop("thickness_m")
-    eps = theory.permittivity_of(carrier_hz=7.29e9, **given)
-    t = theory.slab_insertion(1.0, permittivity=eps, thickness_m=thickness_m, wavelength_m=C / 7.29e9)
+    eps = theory.compute_permittivity(carrier_hz=7.29e9, **given)
+    t = theory.compute_slab_insertion(1.0, permittivity=eps, thickness_m=thickness_m, wavelength_m=C / 7.29e9)
     assert -20 * math.log10(abs(t)) == pytest.approx(loss_db, rel=0.2)
 
 
 def test_theory_of_a_half_wave_slab_and_of_a_floor():
     eps, wavelength_m = complex(4.0), 0.04
-    t = theory.slab_insertion(1.0, permittivity=eps, thickness_m=0.01, wavelength_m=wavelength_m)
+    t = theory.compute_slab_insertion(1.0, permittivity=eps, thickness_m=0.01, wavelength_m=wavelength_m)
     assert t == pytest.approx(-1.0 * np.exp(2j * np.pi * 0.25))  # half a wave inside, a quarter of one displaced
-    grazing, brewster, upright = theory.floor_reflection(np.array([0.0, 1 / math.sqrt(5.0), 1.0]), permittivity=eps)
+    grazing, brewster, upright = theory.compute_floor_reflection(
+        np.array([0.0, 1 / math.sqrt(5.0), 1.0]), permittivity=eps
+    )
     assert (grazing, brewster, upright) == pytest.approx((-1.0, 0.0, 1 / 3), abs=1e-12)

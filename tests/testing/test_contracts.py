@@ -13,7 +13,7 @@ from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features import FEATURES
-from doppelgait.radar import WAVEFORMS, Radar, Waveform, scatterer_arrays
+from doppelgait.radar import WAVEFORMS, Radar, Waveform, compute_scatterer_arrays
 from doppelgait.radar.impairments import (
     IMPAIRMENTS,
     Adc,
@@ -198,7 +198,7 @@ def test_a_small_waveform_needs_two_methods(register):
         width_m: float = 0.5
 
         def synthesise(self, scatterers, radar):
-            range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+            range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
             phase_rad = radar.transmit_phase_rad - 4 * np.pi * range_m / radar.wavelength_m
             if "path_phase" in scatterers:
                 phase_rad = phase_rad + scatterers["path_phase"].values

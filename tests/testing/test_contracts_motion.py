@@ -13,7 +13,7 @@ import doppelgait as dg
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.motion.models import MOTION_MODELS
-from doppelgait.motion.paths import PATHS, Layout, Path, Piece, make_path
+from doppelgait.motion.paths import PATHS, CurveElement, Layout, Path, make_path
 from doppelgait.motion.readers import MOTION_READERS
 from doppelgait.testing import check_motion_model, check_motion_reader, check_path
 
@@ -217,10 +217,10 @@ class Zigzag(Path):
 @pytest.mark.parametrize(
     ("lay", "says"),
     [
-        (lambda path: Layout((Piece(2.0, 0.5), Piece(2.0, -0.5), Piece(np.inf))), None),
-        (lambda path: Layout((Piece(np.inf), Piece(2.0))), "endless"),
+        (lambda path: Layout((CurveElement(2.0, 0.5), CurveElement(2.0, -0.5), CurveElement(np.inf))), None),
+        (lambda path: Layout((CurveElement(np.inf), CurveElement(2.0))), "endless"),
         (lambda path: Layout(()), "needs pieces"),
-        (lambda path: Layout((Piece(-1.0),)), "positive length"),
+        (lambda path: Layout((CurveElement(-1.0),)), "positive length"),
     ],
 )
 def test_an_own_path_passes_and_a_broken_one_is_caught(register, lay, says):

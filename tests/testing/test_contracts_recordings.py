@@ -17,8 +17,8 @@ from doppelgait.core import plugins
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, write_recording
-from doppelgait.radar.measured import cw_radar, label_measured
-from doppelgait.radar.recording import baseband_facts
+from doppelgait.radar.measured import label_measured, make_cw_radar
+from doppelgait.radar.recording import make_baseband_facts
 from doppelgait.testing import check_radar_reader, check_radar_writer
 
 
@@ -36,7 +36,7 @@ def _recording(n_bins=6, prf_hz=25.0):
     radar = Radar.preset("x4", prf_hz=prf_hz, range_start_m=0.5, range_stop_m=0.5 + n_bins * 0.0514)
     values = (rng.normal(size=(30, n_bins)) + 1j * rng.normal(size=(30, n_bins))).astype(np.complex64)
     coords = {"slow_time": np.arange(30) / prf_hz, "range": radar.range_axis_m()}
-    return Recording.from_baseband(make_array(BASEBAND, values, coords, baseband_facts(radar)), radar, seed=3)
+    return Recording.from_baseband(make_array(BASEBAND, values, coords, make_baseband_facts(radar)), radar, seed=3)
 
 
 XETHRU = {"start_time": datetime(2020, 5, 1, 12, tzinfo=UTC), "session_id": "a"}
@@ -90,7 +90,7 @@ def test_every_radar_writer_keeps_its_contract(name):
 def _read_walk(path, *, prf_hz=100.0):
     content = path.read_bytes()
     values = np.frombuffer(content[4:], np.complex64)
-    radar = cw_radar(path, name="walk", carrier_hz=24e9, prf_hz=prf_hz)
+    radar = make_cw_radar(path, name="walk", carrier_hz=24e9, prf_hz=prf_hz)
     times_s = np.arange(values.size) / prf_hz
     return label_measured(path, values[:, None], radar=radar, slow_time_s=times_s, range_m=radar.range_axis_m())
 

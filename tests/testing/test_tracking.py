@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.processing import Gate
-from doppelgait.testing.tracking import agreement, gospa, ospa, range_iou
+from doppelgait.testing.tracking import compare_tracks, gospa, ospa, range_iou
 
 
 def brute_gospa(a: np.ndarray, b: np.ndarray, c: float, p: float) -> float:
@@ -70,10 +70,10 @@ def test_overlap_of_gates() -> None:
 def test_exchange_at_a_crossing_is_two_switches() -> None:
     t = np.linspace(0, 4, 41)
     truth = np.c_[2 + t, 6 - t]
-    exact = agreement(truth, truth)
+    exact = compare_tracks(truth, truth)
     assert (exact.switches, exact.gospa, exact.rms) == (0, 0.0, 0.0)
     swapped = np.where((t < 2)[:, None], truth, truth[:, ::-1])
-    found = agreement(swapped, truth)
+    found = compare_tracks(swapped, truth)
     assert found.switches == 2
     assert found.purity == pytest.approx([0.61, 0.61], abs=0.15)  # near the crossing both pairings are allowed
     assert found.completeness == pytest.approx([1.0, 1.0])
@@ -86,7 +86,7 @@ def test_parts_of_a_track_false_tracks_and_delay() -> None:
     found[4:10, 0] = 3.1  # first part
     found[12:, 1] = 2.9  # second part, another track
     found[:, 2] = 8.0  # nobody
-    result = agreement(found, truth)
+    result = compare_tracks(found, truth)
     assert result.switches == 1
     assert result.completeness.tolist() == [14 / 20]
     assert result.purity.tolist() == [1.0, 1.0, 0.0]

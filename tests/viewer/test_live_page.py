@@ -14,17 +14,17 @@ pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
 from doppelgait.classify.live import live
-from doppelgait.classify.shipped import shipped_model
+from doppelgait.classify.shipped import load_shipped_model
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from doppelgait.viewer.live_page import MOST_ROWS, SPAN_S, STEP_S, Rolling
-from doppelgait.viewer.server import serving_live
+from doppelgait.viewer.server import serve_live
 from viewer_client import unpack
 
-MODEL = shipped_model("x4")
+MODEL = load_shipped_model("x4")
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_the_page_before_a_window_and_after_the_end(walk, followed):
 
 
 def test_the_server_gives_the_page_to_its_own_address_alone(followed):
-    with serving_live(followed[0]) as url:
+    with serve_live(followed[0]) as url:
         parts = urlsplit(url)
         assert parts.hostname == "127.0.0.1"
 

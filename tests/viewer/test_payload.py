@@ -11,11 +11,11 @@ import xarray as xr
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, gaussian_window
-from doppelgait.viewer.payload import as_json, axis_facts, block_maxima, image_facts, pack
-from doppelgait.viewer.recording_panel import MOST_FRAMES, range_doppler_payload, recording_payload
+from doppelgait.viewer.payload import as_json, describe_axis, encode_image, find_block_maxima, pack
+from doppelgait.viewer.recording_panel import MOST_FRAMES, make_range_doppler_payload, make_recording_payload
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
-from doppelgait.viewer.target_panel import targets_payload
+from doppelgait.viewer.target_panel import make_targets_payload
 from viewer_client import unpack, walking_scene
 
 SCENE = walking_scene(1.6)
@@ -62,14 +62,14 @@ def test_picture_keeps_levels_and_peaks():
     rng = np.random.default_rng(1)
     levels = rng.normal(-60.0, 5.0, (1000, 40))
     levels[777, 13], levels[3, 3] = -10.0, -np.inf
-    x, y = axis_facts("time", "s", 2.0 + 0.01 * np.arange(1000)), axis_facts("range", "m", 0.5 * np.arange(40))
-    whole, codes = image_facts("a", 10 ** (levels / 10), x, y, unit="dB re 1")
+    x, y = describe_axis("time", "s", 2.0 + 0.01 * np.arange(1000)), describe_axis("range", "m", 0.5 * np.arange(40))
+    whole, codes = encode_image("a", 10 ** (levels / 10), x, y, unit="dB re 1")
     finite = np.isfinite(levels)
     np.testing.assert_allclose(levels_of(whole, {"a": codes})[finite], levels[finite], atol=0.005)
     assert codes[3, 3] == 0
     assert (whole["x"], whole["y"], whole["db"][1]) == (x, y, -10.0)
 
-    small, codes = image_facts("a", 10 ** (levels / 10), x, y, unit="dB re 1", most=(300, 7))
+    small, codes = encode_image("a", 10 ** (levels / 10), x, y, unit="dB re 1", most=(300, 7))
     assert codes.shape == (small["x"]["n"], small["y"]["n"]) == (250, 7)
     column, row = np.unravel_index(codes.argmax(), codes.shape)
     axes = [(small["x"], column, 2.0 + 7.77), (small["y"], row, 6.5)]
@@ -81,21 +81,21 @@ def test_picture_keeps_levels_and_peaks():
 
 def test_blocks_are_maxima_of_what_they_cover():
     levels = np.random.default_rng(2).normal(size=(7, 5))
-    found = block_maxima(levels, 3, 2)
+    found = find_block_maxima(levels, 3, 2)
     by_hand = [[levels[i : i + 3, k : k + 2].max() for k in (0, 2, 4)] for i in (0, 3, 6)]
     np.testing.assert_array_equal(found, by_hand)
 
 
 def test_empty_and_flat_pictures_have_a_range():
-    x, y = axis_facts("time", "s", [0.0]), axis_facts("range", "m", [1.0, 2.0])
+    x, y = describe_axis("time", "s", [0.0]), describe_axis("range", "m", [1.0, 2.0])
     for levels in (np.full((1, 2), -np.inf), np.full((1, 2), -30.0)):
-        facts, _ = image_facts("a", 10 ** (levels / 10), x, y, unit="dB re 1")
+        facts, _ = encode_image("a", 10 ** (levels / 10), x, y, unit="dB re 1")
         assert facts["db"][0] < facts["db"][1]
         assert x["step"] == 0.0
 
 
 def test_recording_has_the_files_own_levels(run, recording):
-    facts, arrays = unpack(recording_payload(run, None, changes=(("clutter", "none"),)))
+    facts, arrays = unpack(make_recording_payload(run, None, changes=(("clutter", "none"),)))
     expected = 20 * np.log10(np.abs(recording.baseband.values))
     shown = expected > facts["range_time"]["db"][0]
     np.testing.assert_allclose(levels_of(facts["range_time"], arrays)[shown], expected[shown], atol=0.01)
@@ -106,7 +106,7 @@ def test_recording_has_the_files_own_levels(run, recording):
 
 
 def test_recording_has_bodies_and_true_doppler(run, recording):
-    facts, arrays = unpack(recording_payload(run, None, changes=(("clutter", "none"),)))
+    facts, arrays = unpack(make_recording_payload(run, None, changes=(("clutter", "none"),)))
     body, doppler = facts["bodies"][0], facts["truth"][0]["doppler"]
     np.testing.assert_allclose(arrays[body["points"]], recording.truth[0].body.values, atol=1e-4)
     assert len(body["parts"]) == arrays[body["points"]].shape[1] > arrays[body["bones"]].max()
@@ -118,7 +118,7 @@ def test_recording_has_bodies_and_true_doppler(run, recording):
 
 
 def test_targets_show_what_the_analysis_found(run, recording):
-    facts, arrays = unpack(targets_payload(run, None))
+    facts, arrays = unpack(make_targets_payload(run, None))
     (expected,) = analyze(recording, gate="truth")
     target = facts["targets"][0]
     assert target["features"]["torso_velocity_mps"] == expected.features.torso_velocity_mps
@@ -140,7 +140,7 @@ def test_targets_show_what_the_analysis_found(run, recording):
 
 
 def test_frames_are_transforms_of_the_samples(run, recording):
-    facts, arrays = unpack(range_doppler_payload(run, None, start=40, count=3))
+    facts, arrays = unpack(make_range_doppler_payload(run, None, start=40, count=3))
     time, doppler = facts["time"], facts["doppler"]
     window = gaussian_window(101, Analysis().window_steepness)
     low, high = facts["db"]
@@ -156,7 +156,7 @@ def test_frames_are_transforms_of_the_samples(run, recording):
 
 
 def test_chunks_of_frames_fit_together(run):
-    whole, one = (unpack(range_doppler_payload(run, None, start=s, count=c)) for s, c in ((0, 6), (4, 2)))
+    whole, one = (unpack(make_range_doppler_payload(run, None, start=s, count=c)) for s, c in ((0, 6), (4, 2)))
     assert whole[0]["db"] == one[0]["db"]
     assert whole[0]["time"] == one[0]["time"]
     np.testing.assert_array_equal(whole[1]["frames"][4:], one[1]["frames"])
@@ -166,18 +166,18 @@ def test_chunks_of_frames_fit_together(run):
 def test_a_run_without_a_recording_says_why():
     run = Run("a", "result", reason="it was not kept", stored=lambda: [])
     for body in (
-        recording_payload(run, None, changes=(("clutter", "median"),)),
-        range_doppler_payload(run, None, start=0, count=1),
+        make_recording_payload(run, None, changes=(("clutter", "median"),)),
+        make_range_doppler_payload(run, None, start=0, count=1),
     ):
         assert unpack(body)[0]["reason"] == "it was not kept"
-    assert "it was not kept" in unpack(targets_payload(run, "track"))[0]["reason"]
+    assert "it was not kept" in unpack(make_targets_payload(run, "track"))[0]["reason"]
 
 
 def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkeypatch):
     def payloads():
         asked = Settings(gate="truth", analysis=Analysis(clutter="none"))
         run = Run("walk", "recording", asked, load=lambda: recording)
-        return recording_payload(run, None), range_doppler_payload(run, None, start=0, count=256)
+        return make_recording_payload(run, None), make_range_doppler_payload(run, None, start=0, count=256)
 
     monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 3000)
     monkeypatch.setattr("doppelgait.viewer.recording_panel.MOST_LINE_POINTS", 200)
@@ -190,11 +190,11 @@ def test_tiles_of_a_long_recording_give_the_bytes_of_the_whole(recording, monkey
 
 def test_blocks_of_a_picture_do_not_end_at_tiles(monkeypatch):
     power = np.float32(6) ** np.random.default_rng(3).normal(size=(1000, 7)).astype(np.float32)
-    axes = [axis_facts("time", "s", np.arange(1000) / 10), axis_facts("range", "m", np.arange(7) / 10)]
+    axes = [describe_axis("time", "s", np.arange(1000) / 10), describe_axis("range", "m", np.arange(7) / 10)]
     monkeypatch.setattr("doppelgait.viewer.payload.MEDIAN_OF", 300)
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 100)
-    facts, codes = image_facts("a", power, *axes, unit="dB", most=(64, 4))
+    facts, codes = encode_image("a", power, *axes, unit="dB", most=(64, 4))
     pulses = xr.DataArray(power, dims=("slow_time", "range"))
-    tiled_facts, tiled_codes = image_facts("a", pulses, *axes, unit="dB", most=(64, 4))
+    tiled_facts, tiled_codes = encode_image("a", pulses, *axes, unit="dB", most=(64, 4))
     assert tiled_facts == facts
     np.testing.assert_array_equal(tiled_codes, codes)

@@ -12,16 +12,16 @@ from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import CADENCE_MAP, make_array
 from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.sound import doppler_sound
+from doppelgait.processing.sound import make_doppler_sound
 from doppelgait.radar import read_recording, write_recording
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.recordings import StoredRows
 from doppelgait.viewer import recording_panel
-from doppelgait.viewer.recording_panel import range_doppler_payload, recording_payload
-from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of
+from doppelgait.viewer.recording_panel import make_range_doppler_payload, make_recording_payload
+from doppelgait.viewer.run import MOST_ANALYSES, Run, compute_true_values, make_view, match_truths
 from doppelgait.viewer.settings import Settings, parse_changes
-from doppelgait.viewer.source import Shelf, add_other, open_path, parse_reference, session_facts
-from doppelgait.viewer.target_panel import is_aligned, targets_payload, with_piece
+from doppelgait.viewer.source import RunCache, add_other, describe_session, open_path, parse_reference
+from doppelgait.viewer.target_panel import is_aligned, make_targets_payload, select_segment
 from viewer_client import unpack
 
 TIMES_S = np.arange(0.0, 10.0, 0.01)
@@ -52,7 +52,7 @@ def truths(bodies, results):
         truth=bodies,
     )
     spans = [(one.quality["start_s"], one.quality["stop_s"]) for one in results]
-    return [of(*span) for of, span in zip(truths_of(recording, results), spans, strict=True)]
+    return [of(*span) for of, span in zip(match_truths(recording, results), spans, strict=True)]
 
 
 def labels(bodies, results):
@@ -92,7 +92,7 @@ def test_truth_is_that_of_the_times_shown():
 
 @pytest.mark.parametrize("gait", ["", "stand"])
 def test_what_does_not_step_has_no_truth_of_a_gait(gait):
-    values = true_values(body(3.0, -1e-12, label="fan", gait=gait), WAVELENGTH_M, TIMES_S >= 0)
+    values = compute_true_values(body(3.0, -1e-12, label="fan", gait=gait), WAVELENGTH_M, TIMES_S >= 0)
     assert (values["torso_velocity_mps"], values["torso_doppler_hz"]) == (0.0, 0.0)
     for name in ("step_length_m", "harmonic_ratio_2", "harmonic_ratio_3", "gait_frequency_hz"):
         assert values[name] is None
@@ -129,9 +129,9 @@ def test_each_piece_can_be_shown(run, recording):
     (result,) = analyze(recording, gate="track")
     assert len(result.segments) > 1
     times_s = recording.baseband["slow_time"].values
-    shown = unpack(targets_payload(run, None))[0]["targets"][0]
+    shown = unpack(make_targets_payload(run, None))[0]["targets"][0]
     for number, piece in enumerate(result.segments):
-        facts, _ = unpack(targets_payload(run, None, piece=(0, number)))
+        facts, _ = unpack(make_targets_payload(run, None, piece=(0, number)))
         target = facts["targets"][0]
         span = piece.quality["start_s"], piece.quality["stop_s"]
         assert target["pieces"][number] == list(span)
@@ -154,17 +154,17 @@ def test_each_piece_can_be_shown(run, recording):
         assert (shown["piece"] == number) == longest
         assert (shown["features"] == target["features"]) == longest
     with pytest.raises(ConfigError, match=f"pieces 0 to {len(result.segments) - 1}"):
-        targets_payload(run, None, piece=(0, len(result.segments)))
+        make_targets_payload(run, None, piece=(0, len(result.segments)))
 
 
 def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
     write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"))
     (stored,) = read_results(tmp_path / "r.h5").targets
-    view = view_of(stored, lambda start_s, stop_s: None)
+    view = make_view(stored, lambda start_s, stop_s: None)
     assert view.piece is not None
     assert is_aligned(view, "standard") == bool(stored.cadence_map.attrs["aligned"])
     for number, piece in enumerate(stored.segments):
-        (shown,) = with_piece([view], 0, number)
+        (shown,) = select_segment([view], 0, number)
         assert (shown.piece, shown.features) == (number, piece.features.as_dict())
         assert shown.signature.identical(piece.signature)
 
@@ -172,7 +172,7 @@ def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
 def test_map_of_moved_columns_says_so(run):
     """The line of the walker drifts in the second piece, where he walks past the radar, and not in the first."""
     for number in range(2):
-        facts, arrays = unpack(targets_payload(run, None, piece=(0, number)))
+        facts, arrays = unpack(make_targets_payload(run, None, piece=(0, number)))
         target = facts["targets"][0]
         line_hz = arrays[target["main_lines"][number]["values"]]
         drifts = abs(line_hz[-1] - line_hz[0]) > 10.0
@@ -191,7 +191,7 @@ def test_figure_names_the_axis_that_the_map_has(aligned, label):
     doppler_hz = np.linspace(-100.0, 100.0, 32)
     coords = {"cadence": np.linspace(0.0, 10.0, 40), "doppler": doppler_hz, "velocity": ("doppler", 0.02 * doppler_hz)}
     values = np.random.default_rng(1).random((40, 32))
-    figure = viz.step_doppler(make_array(CADENCE_MAP, values, coords, {"aligned": aligned}))
+    figure = viz.cadence_map(make_array(CADENCE_MAP, values, coords, {"aligned": aligned}))
     assert figure.axes[0].get_ylabel() == label
 
 
@@ -208,7 +208,7 @@ def test_bursts_last_until_the_last_one(recording):
     chosen = np.flatnonzero(np.arange(recording.n_pulses) % 64 < 16)
     baseband = recording.baseband.isel(slow_time=chosen)
     rest = recording.with_baseband(baseband, truth=())
-    facts, _ = unpack(recording_payload(Run("bursts", "recording", load=lambda: rest), None))
+    facts, _ = unpack(make_recording_payload(Run("bursts", "recording", load=lambda: rest), None))
     prf_hz, n_bursts = recording.radar.prf_hz, -(-recording.n_pulses // 64)
     assert facts["duration_s"] == pytest.approx((chosen[-1] + 1) / prf_hz)
     told = dict(facts["facts"])
@@ -216,8 +216,8 @@ def test_bursts_last_until_the_last_one(recording):
     assert told["burst rate"] == f"{prf_hz / 64:.4g} Hz"
     assert "in bursts" in facts["no_sound"]
     with pytest.raises(AnalysisError, match="in bursts"):  # and nothing about a pitch that a mean rate would not allow
-        doppler_sound(baseband, Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
-    assert unpack(recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"] is None
+        make_doppler_sound(baseband, Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
+    assert unpack(make_recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"] is None
 
 
 def test_clutter_is_what_the_user_asked_for(recording):
@@ -250,12 +250,12 @@ def test_a_request_changes_parameters_of_the_analysis(recording):
     done = run.analysis("track", changes)
     assert (done.cpi_s, done.hop, done.window_steepness, done.gate_span_m) == (0.2, 16, 0.3, 1.2)
     assert done.clutter == "median"
-    facts, _ = unpack(recording_payload(run, None, changes=changes))
+    facts, _ = unpack(make_recording_payload(run, None, changes=changes))
     assert facts["analysis"] == {"clutter": "median", "cpi_s": 0.2, "window_steepness": 0.3, "hop": 16}
-    standard, _ = unpack(recording_payload(run, None))
+    standard, _ = unpack(make_recording_payload(run, None))
     assert standard["analysis"]["hop"] == 8  # what loses nothing, from 0.1 s at 1000 Hz
     columns = [
-        unpack(targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"] for one in ((), changes)
+        unpack(make_targets_payload(run, (1.0, 5.0), one))[0]["targets"][0]["signature"]["x"] for one in ((), changes)
     ]
     assert [one["step"] for one in columns] == pytest.approx([0.008, 0.016])
     for name, text, limit in (
@@ -274,7 +274,7 @@ def test_a_change_of_the_analysis_keeps_one_baseband_and_reads_its_levels_once(r
     find = recording_panel.find_strongest_v
     monkeypatch.setattr(recording_panel, "find_strongest_v", lambda baseband: looked.append(1) or find(baseband))
     for cpi_s in (0.1, 0.15, 0.2):
-        range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
+        make_range_doppler_payload(run, None, start=0, count=1, changes=(("cpi_s", cpi_s),))
     assert len(looked) == 1
     first = run.clean_baseband(None)
     assert run.clean_baseband(None, (("cpi_s", 0.3),)) is first
@@ -294,14 +294,14 @@ def test_the_sound_of_a_long_recording_is_made_tile_by_tile(tmp_path, monkeypatc
     gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
     analysis = Analysis(clutter="median")
     monkeypatch.setattr("doppelgait.processing.sound.BLOCK_PULSES", 1500)
-    whole = doppler_sound(recording.baseband, gate, analysis)
+    whole = make_doppler_sound(recording.baseband, gate, analysis)
     monkeypatch.setattr("doppelgait.core.lazy.LONG_PULSES", 1500)
     monkeypatch.setattr("doppelgait.processing.sound.READ_PULSES", 700)
     read, rows = [], StoredRows.__call__
     monkeypatch.setattr(
         StoredRows, "__call__", lambda self, first, stop: read.append(stop - first) or rows(self, first, stop)
     )
-    found = doppler_sound(stored.baseband, gate, analysis)
+    found = make_doppler_sound(stored.baseband, gate, analysis)
     assert max(read) <= 1500
     assert found[0] == whole[0]
     np.testing.assert_allclose(found[1], whole[1], atol=2)
@@ -313,13 +313,13 @@ def test_a_second_recording_is_one_to_compare_with(recording, tmp_path):
     write_results(tmp_path / "result.h5", recording, analyze(recording, gate=(1.0, 4.0)))
     first = open_path(tmp_path / "a.h5", Settings())
     opened = add_other(first, tmp_path / "b.h5", Settings())
-    shelf = Shelf(opened)
+    shelf = RunCache(opened)
     assert shelf.run(parse_reference([("run", "2")])) is opened.other
     assert shelf.run(parse_reference([])) is opened.run
-    assert session_facts(opened, Settings())["other"] == "b.h5"
+    assert describe_session(opened, Settings())["other"] == "b.h5"
     with pytest.raises(ConfigError, match=r"result\.h5: is a result; two recordings"):
         add_other(first, tmp_path / "result.h5", Settings())
     with pytest.raises(ConfigError, match="no second recording"):
-        Shelf(first).run(parse_reference([("run", "2")]))
+        RunCache(first).run(parse_reference([("run", "2")]))
     with pytest.raises(ConfigError, match="run: must be 2"):
         parse_reference([("run", "3")])

@@ -14,7 +14,7 @@ from doppelgait.viz.style import (
     LINE_COLOURS,
     OTHER_CLASS_COLOURS,
     SERIES_COLOURS,
-    class_colours,
+    choose_class_colours,
     map_lines,
 )
 
@@ -61,7 +61,7 @@ def test_colours_of_a_figure_are_distinct_for_everybody(colours: tuple[str, ...]
 
 
 def test_a_class_has_one_colour_in_every_figure() -> None:
-    assert class_colours(["dog", "human"]) == {"dog": CLASS_COLOURS["dog"], "human": CLASS_COLOURS["human"]}
+    assert choose_class_colours(["dog", "human"]) == {"dog": CLASS_COLOURS["dog"], "human": CLASS_COLOURS["human"]}
     looks = map_lines(["0 human", "1 dog", "2 human", "3 target"])
     assert looks[0][0] == looks[2][0] != looks[1][0] == CLASS_COLOURS["dog"]
     assert [style for _, style in looks] == ["-", "-", "--", "-"]

@@ -28,9 +28,9 @@ from doppelgait.core.labels import (
     make_array,
 )
 from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
-from doppelgait.viz.motion import PART_COLOURS, part_colour, part_group
+from doppelgait.viz.motion import PART_COLOURS, choose_part_colour, find_part_group
 from doppelgait.viz.spectra import densest_band_hz
-from doppelgait.viz.style import quantity_label
+from doppelgait.viz.style import label_quantity
 
 WAVELENGTH_M = 0.04
 DOPPLER_HZ = 8.0 * np.arange(-32, 32)
@@ -245,7 +245,7 @@ def test_truth_lines_are_one_a_scatterer_in_their_parts_colours() -> None:
     truth = viz.scatterer_doppler(make_scatterers(), wavelength_m=WAVELENGTH_M)
     axes = viz.signature(make_signature(), truth_doppler=truth, main_line_hz=80.0).axes[0]
     assert len(axes.lines) == len(PARTS) + 1
-    assert [line.get_color() for line in axes.lines[:-1]] == [part_colour(part) for part in PARTS]
+    assert [line.get_color() for line in axes.lines[:-1]] == [choose_part_colour(part) for part in PARTS]
     np.testing.assert_allclose(axes.lines[3].get_ydata(), 2 * 2.5 / WAVELENGTH_M)
     assert labels_of(axes) == ["torso", "head", "left leg", "right leg", "left arm", "main line"]
     assert axes.get_ylim()[1] > 2 * 4.0 / WAVELENGTH_M
@@ -392,7 +392,7 @@ def test_doppler_lines_are_two_v_over_lambda() -> None:
     ],
 )  # fmt: skip
 def test_every_part_has_a_group_with_a_colour(part: str, group: str) -> None:
-    assert part_group(part) == group
+    assert find_part_group(part) == group
     assert group in PART_COLOURS
 
 
@@ -430,7 +430,7 @@ def test_stick_frames_of_a_standing_body_and_of_unknown_stride() -> None:
 
 
 def test_step_doppler_is_amplitude_in_db_over_cadence() -> None:
-    axes, bar = viz.step_doppler(make_cadence_map(), db_range=35.0, gait_frequency_hz=2.0).axes
+    axes, bar = viz.cadence_map(make_cadence_map(), db_range=35.0, gait_frequency_hz=2.0).axes
     drawn = image_db(axes)
     assert drawn.shape == (64, 81)
     assert drawn[40, 20] == pytest.approx(-20.0)
@@ -544,7 +544,7 @@ def test_matrix_of_a_feature_that_nobody_has() -> None:
     ],
 )  # fmt: skip
 def test_units_come_from_the_column_names(name: str, label: str) -> None:
-    assert quantity_label(name) == label
+    assert label_quantity(name) == label
 
 
 # overview ------------------------------------------------------------------------------------------------------------
@@ -650,7 +650,7 @@ def single_panels() -> dict[str, Callable[..., Figure]]:
         "signature": partial(viz.signature, make_signature(), main_line_hz=80.0),
         "range_time": partial(viz.range_time, make_baseband(), tracks=make_gate()),
         "range_doppler_map": partial(viz.range_doppler_map, make_range_doppler(), gate=make_gate()),
-        "step_doppler": partial(viz.step_doppler, make_cadence_map()),
+        "cadence_map": partial(viz.cadence_map, make_cadence_map()),
         "cadence_spectrum": partial(viz.cadence_spectrum, make_spectrum()),
         "mean_doppler_spectrum": partial(
             viz.mean_doppler_spectrum, np.ones(64), doppler_hz=DOPPLER_HZ, wavelength_m=WAVELENGTH_M
@@ -727,7 +727,7 @@ def wrong_calls() -> dict[str, tuple[object, str]]:
         "no points": (
             lambda: viz.stick_frames(make_motion().with_positions(np.full((101, 4, 3), np.nan))), "no known point",
         ),
-        "cadence": (lambda: viz.step_doppler(make_cadence_map(), max_cadence_hz=0.05), "fewer than two cadences"),
+        "cadence": (lambda: viz.cadence_map(make_cadence_map(), max_cadence_hz=0.05), "fewer than two cadences"),
         "spectrum": (lambda: viz.cadence_spectrum(make_cadence_map()), "dimensions are"),
         "lengths": (
             lambda: viz.mean_doppler_spectrum([1.0], doppler_hz=DOPPLER_HZ, wavelength_m=0.04), "equally long",

@@ -11,13 +11,13 @@ from doppelgait.classify.model_file import load_model as load_model
 from doppelgait.classify.model_file import save_model as save_model
 from doppelgait.classify.network import train_network as train_network
 from doppelgait.classify.report import write_report as write_report
-from doppelgait.classify.shipped import fitting_model as fitting_model
-from doppelgait.classify.shipped import model_cards as model_cards
+from doppelgait.classify.shipped import find_shipped_model as find_shipped_model
+from doppelgait.classify.shipped import load_shipped_model as load_shipped_model
 from doppelgait.classify.shipped import open_model as open_model
-from doppelgait.classify.shipped import shipped_model as shipped_model
+from doppelgait.classify.shipped import read_model_cards as read_model_cards
 from doppelgait.classify.timeline import TrackDecision as TrackDecision
 from doppelgait.classify.timeline import classify_over_time as classify_over_time
-from doppelgait.classify.timeline import decision_spans as decision_spans
+from doppelgait.classify.timeline import join_decisions as join_decisions
 from doppelgait.processing.patches import Patch as Patch
 from doppelgait.processing.patches import levels as levels
 from doppelgait.processing.patches import patch as patch

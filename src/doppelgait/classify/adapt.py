@@ -17,13 +17,13 @@ import numpy.typing as npt
 
 from doppelgait.classify.data import Rows, take_rows
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, log_softmax
-from doppelgait.classify.model import Calibration, Model, beyond, conditions_of_rows, row_weights
+from doppelgait.classify.model import Calibration, Model, conditions_of_rows, mark_outside, row_weights
 from doppelgait.classify.open_set import blocked_rows
-from doppelgait.classify.scores import balanced_accuracy, expected_calibration_error, reliability
+from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expected_calibration_error
 from doppelgait.core.errors import DatasetError
 
 COUNTS = (0, 1, 2, 5, 10, 20)
-"""Recordings of each class in the curve of :func:`adaptation_curve`."""
+"""Recordings of each class in the curve of :func:`score_adaptation`."""
 REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
 """Standard deviations of the logarithm of the slope and of the shift before any recording is seen, assumed: a slope is
@@ -70,7 +70,7 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
             "all of them unlabelled"
         )
     log_p = np.log(np.maximum(model.probability(values), 1e-12))
-    share = _once_each(recordings)
+    share = _weight_recordings(recordings)
     of_class = np.bincount(labels, weights=share, minlength=len(classes))
     weights = share * of_class.sum() / (len(classes) * of_class[labels])
 
@@ -81,7 +81,7 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
         return float(-(weights * found).sum() + prior / 2.0)
 
     best = minimize(loss, np.zeros(log_p.shape[1]), method="L-BFGS-B").x
-    return _moved(model, float(np.exp(best[0])), best[1:], labels.size)
+    return _shift_calibration(model, float(np.exp(best[0])), best[1:], labels.size)
 
 
 def adapt_unlabelled(
@@ -118,7 +118,7 @@ def adapt_unlabelled(
     count = log_p.shape[1]
     share = np.full(count, 1.0 / count) if shares is None else np.asarray(shares, dtype=np.float64)
 
-    weights = _once_each(recordings)
+    weights = _weight_recordings(recordings)
     n_recordings = float(weights.sum())
 
     def loss(parameters: FloatArray) -> float:
@@ -126,16 +126,16 @@ def adapt_unlabelled(
         return float(-n_recordings * (share @ np.log(mean)) + ((parameters / SHIFT_SD) ** 2).sum() / 2.0)
 
     best = minimize(loss, np.zeros(count - 1), method="L-BFGS-B").x
-    return _moved(model, 1.0, best, len(log_p))
+    return _shift_calibration(model, 1.0, best, len(log_p))
 
 
-def _once_each(recordings: npt.NDArray[np.str_]) -> FloatArray:
+def _weight_recordings(recordings: npt.NDArray[np.str_]) -> FloatArray:
     """Return row weights that sum to 1 over each recording."""
     _, number, counts = np.unique(recordings, return_inverse=True, return_counts=True)
     return np.asarray(1.0 / counts[number], dtype=np.float64)
 
 
-def _moved(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
+def _shift_calibration(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
     """Put slope and shift on top of a model's calibration.
 
     The alarm's threshold moves with them, so that the same targets trigger; of more than two classes none would do so,
@@ -154,7 +154,7 @@ def _moved(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
     return replace(model, calibration=calibration, facts=facts)
 
 
-def recordings_of(rows: Rows) -> npt.NDArray[np.str_]:
+def list_row_recordings(rows: Rows) -> npt.NDArray[np.str_]:
     """Return every row's recording, its id where unnamed."""
     named = rows.index["recording"].fillna("").astype(str) if "recording" in rows.index else None
     if named is not None and (named != "").all():
@@ -163,7 +163,7 @@ def recordings_of(rows: Rows) -> npt.NDArray[np.str_]:
     return (ids if named is None else named.where(named != "", ids)).to_numpy(dtype=str)
 
 
-def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
+def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
     """Draw n recordings of each class to adapt to.
 
     Returns
@@ -172,7 +172,7 @@ def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, In
         Rows of those recordings, and the rows of all targets who are in none of them, which may be scored; None where
         not every class has so many recordings and a target left.
     """
-    names = recordings_of(rows)
+    names = list_row_recordings(rows)
     own: list[int] = []
     for number in range(len(rows.classes)):
         candidates = np.flatnonzero(rows.labels == number)
@@ -190,7 +190,7 @@ def draw_own(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, In
     return drawn, scored
 
 
-def adaptation_curve(
+def score_adaptation(
     model: Model, rows: Rows, values: Inputs, rng: np.random.Generator, *, counts: Sequence[int] = COUNTS,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Score a model against the number of own recordings.
@@ -206,9 +206,9 @@ def adaptation_curve(
         scored on average; ``reliability`` and ``expected_calibration_error`` of all draws together. A count that leaves
         nobody to score is left out.
     """
-    curve, recordings, count = [], recordings_of(rows), len(rows.classes)
+    curve, recordings, count = [], list_row_recordings(rows), len(rows.classes)
     for n in counts:
-        found = [draw_own(rows, n, rng) for _ in range(REPEATS if n else 1)]
+        found = [sample_own_rows(rows, n, rng) for _ in range(REPEATS if n else 1)]
         if any(drawn is None for drawn in found):
             continue
         scores, sure, hits, shares = [], [], [], []
@@ -226,7 +226,7 @@ def adaptation_curve(
             shares.append(row_weights(labels, count))
         accuracy, before, unlabelled, movers = np.mean(scores, axis=0)
         low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
-        bins = reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)
+        bins = bin_reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)
         curve.append({
             "n": n, "balanced_accuracy": float(accuracy), "low": float(low), "high": float(high),
             "before": float(before), "unlabelled": float(unlabelled), "movers": float(movers),
@@ -243,35 +243,35 @@ def adapt_to_rows(
     Its learning curve and remarks are returned, too. Rows that the model gives no decision on move nothing and are not
     scored.
     """
-    used, notes = _decidable(model, rows, values)
+    used, notes = _select_decidable(model, rows, values)
     part, inputs = take_rows(rows, used), values[used]
     if np.unique(part.labels).size < len(rows.classes):
         return model, [], [*notes, "not adapted: a class has no own recording left"]
-    curve = adaptation_curve(model, part, inputs, rng)
+    curve = score_adaptation(model, part, inputs, rng)
     if gone := [str(n) for n in COUNTS if n not in {point["n"] for point in curve}]:
         notes.append(
             f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
         )
     if "subject" in part.index and part.index["subject"].astype(str).str.startswith("file/").all():
         notes.append("own recordings name no subject: each counts as a target of its own, though one may be in several")
-    return adapt(model, inputs, part.labels, recordings_of(part)), curve, notes
+    return adapt(model, inputs, part.labels, list_row_recordings(part)), curve, notes
 
 
 def adapt_to_nameless_rows(
     model: Model, rows: Rows, values: Inputs, shares: Mapping[str, float] | None
 ) -> tuple[Model, list[str]]:
     """Adapt a model to rows without labels, with remarks."""
-    used, notes = _decidable(model, rows, values)
+    used, notes = _select_decidable(model, rows, values)
     if not used.size:
         return model, [*notes, "not adapted: no own row is left"]
     assumed = {name: 1.0 / len(rows.classes) for name in rows.classes} if shares is None else shares
-    names = recordings_of(take_rows(rows, used))
+    names = list_row_recordings(take_rows(rows, used))
     words = ", ".join(f"{share:.0%} {name}" for name, share in assumed.items())
     notes.append(f"adapted to {np.unique(names).size} recordings without labels, as if {words}; scores are from before")
     return adapt_unlabelled(model, values[used], names, [assumed[name] for name in rows.classes]), notes
 
 
-def _decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
+def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
     """Return the rows that the model decides on.
 
     A remark describes the others.
@@ -279,7 +279,9 @@ def _decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list
     blocked = blocked_rows(rows, np.arange(len(rows)), values, model)
     if not blocked.any():
         return np.arange(len(rows)), []
-    outside = {name: beyond(found, name, model.facts.conditions) for name, found in conditions_of_rows(rows).items()}
+    outside = {
+        name: mark_outside(found, name, model.facts.conditions) for name, found in conditions_of_rows(rows).items()
+    }
     worst = [f"{name} outside the training range in {int(far.sum())}" for name, far in outside.items() if far.any()]
     words = f" ({', '.join(worst)})" if worst else ""
     return np.flatnonzero(~blocked), [

@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from doppelgait.classify.decide import analysis_of
+from doppelgait.classify.decide import read_training_analysis
 from doppelgait.classify.model import Model
-from doppelgait.classify.scores import clopper_pearson
-from doppelgait.classify.timeline import TrackDecision, Tracks, analyze_window, check_window, windows_of
+from doppelgait.classify.scores import clopper_pearson_interval
+from doppelgait.classify.timeline import TrackDecision, Tracks, analyze_window, check_window, cut_windows
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
@@ -103,7 +103,7 @@ class Episode:
     times_s: FloatArray
     scores: FloatArray
 
-    def triggers(self, threshold: float) -> FloatArray:
+    def find_triggers(self, threshold: float) -> FloatArray:
         """Return the times of crossing a threshold upwards."""
         over = self.scores >= threshold
         return np.asarray(self.times_s[over & ~np.concatenate([[False], over[:-1]])], dtype=np.float64)
@@ -152,25 +152,25 @@ def run_day(
             f"{day.name}: {', '.join(short)}: duration_s is below the window of {window_s:g} s; make it longer"
         )
     found, total = [], day.repeats * len(day.episodes)
-    settings = analysis_of(model)
+    settings = read_training_analysis(model)
     for number in range(total):
         section = day.episodes[number // day.repeats]
-        run = draw_scene(day, section, number)
+        run = sample_scene(day, section, number)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # a fan and a runner's feet alias, as they do at home
             recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
         tracks = Tracks(model)
         windows = (
             (window.stop_s, tracks.add(window, analyze_window(window, settings)))
-            for window in windows_of(recording, window_s, hop_s)
+            for window in cut_windows(recording, window_s, hop_s)
         )
-        found.append(Episode(section.label, *alarm_scores(windows, alarm)))
+        found.append(Episode(section.label, *score_alarm(windows, alarm)))
         if on_progress is not None:
             on_progress(number + 1, total)
     return found
 
 
-def draw_scene(day: Day, section: EpisodeSection, example: int) -> Run:
+def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
     """Draw the scene of a recording of an episode."""
     table: dict[str, Any] = {
         **day.scene, "duration_s": section.duration_s, "targets": section.targets,
@@ -180,7 +180,7 @@ def draw_scene(day: Day, section: EpisodeSection, example: int) -> Run:
     return parse_run({**drawn, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
 
 
-def alarm_scores(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
+def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
     """Return ends of windows and the alarm's scores.
 
     A score is the highest over the tracks, 0 without one. The score of a track is what its ``alarm`` compares with the
@@ -219,14 +219,16 @@ def score_day(day: Day, episodes: Sequence[Episode], model: Model) -> dict[str, 
         "day": day.name,
         "alarm": model.facts.alarm,
         "repeats": day.repeats,
-        "thresholds": [_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen],
+        "thresholds": [
+            _score_at_threshold(day, episodes, threshold) | {"model": threshold == own} for threshold in chosen
+        ],
     }
 
 
-def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
+def _score_at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> dict[str, Any]:
     by_label: dict[str, list[FloatArray]] = {}
     for one in episodes:
-        by_label.setdefault(one.label, []).append(one.triggers(threshold))
+        by_label.setdefault(one.label, []).append(one.find_triggers(threshold))
     counts, per_day, per_animal, kinds, first_s = [], [], [], [], []
     for section in day.episodes:
         times = by_label[section.label]
@@ -246,7 +248,7 @@ def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> di
     entries, missed = len(first_s), sum(math.isinf(each) for each in first_s)
     found: dict[str, Any] = {
         "threshold": threshold,
-        "false_per_day": weighted_poisson(counts, per_day),
+        "false_per_day": estimate_weighted_count(counts, per_day),
         "entries": entries,
         "missed": missed,
         "seconds_to_detect": None,
@@ -255,16 +257,16 @@ def _at_threshold(day: Day, episodes: Sequence[Episode], threshold: float) -> di
     if entries:
         reached = np.quantile(first_s, (0.5, 0.9), method="inverted_cdf")
         found["seconds_to_detect"] = [float(each) if math.isfinite(each) else None for each in reached]
-        found["missed_low"], found["missed_high"] = clopper_pearson(float(missed), entries)
+        found["missed_low"], found["missed_high"] = clopper_pearson_interval(float(missed), entries)
     if animal_hours:
         with_animals = [number for number, weight in enumerate(per_animal) if weight]
-        found["false_per_animal_hour"] = weighted_poisson(
+        found["false_per_animal_hour"] = estimate_weighted_count(
             [counts[number] for number in with_animals], [per_animal[number] / animal_hours for number in with_animals]
         )
     return found
 
 
-def weighted_poisson(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
+def estimate_weighted_count(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
     """Return a weighted sum of counts with its interval.
 
     By the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for counts of 0 and 1 and equal
@@ -293,24 +295,28 @@ def weighted_poisson(counts: Sequence[int], weights: Sequence[float], share: flo
     return {"value": total, "low": low, "high": float(gamma.isf(tail, upper_mean / scale, scale=scale))}
 
 
-def day_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the scores of a day, a row per threshold."""
     rows = []
     for one in found["thresholds"]:
         seconds = one["seconds_to_detect"]
         animal = one.get("false_per_animal_hour")
-        rows.append({
-            "threshold": f"{one['threshold']:.3g}" + (" (the model's)" if one["model"] else ""),
-            "false triggers a day": _with_span(one["false_per_day"]),
-            "per animal-hour": "-" if animal is None else _with_span(animal),
-            "missed entries": f"{one['missed']} of {one['entries']}"
-            + (f" ({one['missed_low']:.0%} to {one['missed_high']:.0%})" if one["entries"] else ""),
-            "time to detect (s)": "-" if seconds is None else f"{_seconds(seconds[0])}, 90 % in {_seconds(seconds[1])}",
-        })  # fmt: skip
+        rows.append(
+            {
+                "threshold": f"{one['threshold']:.3g}" + (" (the model's)" if one["model"] else ""),
+                "false triggers a day": _format_interval(one["false_per_day"]),
+                "per animal-hour": "-" if animal is None else _format_interval(animal),
+                "missed entries": f"{one['missed']} of {one['entries']}"
+                + (f" ({one['missed_low']:.0%} to {one['missed_high']:.0%})" if one["entries"] else ""),
+                "time to detect (s)": "-"
+                if seconds is None
+                else f"{_format_seconds(seconds[0])}, 90 % in {_format_seconds(seconds[1])}",
+            }
+        )
     return rows
 
 
-def episode_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format recordings that triggered,, by kind.
 
     There is a column per threshold.
@@ -325,10 +331,10 @@ def episode_table(found: Mapping[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
-def _seconds(value: float | None) -> str:
+def _format_seconds(value: float | None) -> str:
     return "more" if value is None else f"{value:.1f}"
 
 
-def _with_span(found: Mapping[str, float]) -> str:
+def _format_interval(found: Mapping[str, float]) -> str:
     digits = 1 if not math.isfinite(found["value"]) or found["high"] >= 10 else 2
     return f"{found['value']:.{digits}f} ({found['low']:.{digits}f} to {found['high']:.{digits}f})"

@@ -15,16 +15,16 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, join_inputs
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import carrier_of, feature_columns
+from doppelgait.dataset.example import find_feature_columns, read_carrier_hz
 from doppelgait.dataset.learning import read_signature
 from doppelgait.dataset.open import Dataset
-from doppelgait.dataset.verify.contents import Contents, plan_of
-from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, rounded
+from doppelgait.dataset.verify.contents import Contents, read_plan
+from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, round_values, tabulate_nuisances
 from doppelgait.processing.patches import Patch, levels_of
 
 VELOCITY = "torso_velocity_mps"
@@ -94,7 +94,7 @@ class Table:
     note: str = ""
 
 
-def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
+def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
     """Collect dataset rows for training and testing.
 
     Another dataset may give the rows for testing.
@@ -137,7 +137,9 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
     )
 
 
-def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None) -> Table:
+def collect_inputs(
+    rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None
+) -> Table:
     """Collect the inputs of a model.
 
     Parameters
@@ -165,14 +167,14 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
             pictures[number] = levels_of(read_signature(rows.datasets[origin], place), patch or Patch())
         return Table(pictures, ())
     if features == "extended+signature":
-        both = [table_of(rows, part, patch=patch) for part in features.split("+")]
+        both = [collect_inputs(rows, part, patch=patch) for part in features.split("+")]
         return Table(join_inputs(both[0].values, both[1].values), both[0].names)
     if features == "nothing":
         return Table(np.zeros((len(rows), 0)), ())
     if features == "nuisance":
-        return nuisances_of(rows, motion_folder or Path.cwd())
+        return collect_nuisances(rows, motion_folder or Path.cwd())
     feature_set = "six" if features == "speed" else features
-    columns = feature_columns(rows.datasets[0].index, feature_set)
+    columns = find_feature_columns(rows.datasets[0].index, feature_set)
     for part in rows.datasets:
         missing = [name for name, column in columns.items() if column not in part.index]
         if missing:
@@ -183,13 +185,13 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
             )
     if feature_set == "extended" and not any(column.startswith("extended_") for column in columns):
         raise DatasetError(f"{rows.datasets[0].directory}: has no extended features; it was built without them")
-    values = feature_values({name: rows.index[column] for name, column in columns.items()}, wavelengths_m(rows))
+    values = convert_features({name: rows.index[column] for name, column in columns.items()}, wavelengths_m(rows))
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
 
 
-def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
+def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
     """Convert feature values to the inputs of a model.
 
     Parameters
@@ -223,14 +225,16 @@ def wavelengths_m(rows: Rows) -> FloatArray:
     carriers = [
         pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
         if "carrier_hz" in part.index
-        else np.array([carrier_of(part.description, json_value(row)) for row in part.index.to_dict("records")])
+        else np.array(
+            [read_carrier_hz(part.description, convert_to_json(row)) for row in part.index.to_dict("records")]
+        )
         for part in rows.datasets
     ]
     first = np.cumsum([0, *(len(part) for part in carriers[:-1])])  # rows may be a part of their datasets
     return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers)[first[rows.origin] + rows.place], dtype=np.float64)
 
 
-def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
+def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     """Collect the nuisance parameters of all rows.
 
     They are those that the plan sampled and the index states.
@@ -241,11 +245,11 @@ def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
     """
     parts, notes = [], []
     for dataset in rows.datasets:
-        plan, reason = plan_of(dataset.description, motion_folder)
+        plan, reason = read_plan(dataset.description, motion_folder)
         contents = Contents(dataset.directory, dataset.description, dataset.index, True, {}, plan, reason)
-        sampled = contents.drawn(np.random.default_rng(0), most=10 * len(dataset) + 100)
+        sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
         if sampled:
-            part = nuisance_table(dataset.index, sampled).drop(columns=["label", "group", "nobody"])
+            part = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "nobody"])
             part = part.reindex(dataset.index["id"])
         else:
             part = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
@@ -259,7 +263,7 @@ def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
     for name in shared:
         column = table[name]
         if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
-            encoded[str(name)] = np.asarray(rounded(column.astype(np.float64)).to_numpy(), dtype=np.float64)
+            encoded[str(name)] = np.asarray(round_values(column.astype(np.float64)).to_numpy(), dtype=np.float64)
         else:
             codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
             encoded[str(name)] = np.where(codes < 0, np.nan, codes.astype(np.float64))
@@ -275,7 +279,7 @@ def take_rows(rows: Rows, part: IntArray) -> Rows:
                    groups=rows.groups[part])  # fmt: skip
 
 
-def split_of(rows: Rows, name: str) -> IntArray:
+def select_split(rows: Rows, name: str) -> IntArray:
     """Return the rows of the first dataset in a split."""
     if name not in SPLITS:
         raise DatasetError(f"split {name!r} is not known; allowed are {', '.join(SPLITS)}")

@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, feature_values
+from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, convert_features
 from doppelgait.classify.learned import Ensemble, Inputs, Network, join_inputs
 from doppelgait.classify.model import (
     BLOCKING,
     Model,
-    blocking_flag,
-    conditions_of_target,
-    outside_conditions,
-    prf_of,
-    wavelength_of,
+    collect_conditions,
+    describe_outside_conditions,
+    find_blocking_flag,
+    read_prf_hz,
+    read_wavelength_m,
 )
-from doppelgait.classify.shipped import fitting_model, model_of_radar, shipped_model
-from doppelgait.core.config import canonical_json, validate
+from doppelgait.classify.shipped import find_shipped_model, load_model_for_radar, load_shipped_model
+from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.dataset.example import feature_columns
+from doppelgait.dataset.example import find_feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
 from doppelgait.pipeline.result import is_result_file
 from doppelgait.processing import Analysis
@@ -94,7 +94,7 @@ class Decision:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class TargetInputs:
     """Features and signature of one target, as the classifier uses them.
 
     Parameters
@@ -117,7 +117,7 @@ class Seen:
     @property
     def conditions(self) -> dict[str, float]:
         """Carrier, pulse rate and observation time; NaN for unknown."""
-        return conditions_of_target(self.columns, self.signature)
+        return collect_conditions(self.columns, self.signature)
 
 
 def classify(
@@ -132,7 +132,7 @@ def classify(
         A recording, or its results of :func:`doppelgait.analyze`, also as a file (``analyze -o``).
     model : Model, optional
         By default the one that comes with the package and fits the radar
-        (:func:`doppelgait.classify.shipped.fitting_model`).
+        (:func:`doppelgait.classify.shipped.find_shipped_model`).
     gate, analysis, tracking
         As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training data.
 
@@ -164,22 +164,22 @@ def classify(
     if isinstance(source, str | Path) and not stored:
         source = read_recording(Path(source).resolve() if Path(source).is_dir() else source)
     if isinstance(source, Recording):
-        model = model or model_for(source)
-        settings = analysis or analysis_of(model)
+        model = model or choose_model(source)
+        settings = analysis or read_training_analysis(model)
         _warn_about_settings(settings.model_dump(mode="json"), model)
         results: Sequence[Result] = analyze(source, gate=gate, analysis=settings, tracking=tracking)
     else:
         results = read_results(source).targets if isinstance(source, str | Path) else source
     if not results:
         return []
-    model = model or model_for(results)
+    model = model or choose_model(results)
     if stored:
-        for analysis_used in {canonical_json(result.analysis): result.analysis for result in results}.values():
+        for analysis_used in {format_canonical_json(result.analysis): result.analysis for result in results}.values():
             _warn_about_settings(analysis_used.model_dump(mode="json"), model)
-    return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(results)]
+    return [decide(TargetInputs(r.to_row(), r.signature), model, number) for number, r in enumerate(results)]
 
 
-def model_for(source: Recording | Sequence[Result]) -> Model:
+def choose_model(source: Recording | Sequence[Result]) -> Model:
     """Return the shipped model for a recording's radar.
 
     Results may stand for the recording.
@@ -190,17 +190,19 @@ def model_for(source: Recording | Sequence[Result]) -> Model:
         If none fits.
     """
     if isinstance(source, Recording):
-        return model_of_radar(source.radar)
+        return load_model_for_radar(source.radar)
     signature = source[0].signature
-    return shipped_model(fitting_model(SPEED_OF_LIGHT_MPS / wavelength_of(signature), prf_of(signature)))
+    return load_shipped_model(
+        find_shipped_model(SPEED_OF_LIGHT_MPS / read_wavelength_m(signature), read_prf_hz(signature))
+    )
 
 
-def analysis_of(model: Model) -> Analysis:
+def read_training_analysis(model: Model) -> Analysis:
     """Return the analysis parameters of a model's training data."""
     return validate(Analysis, model.facts.analysis, where=f"model {model.facts.name}")
 
 
-def decide(seen: Seen, model: Model, number: int) -> Decision:
+def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
     """Decide the class of one target.
 
     Raises
@@ -219,7 +221,7 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
     if model.facts.names:
         import pandas as pd
 
-        columns = {**feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
+        columns = {**find_feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
         extended = [name for name in model.facts.names if name.startswith("extended_")]
         columns |= {name: name for name in (ENVELOPE if name == ENVELOPE_WIDTH else name for name in extended)}
         missing = [name for name in columns.values() if name not in seen.columns]
@@ -228,12 +230,12 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
                 f"target {number}: has no {missing[0]}, which {model.facts.name} looks at; analyse with extended = "
                 "true and the standard method"
             )
-        wavelength_m = np.array([wavelength_of(seen.signature)])
-        features = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
+        wavelength_m = np.array([read_wavelength_m(seen.signature)])
+        features = convert_features({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
         if ENVELOPE in model.facts.names:  # a file of an older version
             features[ENVELOPE] = features[ENVELOPE_WIDTH] * 2.0 / wavelength_m
         values = np.array([[features[name][0] for name in model.facts.names]])
-        outside = model.outside(values[0])
+        outside = model.describe_outside(values[0])
         rank = float(model.rank(values)[0])
         if rank < model.facts.novel_below:
             outside.append(f"unlike the training data: {100 * rank:.1f} % of the held-out rows are as far from it")
@@ -241,8 +243,8 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
             values = join_inputs(values, pictures)
     probability = model.probability(values)[0]
     best = int(probability.argmax())
-    elsewhere = outside_conditions(seen.conditions, model.facts.conditions)
-    flag = blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
+    elsewhere = describe_outside_conditions(seen.conditions, model.facts.conditions)
+    flag = find_blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
     blocked = bool(reasons)
     if not blocked and not probability[best] >= model.facts.abstain_below:
@@ -276,7 +278,7 @@ def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
 
     Clutter removal may differ: it depends on the room.
     """
-    expected = analysis_of(model).model_dump(mode="json")
+    expected = read_training_analysis(model).model_dump(mode="json")
     ignored = ("clutter", "clutter_time_s", "hop")
     other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]
     if other:

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.scores import auc, group_weights
+from doppelgait.classify.scores import auc, weight_groups
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import power_to_db
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.pipeline import parse_run, run_simulation
-from doppelgait.radar.fit.measure import windowed_power
+from doppelgait.radar.fit.measure import compute_windowed_power
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
@@ -80,7 +80,7 @@ def simulate_like(
             scene = {**plan.scene, "duration_s": duration_s}
             of_one = plan.model_copy(update={"dataset": dataset, "radar": radar, "scene": scene})
             # beyond the plan's own examples the classes take turns
-            beyond = sum(plan.examples_of(section) for section in plan.classes) + number
+            beyond = sum(plan.count_class_examples(section) for section in plan.classes) + number
             run = resolve_example(of_one, beyond, folder or Path()).run
         made = run_simulation(run, folder=folder, angles=False)
         chosen = np.minimum(np.round(times_s * real.radar.prf_hz).astype(int), made.n_pulses - 1)
@@ -120,7 +120,7 @@ def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np
     return samples[: pulses // window * window].reshape(-1, window, recording.n_range_bins)
 
 
-def window_statistics(recording: Recording) -> list[Statistics]:
+def measure_windows(recording: Recording) -> list[Statistics]:
     """Return the statistics of windows that a classifier sees.
 
     Levels and their spread over range, shape of the Doppler spectrum, correlation between bins, circularity and
@@ -129,7 +129,7 @@ def window_statistics(recording: Recording) -> list[Statistics]:
     windows, samples = split_windows(recording), recording.samples.matrix
     chosen = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), MOST_WINDOWS)).astype(int))
     parts = windows[chosen]
-    f_hz, power, spectra = windowed_power(parts, recording.radar.prf_hz)
+    f_hz, power, spectra = compute_windowed_power(parts, recording.radar.prf_hz)
     order = np.argsort(f_hz)
     full = max(float(np.abs(samples.real).max()), float(np.abs(samples.imag).max()))
     rows = []
@@ -225,7 +225,7 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
     few = min(len(real), len(synthetic)) < FEW
     for label, recordings in enumerate((synthetic, real)):
         for number, recording in enumerate(recordings):
-            found = window_statistics(recording)
+            found = measure_windows(recording)
             rows += found
             labels += [label] * len(found)
             part = np.arange(len(found)) * FOLDS // len(found) if few else np.zeros(len(found), dtype=int)
@@ -237,10 +237,10 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
     everything = np.ones_like(shape)
     wanted = {"all": ("boosting", everything), "shape": ("boosting", shape), "linear": ("linear", everything)}
     scores = {
-        key: _held_out_scores(values[:, columns], positive, group, kind=kind, seed=seed)
+        key: _score_held_out(values[:, columns], positive, group, kind=kind, seed=seed)
         for key, (kind, columns) in wanted.items()
     }
-    weights = group_weights(positive.astype(np.int64), group, np.random.default_rng(seed), count=REPLICATES)
+    weights = weight_groups(positive.astype(np.int64), group, np.random.default_rng(seed), count=REPLICATES)
     intervals = {}
     for key in ("all", "shape"):
         drawn = [auc(scores[key], positive, row) for row in weights]
@@ -258,7 +258,7 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
     return Comparison(intervals["all"], intervals["shape"], linear, ordered, *counts, held_out)
 
 
-def _held_out_scores(
+def _score_held_out(
     values: FloatArray, positive: npt.NDArray[np.bool_], groups: npt.NDArray[np.str_], *, kind: str, seed: int
 ) -> FloatArray:
     """Return window scores, each without its own group."""
@@ -282,7 +282,7 @@ def _held_out_scores(
     return scores
 
 
-def picture(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
+def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
     """Return a picture of a recording for people.
 
     Level over time and range, dB without the mean echo; over time and Doppler for fewer than eight bins.
@@ -306,7 +306,7 @@ def picture(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
             recording.range_m,
             "range (m)",
         )
-    f_hz, power, _ = windowed_power(split_windows(recording, most=64), recording.radar.prf_hz)
+    f_hz, power, _ = compute_windowed_power(split_windows(recording, most=64), recording.radar.prf_hz)
     strongest = power[:, :, int(np.argmax(power.sum(axis=(0, 1))))]
     order = np.argsort(f_hz)
     return power_to_db(np.maximum(strongest[:, order], 1e-30)), f_hz[order], "Doppler frequency (Hz)"

@@ -13,15 +13,15 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
 from doppelgait.classify.alarm import Day, run_day, score_day
-from doppelgait.classify.data import Rows, Table, rows_of, table_of, take_rows
+from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, take_rows
 from doppelgait.classify.learned import join_inputs
 from doppelgait.classify.model import (
     LEAST_ROWS,
     Model,
     accepted_range,
     conditions_of_rows,
-    conditions_outside,
-    span_words,
+    format_span,
+    summarise_outside_conditions,
 )
 from doppelgait.classify.novelty import LEAST_FAR
 from doppelgait.classify.open_set import open_set_scores, unknown_rows
@@ -32,15 +32,15 @@ from doppelgait.classify.scores import (
     MOST_VALUES,
     Answers,
     balanced_accuracy,
-    bin_edges,
-    breakdown,
-    condition_values,
-    curve,
-    scorecard,
+    compute_scores,
+    find_condition_values,
+    make_bin_edges,
+    score_bins,
+    score_groups,
 )
-from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, kind_of
-from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
-from doppelgait.core.config import json_value
+from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, find_kind
+from doppelgait.classify.validate import Fold, hold_back, leave_out, refuse_shared, split_into_folds, use_own_splits
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.open import Dataset
 
@@ -48,7 +48,7 @@ UNLABELLED = "unlabelled"
 """Label of own recordings of which nobody knows what they show."""
 
 
-def document_of(
+def make_document(
     rows: Rows, folds: Sequence[Fold], answers: Mapping[str, Answers], notes: Sequence[str], *, seed: int
 ) -> dict[str, Any]:
     """Collect all models' scores for JSON, None for unknown.
@@ -72,9 +72,9 @@ def document_of(
     ]
     models = {}
     for name, found in answers.items():
-        kind = kind_of(name)
+        kind = find_kind(name)
         facts = {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES}
-        models[name] = {"kind": facts, **scorecard(found, seed=seed)}
+        models[name] = {"kind": facts, **compute_scores(found, seed=seed)}
     fold_facts = []
     for fold in folds:
         parts = {key: getattr(fold, key) for key in ("train", "held", "test")}
@@ -86,26 +86,26 @@ def document_of(
             continue
         texts = tested.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
         if 2 <= np.unique(texts).size <= MOST_VALUES:  # several values, and not too many
-            shares = {name: breakdown(part, texts) for name, part in answers.items() if name not in BASELINES}
+            shares = {name: score_groups(part, texts) for name, part in answers.items() if name not in BASELINES}
             breakdowns[column] = shares
     document = {
         "doppelgait_version": __version__,
         "seed": seed,
         "classes": list(rows.classes),
-        "dataset": _dataset_facts(rows, 0),
-        "test_dataset": _dataset_facts(rows, 1) if len(rows.datasets) > 1 else None,
+        "dataset": _describe_dataset(rows, 0),
+        "test_dataset": _describe_dataset(rows, 1) if len(rows.datasets) > 1 else None,
         "folds": fold_facts,
         "tested": {name: int((tested.labels == n).sum()) for n, name in enumerate(rows.classes)},
         "models": models,
-        "conditions": _accuracy_by_condition(answers, said, seed),
+        "conditions": _compute_accuracy_by_condition(answers, said, seed),
         "breakdowns": breakdowns,
         "notes": said,
     }
-    plain: dict[str, Any] = json_value(document)
+    plain: dict[str, Any] = convert_to_json(document)
     return plain
 
 
-def _dataset_facts(rows: Rows, number: int) -> dict[str, Any]:
+def _describe_dataset(rows: Rows, number: int) -> dict[str, Any]:
     part = rows.datasets[number]
     return {
         "directory": str(part.directory),
@@ -117,23 +117,25 @@ def _dataset_facts(rows: Rows, number: int) -> dict[str, Any]:
     }
 
 
-def _accuracy_by_condition(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
+def _compute_accuracy_by_condition(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
     """Compute the accuracy of every model by known, varying condition."""
     tested, found = next(iter(answers.values())), {}
     for condition in CONDITIONS:
-        column, values = condition_values(tested.index, condition)
-        edges = bin_edges(values, condition.step)
+        column, values = find_condition_values(tested.index, condition)
+        edges = make_bin_edges(values, condition.step)
         if not column:
             notes.append(f"accuracy against {condition.words}: none of {', '.join(condition.columns)} is known")
             continue
         if edges.size < 3:
             notes.append(f"accuracy against {condition.words}: {column} is {edges[0]:g} to {edges[-1]:g} in all rows")
-        curves = {name: curve(part, values, edges, seed=seed) for name, part in answers.items() if name != "chance"}
+        curves = {
+            name: score_bins(part, values, edges, seed=seed) for name, part in answers.items() if name != "chance"
+        }
         found[condition.name] = {"words": condition.words, "column": column, "models": curves}
     return found
 
 
-def answers_table(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
+def tabulate_answers(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
     """Tabulate probabilities, class and decision per tested row."""
     tested = next(iter(answers.values()))
     columns: dict[str, Any] = {"id": tested.index["id"], "label": tested.index["label"], "mover": tested.groups}
@@ -193,7 +195,7 @@ def evaluate(
         Leave one value of this column out at a time, for example ``source``.
     own : Dataset, optional
         Recordings of one's own, to test on and to adapt the models to
-        (:func:`doppelgait.classify.adapt.adaptation_curve`); the models returned are adapted to all of them. Where all
+        (:func:`doppelgait.classify.adapt.score_adaptation`); the models returned are adapted to all of them. Where all
         are labelled :data:`UNLABELLED`, nothing of them is tested, and the models are adapted to the shares of the
         classes among them (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
     own_shares : mapping, optional
@@ -227,8 +229,8 @@ def evaluate(
     ConfigError
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
-    rows, nameless = _rows_to_test(dataset, other, own, own_shares)
-    rows = replace(rows, alarm=_alarm_of(rows, alarm_class, needed=day is not None))
+    rows, nameless = _collect_test_rows(dataset, other, own, own_shares)
+    rows = replace(rows, alarm=_choose_alarm_class(rows, alarm_class, needed=day is not None))
     strangers = None if unknown is None else unknown_rows(unknown, rows)
     for option, given in (("--adapt", own), ("--unknown", unknown)):
         if given is not None and (n_folds or left_out):
@@ -259,14 +261,14 @@ def evaluate(
     bare = [name for name in trained if not runs[name].calibrated]
     if bare:
         said.append(f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows")
-    said += _missing_safeguards(rows, folds)
+    said += _describe_missing_safeguards(rows, folds)
     said += [
-        f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside the "
-        f"accepted range, {span_words(*accepted_range(name, *part['learnt']))} (training range "
-        f"{span_words(*part['learnt'])}): no decision there; other scores count them"
+        f"{name}: {part['n']} of {part['of']} tested rows have {format_span(*part['tested'])}, outside the "
+        f"accepted range, {format_span(*accepted_range(name, *part['learnt']))} (training range "
+        f"{format_span(*part['learnt'])}): no decision there; other scores count them"
         for name, part in outside.items()
     ]
-    document = document_of(rows, folds, answers, said, seed=seed)
+    document = make_document(rows, folds, answers, said, seed=seed)
     for name, run in runs.items():
         document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
         document["models"][name]["calibrated"] = run.calibrated
@@ -286,10 +288,10 @@ def evaluate(
             document["notes"] += [f"{name}: {note}" for note in notes]
     if day is not None and best is not None and best in kept:
         document["alarm_day"] = {"model": best, **score_day(day, run_day(day, kept[best]), kept[best])}
-    return Evaluation(document, answers_table(rows, answers), best, kept)
+    return Evaluation(document, tabulate_answers(rows, answers), best, kept)
 
 
-def _rows_to_test(
+def _collect_test_rows(
     dataset: Dataset, other: Dataset | None, own: Dataset | None, shares: Mapping[str, float] | None
 ) -> tuple[Rows, Rows | None]:
     """Collect all rows, and separately own rows without labels."""
@@ -297,11 +299,11 @@ def _rows_to_test(
     if shares is not None and (blank is None or not blank.any()):
         raise ConfigError(f"--share: goes with --adapt and recordings called {UNLABELLED!r}")
     if own is None or blank is None:
-        return rows_of(dataset, other), None
+        return collect_rows(dataset, other), None
     if other is not None:
         raise ConfigError("--adapt and --test: take one of them; --adapt tests on what it does not adapt to")
     if not blank.any():
-        rows = rows_of(dataset, own)
+        rows = collect_rows(dataset, own)
         missing = [name for name in rows.classes if not (own.index["label"] == name).any()]
         if missing:
             raise DatasetError(
@@ -313,7 +315,7 @@ def _rows_to_test(
         raise DatasetError(
             f"--adapt {own.directory}: {blank.sum()} of {blank.size} rows are {UNLABELLED!r}; label all or none"
         )
-    rows = rows_of(dataset)
+    rows = collect_rows(dataset)
     if shares is not None:
         given = ", ".join(f"{name}={share:g}" for name, share in shares.items())
         whole = abs(sum(shares.values()) - 1.0) < 1e-6 and min(shares.values(), default=0.0) > 0
@@ -324,7 +326,7 @@ def _rows_to_test(
     return rows, unknown_rows(own, rows)
 
 
-def _alarm_of(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
+def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
     """Return the class of the alarm, if named or needed.
 
     A class that is named or needed must exist.
@@ -337,7 +339,7 @@ def _alarm_of(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
     return alarm
 
 
-def _missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
+def _describe_missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
     """Describe what the models lack a class or rows for.
 
     The rows are held-out ones.
@@ -375,7 +377,7 @@ def _score_further(
     if adapted and nameless is None:
         model, found["adaptation"], notes = adapt_to_rows(model, tested, values, np.random.default_rng(seed))
     elif nameless is not None:
-        inputs = table_of(nameless, model.facts.features).values
+        inputs = collect_inputs(nameless, model.facts.features).values
         model, notes = adapt_to_nameless_rows(model, nameless, inputs, shares)
     if strangers is not None:
         found["unknown"] = open_set_scores(model, values, strangers)
@@ -393,7 +395,7 @@ def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]
     found = conditions_of_rows(rows)
     all_of_them: dict[str, dict[str, Any]] = {}
     for fold in folds:
-        for name, part in conditions_outside(found, fold.train, fold.test).items():
+        for name, part in summarise_outside_conditions(found, fold.train, fold.test).items():
             before = all_of_them.setdefault(name, {**part, "n": 0, "of": sum(f.test.size for f in folds)})
             before["n"] += part["n"]
             for key in ("learnt", "tested"):
@@ -407,10 +409,10 @@ def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: i
     if len(options) > 1:
         raise ConfigError(f"{' and '.join(options)}: take one of them")
     if n_folds is not None:
-        return cross_validation(rows, n_folds, seed=seed), []
+        return split_into_folds(rows, n_folds, seed=seed), []
     if left_out is not None:
         return leave_out(rows, left_out, seed=seed)
-    fold, notes = own_splits(rows, seed=seed)
+    fold, notes = use_own_splits(rows, seed=seed)
     return [fold], notes
 
 
@@ -421,7 +423,7 @@ def _load_tables(
 
     Unavailable ones are skipped unless they are named in ``models``.
     """
-    from doppelgait.classify.network import NO_TORCH, torch_is_there
+    from doppelgait.classify.network import NO_TORCH, is_torch_installed
 
     made: dict[str, Table] = {}
     tables: dict[str, Table] = {}
@@ -430,9 +432,9 @@ def _load_tables(
     if "ensemble" in wanted:  # after its members
         wanted = [*(name for name in dict.fromkeys([*wanted, *MEMBERS]) if name != "ensemble"), "ensemble"]
     for name in [*BASELINES, *wanted]:
-        kind = kind_of(name)
+        kind = find_kind(name)
         try:
-            if kind.learner == "network" and not torch_is_there():
+            if kind.learner == "network" and not is_torch_installed():
                 raise DatasetError(NO_TORCH)
             if name == "ensemble":
                 members = [tables[each] for each in MEMBERS if each in tables]
@@ -443,7 +445,7 @@ def _load_tables(
                 tables[name] = Table(values, members[0].names)
                 continue
             if kind.features not in made:
-                made[kind.features] = table_of(rows, kind.features, motion_folder=motion_folder)
+                made[kind.features] = collect_inputs(rows, kind.features, motion_folder=motion_folder)
         except DatasetError as error:
             if models is not None and name in models:
                 raise

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.worker import one_blas_thread
-from doppelgait.processing.patches import Levels, Patch, covering
+from doppelgait.core.worker import limit_blas_threads
+from doppelgait.processing.patches import Levels, Patch, cut_pictures
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -25,7 +25,7 @@ ROWS_AT_A_TIME = 64
 """Of a kernel: distances to a thousand support vectors then stay in the processor's cache."""
 
 
-class Part(NamedTuple):
+class LabelledRows(NamedTuple):
     """Rows to train on: inputs and class numbers."""
 
     values: Inputs
@@ -160,7 +160,7 @@ class Kernel:
         """Return log-probabilities, shape (n, n_classes)."""
         columns, norm = standardise(values, self), (self.support**2).sum(axis=1)
         scores = np.zeros((len(columns), self.bias.size))
-        with one_blas_thread():
+        with limit_blas_threads():
             for first in range(0, len(columns), ROWS_AT_A_TIME):
                 rows = columns[first : first + ROWS_AT_A_TIME]
                 squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ self.support.T
@@ -245,18 +245,18 @@ class Network:
         All classes are equal where there is no signature.
         """
         n_classes = self.bias.size
-        pictures = [covering(whole, self.patch) for whole in values if whole is not None]
+        pictures = [cut_pictures(whole, self.patch) for whole in values if whole is not None]
         answers = np.zeros((len(values), n_classes))
         present = np.flatnonzero([whole is not None for whole in values])
         if present.size:
             owner = np.repeat(present, [len(part) for part in pictures])
             stacked = np.concatenate(pictures)
-            found = self.of_pictures(stacked) + self.of_pictures(stacked[:, ::-1])
+            found = self.classify_pictures(stacked) + self.classify_pictures(stacked[:, ::-1])
             np.add.at(answers, owner, found)
             answers[present] /= 2.0 * np.bincount(owner, minlength=len(values))[present, None]
         return log_softmax(answers)
 
-    def of_pictures(self, pictures: Levels) -> FloatArray:
+    def classify_pictures(self, pictures: Levels) -> FloatArray:
         """Return log-probabilities (n, n_classes) of images (n, n_velocity, n_time)."""
         parts = []
         for first in range(0, len(pictures), PICTURES_AT_A_TIME):
@@ -301,7 +301,7 @@ class Ensemble:
         """
         total = np.zeros((len(values), self.shifts.shape[1]))
         for member, weight, slope, shift in zip(self.members, self.weights, self.slopes, self.shifts, strict=True):
-            seen = levels_in(values) if isinstance(member, Network) else features_in(values)
+            seen = select_levels(values) if isinstance(member, Network) else select_features(values)
             total += weight * log_softmax(slope * member.log_probability(seen) + shift)
         return log_softmax(total)
 
@@ -313,12 +313,12 @@ def join_inputs(features: Inputs, pictures: Inputs) -> Inputs:
     return values
 
 
-def features_in(values: Inputs) -> Inputs:
+def select_features(values: Inputs) -> Inputs:
     """Return the features of rows that may end with levels."""
     return values[:, :-1].astype(np.float64) if values.dtype == object and values.ndim == 2 else values
 
 
-def levels_in(values: Inputs) -> Inputs:
+def select_levels(values: Inputs) -> Inputs:
     """Return the levels at the end of rows."""
     return values[:, -1]
 

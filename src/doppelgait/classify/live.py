@@ -21,9 +21,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.decide import analysis_of
+from doppelgait.classify.decide import read_training_analysis
 from doppelgait.classify.model import Model
-from doppelgait.classify.shipped import model_of_radar
+from doppelgait.classify.shipped import load_model_for_radar
 from doppelgait.classify.timeline import TrackDecision, Tracks, Window, analyze_window, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped
@@ -32,7 +32,7 @@ from doppelgait.dataset.recorded import TOLERANCE
 from doppelgait.pipeline import Result, Tracking
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.recording import baseband_facts
+from doppelgait.radar.recording import make_baseband_facts
 
 POLL_S = 0.1
 """Time between looks at whether the other side is still there."""
@@ -111,7 +111,7 @@ class _Ring:
             time_s = float(told_s) + self._ahead_s
             if not math.isfinite(time_s):
                 time_s = self._due_s if self._n_rows else 0.0
-            missing = self._missing(time_s) if self._n_rows else 0
+            missing = self._count_missing(time_s) if self._n_rows else 0
             if missing < 0:
                 if self._due_s - time_s <= LATE_S:
                     counts.late += 1
@@ -137,7 +137,7 @@ class _Ring:
             self._last = row
             yield from self._push(row)
 
-    def _missing(self, time_s: float) -> int:
+    def _count_missing(self, time_s: float) -> int:
         """Count frames missing before a time, negative if late."""
         prf_hz, period_s = self.radar.prf_hz, self.radar.burst_period_s
         if period_s is None:
@@ -163,7 +163,7 @@ class _Ring:
         times_s = self.radar.frame_time_s(pulses)
         coords = {"slow_time": times_s - times_s[0], "range": self.range_m}
         rows = self._rows[pulses % self._rows.shape[0]]
-        baseband = make_array(BASEBAND, rows, coords, baseband_facts(self.radar))
+        baseband = make_array(BASEBAND, rows, coords, make_baseband_facts(self.radar))
         start_s = self._start_s + begin_s
         yield Window(start_s, start_s + self.window_s, Recording.from_baseband(baseband, self.radar, source="live"))
 
@@ -315,10 +315,10 @@ def live(
     --------
     doppelgait.classify.classify_over_time : the same for a recording.
     """
-    model = model or model_of_radar(radar)
+    model = model or load_model_for_radar(radar)
     window_s, hop_s = check_window(window_s, hop_s, model)
     ranges = radar.range_axis_m() if range_m is None else np.asarray(range_m, dtype=np.float64)
     if ranges.ndim != 1 or not ranges.size or not np.isfinite(ranges).all():
         raise ConfigError(f"range_m: must be finite, of shape (N,), not of shape {ranges.shape}")
     ring = _Ring(radar, ranges, window_s, hop_s)
-    return Live(ring, frames, Tracks(model), analysis or analysis_of(model), tracking, skip)
+    return Live(ring, frames, Tracks(model), analysis or read_training_analysis(model), tracking, skip)

@@ -15,7 +15,7 @@ import xarray as xr
 from pydantic import Field
 
 from doppelgait.classify.data import Rows, wavelengths_m
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, features_in, log_softmax
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, log_softmax, select_features
 from doppelgait.classify.novelty import NOVEL_BELOW, Novelty
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text
@@ -94,7 +94,7 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
     return Calibration(float(best[0]), np.concatenate([[0.0], best[1:]]), int(labels.size))
 
 
-def detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
+def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
     """Return the highest threshold for a share of positive rows.
 
     NaN without positive rows.
@@ -112,7 +112,7 @@ radar; a longer observation is a better one, so that there is more room above.""
 Conditions = Mapping[str, tuple[float, float]]
 
 
-def wavelength_of(signature: xr.DataArray) -> float:
+def read_wavelength_m(signature: xr.DataArray) -> float:
     """Return the wavelength of a signature in m, or NaN.
 
     As its attribute states it, else from its axes by v = f wavelength / 2.
@@ -126,7 +126,7 @@ def wavelength_of(signature: xr.DataArray) -> float:
     return float(2.0 * np.ptp(velocity_mps) / np.ptp(doppler_hz)) if np.ptp(doppler_hz) > 0 else math.nan
 
 
-def prf_of(signature: xr.DataArray) -> float:
+def read_prf_hz(signature: xr.DataArray) -> float:
     """Return the pulse rate, the Doppler axis' span, or NaN."""
     if "doppler" not in signature.coords or signature.sizes["doppler"] < 2:
         return math.nan
@@ -134,12 +134,12 @@ def prf_of(signature: xr.DataArray) -> float:
     return float(np.ptp(doppler_hz) * doppler_hz.size / (doppler_hz.size - 1))
 
 
-def conditions_of_target(columns: Mapping[str, Any], signature: xr.DataArray) -> dict[str, float]:
+def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> dict[str, float]:
     """Return the observation conditions of a target; NaN for unknown."""
     observed_s = columns.get("quality_observation_s")
     return {
-        "carrier_hz": SPEED_OF_LIGHT_MPS / wavelength_of(signature),
-        "prf_hz": prf_of(signature),
+        "carrier_hz": SPEED_OF_LIGHT_MPS / read_wavelength_m(signature),
+        "prf_hz": read_prf_hz(signature),
         "observation_s": math.nan if observed_s is None else float(observed_s),
     }
 
@@ -163,13 +163,13 @@ def _read_column(index: pd.DataFrame, column: str) -> FloatArray:
     return pd.to_numeric(index[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
 
 
-def learnt_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
+def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
     """Return the training span of every known condition."""
     known = {name: values[train][np.isfinite(values[train])] for name, values in found.items()}
     return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
 
 
-def beyond(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.bool_]:
+def mark_outside(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.bool_]:
     """Mark values of a condition outside the training range.
 
     The tolerance is allowed for; unknown values are never outside.
@@ -186,34 +186,36 @@ def accepted_range(name: str, low: float, high: float) -> tuple[float, float]:
     return low * less, high * more
 
 
-def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
+def describe_outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
     """Describe conditions outside the training range, or unknown."""
     said = []
     for name in TOLERANCE:
         if name not in learnt:
             continue
-        words = span_words(*learnt[name])
+        words = format_span(*learnt[name])
         if math.isnan(found[name]):
             said.append(f"{name} is unknown; the training range is {words}")
-        elif beyond(np.array([found[name]]), name, learnt)[0]:
-            accepted = span_words(*accepted_range(name, *learnt[name]))
+        elif mark_outside(np.array([found[name]]), name, learnt)[0]:
+            accepted = format_span(*accepted_range(name, *learnt[name]))
             said.append(f"{name} {found[name]:.4g} is outside the accepted range, {accepted} (training range {words})")
     return said
 
 
-def span_words(low: float, high: float) -> str:
+def format_span(low: float, high: float) -> str:
     """Format a span, or one number if both ends agree."""
     return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
 
 
-def conditions_outside(found: Mapping[str, FloatArray], train: IntArray, test: IntArray) -> dict[str, dict[str, Any]]:
+def summarise_outside_conditions(
+    found: Mapping[str, FloatArray], train: IntArray, test: IntArray
+) -> dict[str, dict[str, Any]]:
     """Summarise the tested rows outside the training range by condition.
 
     Number of rows, training span and their own span.
     """
-    learnt, said = learnt_conditions(found, train), {}
+    learnt, said = find_training_conditions(found, train), {}
     for name, values in found.items():
-        far = beyond(values[test], name, learnt)
+        far = mark_outside(values[test], name, learnt)
         if far.any():
             theirs = values[test][far]
             said[name] = {
@@ -364,7 +366,7 @@ class Model:
         """
         return np.ones(len(values)) if self.novelty is None else self.novelty.rank(values)
 
-    def beyond(self, values: Inputs) -> npt.NDArray[np.bool_]:
+    def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
         """Mark features outside the training range.
 
         Beyond its span by a quarter of it, or unknown where none was unknown in training.
@@ -376,16 +378,16 @@ class Model:
         """
         if not self.facts.names:
             return np.zeros((len(values), 0), dtype=bool)
-        values = features_in(values)
+        values = select_features(values)
         low, high = self._accepted
         far = (values < low) | (values > high)
         return np.asarray(far | (np.isnan(values) & (self.unknown < RARELY)))
 
-    def outside(self, row: Inputs) -> list[str]:
+    def describe_outside(self, row: Inputs) -> list[str]:
         """Describe features of one row outside the training range."""
-        found, values = [], features_in(row[None])[0]
+        found, values = [], select_features(row[None])[0]
         low, high = self._accepted
-        for n in np.flatnonzero(self.beyond(row[None])[0]):
+        for n in np.flatnonzero(self.mark_outside(row[None])[0]):
             name = self.facts.names[n]
             accepted = f"{low[n]:.3g} to {high[n]:.3g} (training range {self.lowest[n]:.3g} to {self.highest[n]:.3g})"
             if np.isnan(values[n]):
@@ -401,13 +403,13 @@ class Model:
         return self.lowest - spare, self.highest + spare
 
 
-def rests_on(facts: Facts) -> str:
+def describe_alarm_data(facts: Facts) -> str:
     """Describe the data behind an alarm threshold; empty if unknown."""
     if facts.alarm_threshold is None or facts.alarm_people is None:
         return ""
     return f"the alarm threshold rests on {facts.alarm_people} held-out targets of class {facts.alarm}"
 
 
-def blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:
+def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:
     """Return the first flag that matches a pattern, or None."""
     return next((flag for flag in flags if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)

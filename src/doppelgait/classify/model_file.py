@@ -20,7 +20,7 @@ from doppelgait.classify.novelty import Novelty
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing.patches import Patch
 
@@ -93,7 +93,7 @@ def save_model(model: Model, path: str | Path) -> Path:
     text = np.frombuffer(json.dumps(facts, sort_keys=True, allow_nan=False).encode(), dtype=np.uint8)
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, model=text, **arrays)
-    with atomic_path(target) as partial:
+    with open_atomically(target) as partial:
         partial.write_bytes(buffer.getvalue())
     return target
 
@@ -213,7 +213,7 @@ def _check_model(model: Model) -> None:
 
     Then every prediction is possible and ends.
     """
-    from doppelgait.features.extended import feature_table
+    from doppelgait.features.extended import list_features
 
     n_classes, n_features = len(model.facts.classes), len(model.facts.names)
     _check_shape(model.calibration.shift.shape, (n_classes,), "calibration.shift")
@@ -224,7 +224,7 @@ def _check_model(model: Model) -> None:
     if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
         raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
     # A model must not use what no analysis measures, such as the nuisance parameters of a plan.
-    measured = FEATURES | {f"extended_{name}" for name, _, _ in feature_table()}
+    measured = FEATURES | {f"extended_{name}" for name, _, _ in list_features()}
     wrong = [name for name in model.facts.names if name not in measured]
     if wrong:
         raise ValueError(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from doppelgait.classify.learned import FloatArray, Inputs, Network, Part
+from doppelgait.classify.learned import FloatArray, Inputs, LabelledRows, Network
 from doppelgait.classify.model import row_weights
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError
@@ -66,7 +66,7 @@ class Training(FrozenModel):
     flip: bool = True
 
 
-def torch_is_there() -> bool:
+def is_torch_installed() -> bool:
     """Return True if torch is installed, without importing it."""
     from importlib.util import find_spec
 
@@ -75,7 +75,13 @@ def torch_is_there() -> bool:
 
 @plugin("classifier", "signature-network", features="signature", learner="network")
 def train_network(
-    train: Part, held: Part, *, n_classes: int, seed: int, spec: Patch | None = None, settings: Training | None = None
+    train: LabelledRows,
+    held: LabelledRows,
+    *,
+    n_classes: int,
+    seed: int,
+    spec: Patch | None = None,
+    settings: Training | None = None,
 ) -> Network:
     """Train a network on signatures.
 
@@ -114,7 +120,7 @@ def train_network(
         raise DatasetError("no training row has a signature")
     rng = np.random.default_rng(seed)
     weights = row_weights(train.labels, n_classes)
-    with _deterministic(torch, seed):
+    with _make_deterministic(torch, seed):
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         model = build_model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
         optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
@@ -124,7 +130,9 @@ def train_network(
             slowly = settings.widening * n_epochs
             width = min(1.0, epoch / slowly) if slowly > 1.0 else 1.0  # never all epochs without any variation
             _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings, width)
-            loss = _held_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
+            loss = (
+                _compute_validation_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
+            )
             if loss <= best_loss:
                 best, best_loss, since = copy.deepcopy(model.state_dict()), loss, 0
             else:
@@ -148,13 +156,13 @@ def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
     return nn.Sequential(*layers)
 
 
-def _drop_missing(part: Part) -> Part:
+def _drop_missing(part: LabelledRows) -> LabelledRows:
     present = np.array([whole is not None for whole in part.values], dtype=bool)
-    return Part(part.values[present], part.labels[present])
+    return LabelledRows(part.values[present], part.labels[present])
 
 
 @contextmanager
-def _deterministic(torch: Any, seed: int) -> Iterator[None]:
+def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
     """Seed torch and make it deterministic, then restore its settings.
 
     One thread: two are 1.4 times as fast on two idle processors, and 50 times slower on busy ones, where they wait for
@@ -171,9 +179,17 @@ def _deterministic(torch: Any, seed: int) -> Iterator[None]:
 
 
 def _train_epoch(
-    torch: Any, model: Any, optimiser: Any, device: Any, train: Part, weights: FloatArray, rng: np.random.Generator,
-    spec: Patch, settings: Training, width: float,
-) -> None:  # fmt: skip
+    torch: Any,
+    model: Any,
+    optimiser: Any,
+    device: Any,
+    train: LabelledRows,
+    weights: FloatArray,
+    rng: np.random.Generator,
+    spec: Patch,
+    settings: Training,
+    width: float,
+) -> None:
     model.train()
     order = rng.permutation(train.labels.size)
     for first in range(0, order.size, settings.batch_size):
@@ -181,7 +197,7 @@ def _train_epoch(
         rows = order[first : first + settings.batch_size]
         if rows.size < 2:  # batch normalisation needs two
             continue
-        pictures = torch.from_numpy(varied(train.values[rows], rng, spec, settings, width)).to(device)
+        pictures = torch.from_numpy(augment(train.values[rows], rng, spec, settings, width)).to(device)
         labels = torch.from_numpy(train.labels[rows]).to(device)
         each = torch.nn.functional.cross_entropy(model(pictures[:, None]), labels, reduction="none")
         loss = (each * torch.from_numpy(weights[rows]).to(each)).mean()
@@ -190,7 +206,7 @@ def _train_epoch(
         optimiser.step()
 
 
-def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training, width: float = 1.0) -> Levels:
+def augment(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training, width: float = 1.0) -> Levels:
     """Augment every signature to a random image (n, n_velocity, n_time).
 
     A random section, mirrored or not, stretched in velocity, with changed gain and noise floor; ``width``, 0 to 1, is
@@ -204,7 +220,7 @@ def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Trai
         pictures.append(picture[::-1] if settings.flip and rng.random() < 0.5 else picture)
     shape = (len(pictures), 1, 1)
     factors = settings.stretch ** (width * rng.uniform(-1.0, 1.0, len(pictures)))
-    stacked = stretched(np.stack(pictures), factors)
+    stacked = stretch_pictures(np.stack(pictures), factors)
     gain = width * rng.uniform(-settings.gain_db, settings.gain_db, shape) / spec.range_db
     power = 10.0 ** ((np.where(stacked > 0, stacked + gain, 0.0)) * spec.range_db / 10.0)
     raised = 10.0 ** (width * rng.uniform(0.0, settings.noise_db, shape) / 10.0) - 1.0
@@ -212,7 +228,7 @@ def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Trai
     return np.clip(10.0 * np.log10(noisy) / spec.range_db, 0.0, 1.0).astype(np.float32)
 
 
-def stretched(pictures: Levels, factors: FloatArray) -> Levels:
+def stretch_pictures(pictures: Levels, factors: FloatArray) -> Levels:
     """Stretch images in velocity about zero, one factor each.
 
     Between rows it is interpolated linearly; beyond the first and last one there is 0, the noise floor.
@@ -227,7 +243,9 @@ def stretched(pictures: Levels, factors: FloatArray) -> Levels:
     return np.asarray(np.nan_to_num(between), dtype=np.float32)
 
 
-def _held_loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, spec: Patch) -> float:
+def _compute_validation_loss(
+    torch: Any, model: Any, device: Any, held: LabelledRows, n_classes: int, spec: Patch
+) -> float:
     """Return the class-balanced log loss of the held-out signatures.
 
     Of the middle of each of them.

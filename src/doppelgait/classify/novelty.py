@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Part, features_in, standardise
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, LabelledRows, select_features, standardise
 
 NOVEL_BELOW = 0.02
 """No decision about a target that is farther than all but this share of the held-out rows: set beforehand, so that one
@@ -56,7 +56,7 @@ class Novelty:
 
     def distance(self, values: Inputs) -> FloatArray:
         """Return every row's distance from the nearest class."""
-        columns = standardise(features_in(values), self) @ self.whitening
+        columns = standardise(select_features(values), self) @ self.whitening
         apart = columns[:, None, :] - self.centre @ self.whitening
         return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
 
@@ -71,7 +71,9 @@ class Novelty:
 
 
 def learn_novelty(
-    standard: tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray], train: Part, held: Part
+    standard: tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    train: LabelledRows,
+    held: LabelledRows,
 ) -> Novelty:
     """Measure how training rows lie about their class means.
 

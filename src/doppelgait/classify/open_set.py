@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.data import Rows, table_of
+from doppelgait.classify.data import Rows, collect_inputs
 from doppelgait.classify.learned import FloatArray
-from doppelgait.classify.model import BLOCKING, Model, beyond, blocking_flag, conditions_of_rows
+from doppelgait.classify.model import BLOCKING, Model, conditions_of_rows, find_blocking_flag, mark_outside
 from doppelgait.classify.scores import auc
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.open import Dataset
@@ -44,11 +44,11 @@ def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Mo
     A blocking flag, or features, conditions or distance outside what the model was trained on.
     """
     texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
-    flagged = [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
-    blocked = np.array(flagged, dtype=bool) | model.beyond(values).any(axis=1)
+    flagged = [find_blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
+    blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)
     blocked |= model.rank(values) < model.facts.novel_below
     for condition, found in conditions_of_rows(rows).items():
-        blocked |= beyond(found[part], condition, model.facts.conditions)
+        blocked |= mark_outside(found[part], condition, model.facts.conditions)
     return np.asarray(blocked)
 
 
@@ -59,7 +59,7 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
     ----------
     model : Model
     tested : ndarray
-        Inputs of the tested rows of the known classes, as of :func:`doppelgait.classify.data.table_of`.
+        Inputs of the tested rows of the known classes, as of :func:`doppelgait.classify.data.collect_inputs`.
     unknown : Rows
         Of :func:`unknown_rows`.
 
@@ -70,9 +70,9 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
         certainty (0.5: no better than chance; None for a model that measures no distance); ``decided`` the share called
         each class with a decision, by class.
     """
-    table = table_of(unknown, model.facts.features)
-    known_rank, known_sure = _scores(model, tested)
-    rank, sure = _scores(model, table.values)
+    table = collect_inputs(unknown, model.facts.features)
+    known_rank, known_sure = _score_novelty(model, tested)
+    rank, sure = _score_novelty(model, table.values)
     blocked = blocked_rows(unknown, np.arange(len(unknown)), table.values, model)
     decided = ~blocked & (sure >= model.facts.abstain_below)
     guesses = model.probability(table.values).argmax(axis=1)
@@ -93,7 +93,7 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
     return found
 
 
-def _scores(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
+def _score_novelty(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
     """Return distance if measured, and highest probability."""
     far = None if model.novelty is None else model.novelty.distance(values)
     return far, np.asarray(model.probability(values).max(axis=1))

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from doppelgait.classify.alarm import day_table, episode_table
+from doppelgait.classify.alarm import format_day, format_episodes
 from doppelgait.classify.evaluation import Evaluation
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
 from doppelgait.viz.style import (
@@ -21,12 +21,12 @@ from doppelgait.viz.style import (
     SERIES_COLOURS,
     SHARE_COLOURS,
     draw_grid,
-    legend_below,
+    label_quantity,
     legend_under,
+    make_axes,
+    make_figure,
     name_axes,
-    new_axes,
-    new_figure,
-    quantity_label,
+    place_legend_below,
 )
 
 BASELINE_COLOUR = "#888888"
@@ -38,46 +38,46 @@ ALONE = "the only class present"
 Document = Mapping[str, Any]
 
 
-def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
+def make_figures(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Yield name, caption and figure, one after the other."""
     yield "scores", "Balanced accuracy of every model with its 95 % interval.", score_bars(document)
     yield (
         "confusion",
         "Number of rows by true and by predicted class; the colour is the share of the true class.",
-        confusion_maps(document),
+        plot_confusion(document),
     )
     for name in next(iter(document["models"].values()))["roc"]:
         yield (
             f"roc-{''.join(c if c.isalnum() else '-' for c in name)}",
             f"{name} against all others: share detected against share falsely detected.",
-            roc_curves(document, name),
+            plot_roc(document, name),
         )
     yield (
         "reliability",
         "Share of correct rows against confidence; calibrated probabilities lie on the diagonal. The larger the dot, "
         "the more rows.",
-        reliability_curves(document),
+        plot_reliability(document),
     )
     if any(model.get("adaptation") for model in document["models"].values()):
         words = "Accuracy by own recordings (band: 80 % of the draws), and calibration before and after."
-        yield "adaptation", words, adaptation_curves(document)
+        yield "adaptation", words, plot_adaptation(document)
     for condition in document["conditions"]:
         words = document["conditions"][condition]["words"]
         yield (
             f"accuracy-{condition}",
             f"Balanced accuracy by {words}, with 95 % intervals; n: rows. Hollow: recall of {ALONE}.",
-            condition_curves(document, condition),
+            plot_condition(document, condition),
         )
     for name, model in document["models"].items():
         if model["importance"] and not model["kind"]["baseline"]:
             yield (
                 f"importance-{name}",
                 f"{name}: increase of the log loss when a feature is shuffled.",
-                importance_bars(name, model["importance"]),
+                plot_importance(name, model["importance"]),
             )
 
 
-def _line_styles(document: Document) -> dict[str, dict[str, Any]]:
+def _choose_line_styles(document: Document) -> dict[str, dict[str, Any]]:
     """Return colour and line style of every model."""
     trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
     looks: dict[str, dict[str, Any]] = {
@@ -90,13 +90,13 @@ def _line_styles(document: Document) -> dict[str, dict[str, Any]]:
 
 def score_bars(document: Document) -> Figure:
     """Plot the balanced accuracy of every model with its interval."""
-    looks, models = _line_styles(document), document["models"]
-    figure, axes = new_axes(width_in=8.0, height_in=1.2 + 0.42 * len(models))
+    looks, models = _choose_line_styles(document), document["models"]
+    figure, axes = make_axes(width_in=8.0, height_in=1.2 + 0.42 * len(models))
     for place, (name, model) in enumerate(reversed(models.items())):
         found = model["balanced_accuracy"]
         if found["value"] is None:
             _plot_hollow(
-                axes, [(share["value"], place) for share in _known_shares(model["recall"])], looks[name]["color"]
+                axes, [(share["value"], place) for share in _select_known_shares(model["recall"])], looks[name]["color"]
             )
             continue
         spread = [[found["value"] - found["low"]], [found["high"] - found["value"]]]
@@ -109,11 +109,11 @@ def score_bars(document: Document) -> Figure:
     axes.set(xlim=(0.0, 1.02), ylim=(-0.6, len(models) - 0.4))
     draw_grid(axes)
     name_axes(axes, title="Balanced accuracy of every model", x="balanced accuracy", y="")
-    legend_below(figure, axes)
+    place_legend_below(figure, axes)
     return figure
 
 
-def _known_shares(recall: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _select_known_shares(recall: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     return [share for share in recall.values() if share["value"] is not None]
 
 
@@ -123,13 +123,13 @@ def _plot_hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str)
         axes.plot([x], [y], "D", mfc="none", color=colour, ms=6)
 
 
-def confusion_maps(document: Document) -> Figure:
+def plot_confusion(document: Document) -> Figure:
     """Plot the confusion matrix of every model."""
     models, classes = document["models"], document["classes"]
     across = min(4, len(models))
     down = -(-len(models) // across)
     side = max(2.4, 0.8 * len(classes) + 1.2)
-    figure = new_figure(width_in=side * across + 0.8, height_in=side * down)
+    figure = make_figure(width_in=side * across + 0.8, height_in=side * down)
     panels = list(figure.subplots(down, across, squeeze=False).flat)
     for axes, (name, model) in zip(panels, models.items(), strict=False):
         counts = np.asarray(model["confusion"], dtype=float)
@@ -147,10 +147,10 @@ def confusion_maps(document: Document) -> Figure:
     return figure
 
 
-def roc_curves(document: Document, label: str) -> Figure:
+def plot_roc(document: Document, label: str) -> Figure:
     """Plot the ROC curve of every model for one class."""
-    looks = _line_styles(document)
-    figure, axes = new_axes(width_in=7.0, height_in=6.0)
+    looks = _choose_line_styles(document)
+    figure, axes = make_axes(width_in=7.0, height_in=6.0)
     for name, model in document["models"].items():
         curve = model["roc"][label]
         if curve["auc"] is not None:
@@ -162,17 +162,17 @@ def roc_curves(document: Document, label: str) -> Figure:
         axes, title=f"{label} against all other classes", x="share of the other classes, falsely detected",
         y=f"share of {label}, detected",
     )  # fmt: skip
-    legend_below(figure, axes, columns=2)
+    place_legend_below(figure, axes, columns=2)
     return figure
 
 
-def reliability_curves(document: Document) -> Figure:
+def plot_reliability(document: Document) -> Figure:
     """Plot accuracy against confidence of all models but the baselines.
 
     The size of a dot is its share of the rows.
     """
-    looks = _line_styles(document)
-    figure, axes = new_axes(width_in=7.0, height_in=6.0)
+    looks = _choose_line_styles(document)
+    figure, axes = make_axes(width_in=7.0, height_in=6.0)
     lowest = 1.0 / len(document["classes"])
     axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0, label="calibrated")
     for name, model in document["models"].items():
@@ -186,14 +186,14 @@ def reliability_curves(document: Document) -> Figure:
         axes.scatter(x, y, s=[20.0 + 200.0 * entry["share"] for entry in bins], color=looks[name]["color"], alpha=0.7)
     draw_grid(axes)
     name_axes(axes, title="Calibration", x=CONFIDENCE_LABEL, y=CORRECT_LABEL)
-    legend_below(figure, axes, columns=1)
+    place_legend_below(figure, axes, columns=1)
     return figure
 
 
-def adaptation_curves(document: Document) -> Figure:
+def plot_adaptation(document: Document) -> Figure:
     """Plot accuracy against own recordings, and calibration before and after."""
-    looks = _line_styles(document)
-    figure = new_figure(width_in=12.0, height_in=5.0)
+    looks = _choose_line_styles(document)
+    figure = make_figure(width_in=12.0, height_in=5.0)
     axes, calibrated = figure.subplots(1, 2)
     shown = {name: model["adaptation"] for name, model in document["models"].items() if model.get("adaptation")}
     for name, points in shown.items():
@@ -220,10 +220,10 @@ def adaptation_curves(document: Document) -> Figure:
     return figure
 
 
-def condition_curves(document: Document, condition: str) -> Figure:
+def plot_condition(document: Document, condition: str) -> Figure:
     """Plot balanced accuracy in bins of a condition."""
-    looks, facts = _line_styles(document), document["conditions"][condition]
-    figure, axes = new_axes(width_in=9.0, height_in=5.0)
+    looks, facts = _choose_line_styles(document), document["conditions"][condition]
+    figure, axes = make_axes(width_in=9.0, height_in=5.0)
     count = len(facts["models"])
     for number, (name, bins) in enumerate(facts["models"].items()):
         step = bins[0]["to"] - bins[0]["from"]
@@ -232,7 +232,7 @@ def condition_curves(document: Document, condition: str) -> Figure:
         whole = [entry for entry in bins if entry["value"] is not None]
         for entry in bins:
             if entry["value"] is None:
-                shares = [(middle[id(entry)], share["value"]) for share in _known_shares(entry["recall"])]
+                shares = [(middle[id(entry)], share["value"]) for share in _select_known_shares(entry["recall"])]
                 _plot_hollow(axes, shares, looks[name]["color"])
         x, y = np.array([middle[id(entry)] for entry in whole]), np.array([entry["value"] for entry in whole])
         spread = np.abs(np.array([[entry["low"], entry["high"]] for entry in whole]).reshape(-1, 2).T - y)
@@ -242,22 +242,22 @@ def condition_curves(document: Document, condition: str) -> Figure:
     axes.set_ylim(-0.12, 1.05)
     draw_grid(axes)
     name_axes(axes, title=f"Accuracy by {facts['words'].rpartition(' (')[0]}", x=facts["words"], y="balanced accuracy")
-    legend_below(figure, axes, columns=4)
+    place_legend_below(figure, axes, columns=4)
     return figure
 
 
-def importance_bars(name: str, importance: Mapping[str, float]) -> Figure:
+def plot_importance(name: str, importance: Mapping[str, float]) -> Figure:
     """Plot the most important features."""
     shown = list(importance.items())[:MOST_FEATURES]
-    figure, axes = new_axes(width_in=8.0, height_in=1.2 + 0.28 * len(shown))
-    words: Callable[[str], str] = lambda text: quantity_label(text.removeprefix("extended_"))  # noqa: E731
+    figure, axes = make_axes(width_in=8.0, height_in=1.2 + 0.28 * len(shown))
+    words: Callable[[str], str] = lambda text: label_quantity(text.removeprefix("extended_"))  # noqa: E731
     axes.barh([words(key) for key, _ in reversed(shown)], [value for _, value in reversed(shown)], color=BLUE)
     draw_grid(axes)
     name_axes(axes, title=f"Most important features, {name}", x="increase of the log loss (nat)", y="")
     return figure
 
 
-__all__: Sequence[str] = ["figures_of"]
+__all__: Sequence[str] = ["make_figures"]
 
 
 FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
@@ -325,7 +325,7 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
     target, document = check_folder(Path(folder)), found.document
     with complete_folder(target) as partial:
         pictures = []
-        for name, words, figure in figures_of(document):
+        for name, words, figure in make_figures(document):
             save_figure(figure, partial / f"{name}.png")
             pictures.append((f"{name}.png", words))
         texts = {
@@ -335,13 +335,13 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
         }
         listing = {"format": FORMAT, "format_version": FORMAT_VERSION, "files": sorted([*texts, *dict(pictures)])}
         texts[LISTING] = json.dumps(listing, indent=1) + "\n"
-        texts[PAGE] = page(document, pictures)
+        texts[PAGE] = format_page(document, pictures)
         for name, text in texts.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
     return [target / name for name in [*(name for name, _ in pictures), *texts]]
 
 
-def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
+def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
     """Format the page as HTML."""
     data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
@@ -363,13 +363,23 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     best, details = str(document["kept"] or trained[0]), []
     for column, models in document["breakdowns"].items():
         shares = [
-            {column: entry["value"], "is": entry["label"], "rows": entry["n"], "targets": entry["movers"],
-             "share right": f"{number(entry['share_value'])} ({number(entry['low'])} to {number(entry['high'])})"}
+            {
+                column: entry["value"],
+                "is": entry["label"],
+                "rows": entry["n"],
+                "targets": entry["movers"],
+                "share right": f"{format_number(entry['share_value'])} ({format_number(entry['low'])} to "
+                f"{format_number(entry['high'])})",
+            }
             for entry in models[best]
-        ]  # fmt: skip
+        ]
         details += [f"<h2>{escape(best)} by {escape(column)}</h2>", _format_table(shares)]
     baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
-    alarms, strangers, own = alarm_table(document), unknown_table(document), adaptation_table(document)
+    alarms, strangers, own = (
+        format_alarm_table(document),
+        format_unknown_table(document),
+        format_adaptation_table(document),
+    )
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Learnt from {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
@@ -385,7 +395,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
         "the class (nuisance); the speed alone.</p>",
         *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
-        *_day_parts(document),
+        *_format_day_parts(document),
         *([ADAPTATION_TEXT, _format_table(own)] if own else []),
         *([UNKNOWN_TEXT, _format_table(strangers)] if strangers else []),
         *(
@@ -401,7 +411,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
 
 
-def _day_parts(document: Mapping[str, Any]) -> list[str]:
+def _format_day_parts(document: Mapping[str, Any]) -> list[str]:
     """Format the alarm over a day; empty without one."""
     found = document.get("alarm_day")
     if found is None:
@@ -412,7 +422,7 @@ def _day_parts(document: Mapping[str, Any]) -> list[str]:
         f"episodes, {found['repeats']} of each kind; missed: episodes that should trigger and do not; time from the "
         "start of an episode.</p>"
     )
-    return [words, _format_table(day_table(found)), _format_table(episode_table(found))]
+    return [words, _format_table(format_day(found)), _format_table(format_episodes(found))]
 
 
 def _describe(facts: Mapping[str, Any]) -> str:
@@ -441,18 +451,18 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
         curves = [curve["auc"] for curve in model["roc"].values() if curve["auc"] is not None]
         rows.append({
             "model": name,
-            "balanced accuracy": with_interval(found),
-            **({"over seeds": _over_seeds(model.get("seeds"))} if document.get("n_seeds", 1) > 1 else {}),
-            **{f"recall {label}": number(share["value"]) for label, share in model["recall"].items()},
-            "AUC": number(sum(curves) / len(curves) if curves else None),
-            "Brier": number(model["brier"]),
-            "ECE": number(model["expected_calibration_error"]),
-            "decided": f"{number(decided['share'], 2)}: {number(decided['balanced_accuracy']['value'])}",
+            "balanced accuracy": format_interval(found),
+            **({"over seeds": _format_over_seeds(model.get("seeds"))} if document.get("n_seeds", 1) > 1 else {}),
+            **{f"recall {label}": format_number(share["value"]) for label, share in model["recall"].items()},
+            "AUC": format_number(sum(curves) / len(curves) if curves else None),
+            "Brier": format_number(model["brier"]),
+            "ECE": format_number(model["expected_calibration_error"]),
+            "decided": f"{format_number(decided['share'], 2)}: {format_number(decided['balanced_accuracy']['value'])}",
         })  # fmt: skip
     return rows
 
 
-def _over_seeds(values: Sequence[float | None] | None) -> str:
+def _format_over_seeds(values: Sequence[float | None] | None) -> str:
     """Format mean and range of a score over seeds."""
     known = [value for value in values or () if value is not None]
     if len(set(known)) == 1 < len(known):
@@ -460,7 +470,7 @@ def _over_seeds(values: Sequence[float | None] | None) -> str:
     return f"{np.mean(known):.3f} ({min(known):.3f} to {max(known):.3f})" if known else "-"
 
 
-def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the alarm rates of every class, by model.
 
     The alarm detects 95 % of its class; empty where there is no such class.
@@ -470,43 +480,52 @@ def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
         alarm = model["alarm"]
         for kind, words in (("held", "held rows"), ("curve", "its own curve")):
             if alarm is not None and kind in alarm:
-                shares = {label: with_interval(share) for label, share in alarm[kind].items()}
+                shares = {label: format_interval(share) for label, share in alarm[kind].items()}
                 rows.append({"model": name, "threshold from": words, **shares})
     return rows
 
 
-def adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_adaptation_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format scores by number of own recordings; empty without any."""
     rows = []
     for name, model in document["models"].items():
         for point in model.get("adaptation", []):
-            span = f"{number(point['low'])} to {number(point['high'])}"
-            rows.append({"model": name, "own recordings of a class": str(point["n"]),
-                         "balanced accuracy": f"{number(point['balanced_accuracy'])} ({span})",
-                         "same targets before": number(point["before"]), "without labels": number(point["unlabelled"]),
-                         "targets": f"{point['movers']:.0f}",
-                         "ECE": number(point["expected_calibration_error"])})  # fmt: skip
+            span = f"{format_number(point['low'])} to {format_number(point['high'])}"
+            rows.append(
+                {
+                    "model": name,
+                    "own recordings of a class": str(point["n"]),
+                    "balanced accuracy": f"{format_number(point['balanced_accuracy'])} ({span})",
+                    "same targets before": format_number(point["before"]),
+                    "without labels": format_number(point["unlabelled"]),
+                    "targets": f"{point['movers']:.0f}",
+                    "ECE": format_number(point["expected_calibration_error"]),
+                }
+            )
     return rows
 
 
-def unknown_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+def format_unknown_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the abstention from unknown kinds; empty without any."""
     rows = []
     for name, model in document["models"].items():
         for label, found in model.get("unknown", {}).items():
-            called = {f"called {other}": number(share) for other, share in found["decided"].items()}
-            areas = {"AUC of the distance": number(found["auc"]), "AUC of doubt": number(found["auc_of_probability"])}
+            called = {f"called {other}": format_number(share) for other, share in found["decided"].items()}
+            areas = {
+                "AUC of the distance": format_number(found["auc"]),
+                "AUC of doubt": format_number(found["auc_of_probability"]),
+            }
             rows.append({"model": name, "kind": label, "rows": str(found["n"]), **areas, **called})
     return rows
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def format_number(value: float | None, digits: int = 3) -> str:
     """Format a share; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def with_interval(found: Mapping[str, Any]) -> str:
+def format_interval(found: Mapping[str, Any]) -> str:
     """Format a share with its interval."""
     if found["value"] is None and "interval" in found:
         return str(found["interval"])
-    return f"{number(found['value'])} ({number(found['low'])} to {number(found['high'])})"
+    return f"{format_number(found['value'])} ({format_number(found['low'])} to {format_number(found['high'])})"

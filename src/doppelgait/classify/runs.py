@@ -11,15 +11,15 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.classify.data import Rows, Table
-from doppelgait.classify.learned import Learned, Part, features_in
+from doppelgait.classify.learned import LabelledRows, Learned, select_features
 from doppelgait.classify.model import (
     Calibration,
     Facts,
     Model,
     calibrate,
     conditions_of_rows,
-    detection_threshold,
-    learnt_conditions,
+    find_detection_threshold,
+    find_training_conditions,
     row_weights,
 )
 from doppelgait.classify.novelty import learn_novelty
@@ -28,7 +28,7 @@ from doppelgait.classify.scores import (
     DETECTED_SHARE,
     Answers,
 )
-from doppelgait.classify.training import BASELINES, MEMBERS, fit, join, kind_of, standard_columns
+from doppelgait.classify.training import BASELINES, MEMBERS, find_kind, fit, join, standardise_columns
 from doppelgait.classify.validate import Fold
 from doppelgait.core.interrupt import raise_if_stopped
 
@@ -105,7 +105,7 @@ def run_model(
                 rows.alarm,
             ))  # fmt: skip
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
-            importance.append(_importance(rows, table, model, fold, seed) if shuffled else {})
+            importance.append(_compute_importance(rows, table, model, fold, seed) if shuffled else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
         losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
         tick(number + 1)
@@ -139,8 +139,8 @@ def learn(
     members : sequence of sequences of Model
         Of an ensemble: trained already, by kind and seed.
     """
-    kind, n_classes = kind_of(name), len(rows.classes)
-    train, held = (Part(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
+    kind, n_classes = find_kind(name), len(rows.classes)
+    train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     if members:
         learned: Learned = join([[each.learned for each in kind] for kind in members], held, n_classes=n_classes)
     else:
@@ -152,13 +152,13 @@ def learn(
     if rows.alarm in rows.classes:
         is_alarm = held.labels == rows.classes.index(rows.alarm)
         probability = calibration(learned.log_probability(held.values))[:, rows.classes.index(rows.alarm)]
-        found = detection_threshold(probability, is_alarm, DETECTED_SHARE)
+        found = find_detection_threshold(probability, is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
     # Span of every feature, NaN where it is never known, and the share of rows in which it is unknown.
     lowest, highest, unknown = np.full(len(table.names), np.nan), np.full(len(table.names), np.nan), np.zeros(0)
     if table.names:
-        values = features_in(train.values)
+        values = select_features(train.values)
         unknown = np.isnan(values).mean(axis=0)
         known = unknown < 1
         lowest[known] = np.nanmin(values[:, known], axis=0)
@@ -177,17 +177,17 @@ def learn(
         n_held=fold.held.size,
         seed=seed,
         analysis=dict(config.get("analysis") or {}),
-        conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
+        conditions=find_training_conditions(conditions_of_rows(rows), fold.train),
         alarm=rows.alarm if rows.alarm in rows.classes else None,
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
     novelty = None
     if table.names and name not in BASELINES:
-        plain = train._replace(values=features_in(train.values))
-        novelty = learn_novelty(standard_columns(plain.values), plain, held)
+        plain = train._replace(values=select_features(train.values))
+        novelty = learn_novelty(standardise_columns(plain.values), plain, held)
     return Model(facts, learned, calibration, lowest, highest, unknown, novelty)
 
 
-def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
+def _compute_importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
     """Compute the log-loss rise when features are shuffled.
 
     Mean of 5 shuffles among the test rows; largest first.

@@ -35,13 +35,13 @@ class Interval(NamedTuple):
     method: str
 
 
-def confusion(labels: IntArray, guesses: IntArray, n_classes: int) -> IntArray:
+def count_confusion(labels: IntArray, guesses: IntArray, n_classes: int) -> IntArray:
     """Count rows by true (first axis) and predicted class."""
     counts = np.bincount(labels * n_classes + guesses, minlength=n_classes**2)
     return counts.reshape(n_classes, n_classes).astype(np.int64)
 
 
-def recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
+def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
     """Return every class's recall, NaN where absent."""
     counts = np.bincount(labels, minlength=n_classes)
     with np.errstate(invalid="ignore"):
@@ -53,10 +53,10 @@ def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
 
     NaN where one is absent: the recall of one class alone is no accuracy.
     """
-    return float(recalls(labels, right, n_classes).mean())
+    return float(compute_recalls(labels, right, n_classes).mean())
 
 
-def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
+def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
     """Return a share's exact interval (Clopper and Pearson 1934).
 
     ``hits`` among n trials; (0, 1) without trials.
@@ -69,13 +69,13 @@ def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float,
     return low, high
 
 
-def share_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
+def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
     """Return a share's exact interval, a trial per target.
 
     It is wide enough where all rows of a target are alike.
     """
     count = np.unique(groups).size
-    return clopper_pearson(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
+    return clopper_pearson_interval(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
 
 
 def balanced_interval(
@@ -95,18 +95,18 @@ def balanced_interval(
         np.unique(groups[member]).size >= FEW_GROUPS and 0 < right[member].mean() < 1 for member in members
     )  # fmt: skip
     if plain:
-        weights = group_weights(labels, groups, rng)
+        weights = weight_groups(labels, groups, rng)
         hits = np.stack([weights[:, member] @ right[member].astype(np.float64) for member in members])
         counts = np.stack([weights[:, member].sum(axis=1) for member in members])
         low, high = np.quantile((hits / np.maximum(counts, 1e-12)).mean(axis=0), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
         return Interval(float(low), float(high), "bootstrap")
     level = 1.0 - (1.0 - LEVEL) / present.size
-    bounds = [share_interval(right[member], groups[member], level) for member in members]
+    bounds = [wilson_interval(right[member], groups[member], level) for member in members]
     low, high = np.mean(bounds, axis=0)
     return Interval(float(low), float(high), "exact")
 
 
-def group_weights(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
+def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
     """Sample bootstrap weights of rows by group.
 
     Groups are sampled among those with the same classes.
@@ -153,7 +153,7 @@ def auc_interval(
     few = min(np.unique(groups[positive]).size, np.unique(groups[~positive]).size) < FEW_GROUPS
     if few or auc(scores, positive) in (0.0, 1.0):
         return None
-    weights = group_weights(positive.astype(np.int64), groups, rng, count=500)
+    weights = weight_groups(positive.astype(np.int64), groups, rng, count=500)
     low, high = np.quantile([auc(scores, positive, row) for row in weights], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 
@@ -180,7 +180,7 @@ def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> flo
     return float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights))
 
 
-def reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
+def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
     """Return confidence and accuracy in bins of confidence.
 
     15 even bins from the lowest possible confidence to 1; no empty ones.
@@ -200,7 +200,7 @@ def reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowes
 
 
 def expected_calibration_error(bins: list[dict[str, float]]) -> float:
-    """Return the expected calibration error over bins of :func:`reliability`.
+    """Return the expected calibration error over bins of :func:`bin_reliability`.
 
     Mean distance of confidence and accuracy, weighted by the share of rows.
     """
@@ -255,7 +255,7 @@ class Answers:
         return np.asarray(self.guesses == self.labels)
 
 
-def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
+def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
     """Compute every overall score of a model, for JSON.
 
     Intervals are of 95 %.
@@ -268,7 +268,7 @@ def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
     """
     n_classes = len(answers.classes)
     weights = row_weights(answers.labels, n_classes)
-    bins = reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
+    bins = bin_reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
     detected = answers.classes
     if n_classes <= 2:  # one curve: of the class to detect if it is there
         detected = (answers.alarm,) if answers.alarm in answers.classes else answers.classes[:1]
@@ -288,12 +288,12 @@ def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
         "balanced_accuracy": _score_balanced(answers, np.ones(len(answers.labels), dtype=bool), seed),
         "accuracy": float(answers.right.mean()),
         "recall": {name: _score_share(answers, answers.labels == n) for n, name in enumerate(answers.classes)},
-        "confusion": confusion(answers.labels, answers.guesses, n_classes).tolist(),
+        "confusion": count_confusion(answers.labels, answers.guesses, n_classes).tolist(),
         "roc": curves,
         "brier": brier(answers.probability, answers.labels, weights),
         "expected_calibration_error": expected_calibration_error(bins),
         "reliability": bins,
-        "alarm": alarm_point(answers),
+        "alarm": find_alarm_point(answers),
         "decided": {
             "share": float(answers.decided.mean()),
             "n": int(answers.decided.sum()),
@@ -317,7 +317,7 @@ def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
 
     Every target is one trial.
     """
-    low, high = share_interval(answers.right[chosen], answers.groups[chosen])
+    low, high = wilson_interval(answers.right[chosen], answers.groups[chosen])
     count = int(chosen.sum())
     return {
         "value": float(answers.right[chosen].mean()) if count else float("nan"),
@@ -328,7 +328,7 @@ def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
     }
 
 
-def alarm_point(answers: Answers) -> dict[str, Any] | None:
+def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
     """Compute alarm rates at 95 % detection, or None.
 
     None where there is no such class or no threshold.
@@ -341,22 +341,25 @@ def alarm_point(answers: Answers) -> dict[str, Any] | None:
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return None
-    from doppelgait.classify.model import detection_threshold
+    from doppelgait.classify.model import find_detection_threshold
 
-    own = detection_threshold(probability, positive, DETECTED_SHARE)
-    found: dict[str, Any] = {"detected_share": DETECTED_SHARE, "curve": _alarm_rates(answers, probability >= own)}
+    own = find_detection_threshold(probability, positive, DETECTED_SHARE)
+    found: dict[str, Any] = {
+        "detected_share": DETECTED_SHARE,
+        "curve": _compute_alarm_rates(answers, probability >= own),
+    }
     if np.isfinite(answers.threshold).all():
-        found["held"] = _alarm_rates(answers, probability >= answers.threshold)
+        found["held"] = _compute_alarm_rates(answers, probability >= answers.threshold)
     return found
 
 
-def _alarm_rates(answers: Answers, triggers: Bools) -> dict[str, Any]:
+def _compute_alarm_rates(answers: Answers, triggers: Bools) -> dict[str, Any]:
     """Return the share of every class that triggers."""
     found = {}
     for number, name in enumerate(answers.classes):
         member = answers.labels == number
         if member.any():
-            low, high = share_interval(triggers[member], answers.groups[member])
+            low, high = wilson_interval(triggers[member], answers.groups[member])
             found[name] = {"value": float(triggers[member].mean()), "low": low, "high": high, "n": int(member.sum())}
     return found
 
@@ -391,7 +394,7 @@ CONDITIONS = (
 )  # fmt: skip
 
 
-def condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
+def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
     """Return a condition's best known column and values.
 
     It is known of half of the rows or more; angles are from 0 to 90 degrees.
@@ -409,7 +412,7 @@ def condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, Fl
     return "", np.full(len(index), np.nan)
 
 
-def bin_edges(values: FloatArray, step: float) -> FloatArray:
+def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
     """Return even bin edges, 12 bins at most.
 
     Edges are at whole steps, which are doubled until the bins hold all known values.
@@ -424,7 +427,7 @@ def bin_edges(values: FloatArray, step: float) -> FloatArray:
         step *= 2.0
 
 
-def curve(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
+def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
     """Return balanced accuracy and recalls in bins of a condition.
 
     Balanced accuracy only in bins with rows of all classes.
@@ -449,7 +452,7 @@ BREAKDOWNS = ("truth_gait", "motion_kind", "source", "subject", "session")
 MOST_VALUES = 40
 
 
-def breakdown(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
+def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
     """Return every class's accuracy per value of a column."""
     return [
         {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in shares.items()}}

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from doppelgait.classify.model import Model, beyond
+from doppelgait.classify.model import Model, mark_outside
 from doppelgait.classify.model_file import load_model
 from doppelgait.core.errors import ConfigError
 from doppelgait.radar import Radar
@@ -21,7 +21,7 @@ from doppelgait.radar import Radar
 FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
 
 
-def model_cards() -> dict[str, dict[str, Any]]:
+def read_model_cards() -> dict[str, dict[str, Any]]:
     """Read the cards of the shipped models, by name.
 
     Returns
@@ -32,21 +32,21 @@ def model_cards() -> dict[str, dict[str, Any]]:
 
     Examples
     --------
-    >>> from doppelgait.classify import model_cards
-    >>> model_cards()["x4"]["classes"]
+    >>> from doppelgait.classify import read_model_cards
+    >>> read_model_cards()["x4"]["classes"]
     ['human', 'animal']
     """
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))}
 
 
 @cache
-def shipped_model(name: str) -> Model:
+def load_shipped_model(name: str) -> Model:
     """Load a model that comes with the package.
 
     Parameters
     ----------
     name : str
-        Of :func:`model_cards`.
+        Of :func:`read_model_cards`.
 
     Raises
     ------
@@ -55,18 +55,18 @@ def shipped_model(name: str) -> Model:
 
     Examples
     --------
-    >>> from doppelgait.classify import shipped_model
-    >>> shipped_model("x4").facts.classes
+    >>> from doppelgait.classify import load_shipped_model
+    >>> load_shipped_model("x4").facts.classes
     ('human', 'animal')
     """
-    if name not in model_cards():
-        raise ConfigError(f"model {name!r} does not come with doppelgait; there are {', '.join(model_cards())}")
+    if name not in read_model_cards():
+        raise ConfigError(f"model {name!r} does not come with doppelgait; there are {', '.join(read_model_cards())}")
     return load_model(FOLDER / f"{name}.npz")
 
 
-def model_of_radar(radar: Radar) -> Model:
+def load_model_for_radar(radar: Radar) -> Model:
     """Load the shipped model that fits a radar."""
-    return shipped_model(fitting_model(radar.carrier_hz, radar.prf_hz))
+    return load_shipped_model(find_shipped_model(radar.carrier_hz, radar.prf_hz))
 
 
 def open_model(name: str | Path) -> Model:
@@ -83,10 +83,10 @@ def open_model(name: str | Path) -> Model:
     >>> open_model("x4").facts.alarm
     'human'
     """
-    return shipped_model(str(name)) if str(name) in model_cards() else load_model(name)
+    return load_shipped_model(str(name)) if str(name) in read_model_cards() else load_model(name)
 
 
-def fitting_model(carrier_hz: float, prf_hz: float) -> str:
+def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
     """Return the name of the shipped model for a radar.
 
     Parameters
@@ -101,13 +101,13 @@ def fitting_model(carrier_hz: float, prf_hz: float) -> str:
 
     Examples
     --------
-    >>> from doppelgait.classify import fitting_model
-    >>> fitting_model(carrier_hz=7.29e9, prf_hz=1000)
+    >>> from doppelgait.classify import find_shipped_model
+    >>> find_shipped_model(carrier_hz=7.29e9, prf_hz=1000)
     'x4'
     """
-    asked, cards = {"carrier_hz": carrier_hz, "prf_hz": prf_hz}, model_cards()
+    asked, cards = {"carrier_hz": carrier_hz, "prf_hz": prf_hz}, read_model_cards()
     for name, card in cards.items():
-        if not any(beyond(np.array([value]), key, card["conditions"])[0] for key, value in asked.items()):
+        if not any(mark_outside(np.array([value]), key, card["conditions"])[0] for key, value in asked.items()):
             return name
     said = []
     for name, card in cards.items():

@@ -1,6 +1,6 @@
 """Decisions over time: windows, linked targets, fused evidence.
 
-A window is cut from the recording (:func:`windows_of`), or from a stream (:mod:`doppelgait.classify.live`), and is
+A window is cut from the recording (:func:`cut_windows`), or from a stream (:mod:`doppelgait.classify.live`), and is
 analysed and classified like a recording of its own: nothing outside it is looked at, so that a stream gives what its
 file gives, and an overlap of two bodies counts only while it lasts. :class:`Tracks` then does what depends on the past:
 
@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.decide import Decision, Seen, analysis_of, decide, model_for
+from doppelgait.classify.decide import Decision, TargetInputs, choose_model, decide, read_training_analysis
 from doppelgait.classify.model import Model
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.recorded import TOLERANCE, cut
@@ -155,7 +155,7 @@ def check_window(window_s: float | None, hop_s: float | None, model: Model | Non
     return window_s, hop_s
 
 
-def windows_of(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
+def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
     """Cut a recording into windows that begin every hop.
 
     Raises
@@ -180,13 +180,13 @@ def analyze_window(
     window: Window, analysis: Analysis, tracking: Tracking | None = None, gate: Any = "track"
 ) -> list[Result]:
     """Analyse a window; times refer to the recording."""
-    return [_later(one, window.start_s) for one in analyze(window.recording, gate=gate, analysis=analysis,
+    return [_delay_result(one, window.start_s) for one in analyze(window.recording, gate=gate, analysis=analysis,
                                                            tracking=tracking)]  # fmt: skip
 
 
-def _later(result: Result, by_s: float) -> Result:
+def _delay_result(result: Result, by_s: float) -> Result:
     quality = {name: v + by_s if name in TIMES and v is not None else v for name, v in result.quality.items()}
-    return replace(result, quality=quality, segments=tuple(_later(one, by_s) for one in result.segments))
+    return replace(result, quality=quality, segments=tuple(_delay_result(one, by_s) for one in result.segments))
 
 
 # Linking -------------------------------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ class Path(NamedTuple):
         times_s, range_m = self.time_s[part], self.range_m[part]
         return -float((range_m[-1] - range_m[0]) / max(times_s[-1] - times_s[0], STEP_S))
 
-    def distance_to(self, later: Path) -> float:
+    def measure_distance_m(self, later: Path) -> float:
         """Return the distance to a later path, m.
 
         It is inf beyond the limit.
@@ -246,7 +246,7 @@ class Links:
             (distance_m, number, n)
             for number, path in self._paths.items()
             for n, later in enumerate(new)
-            if (distance_m := path.distance_to(later)) < math.inf
+            if (distance_m := path.measure_distance_m(later)) < math.inf
         )
         found: dict[int, int] = {}
         for _, number, n in pairs:
@@ -267,7 +267,7 @@ class Links:
 
 
 @dataclass
-class _Belief:
+class _ClassEvidence:
     """Probabilities of the class of one track, and its decision."""
 
     probability: FloatArray
@@ -276,7 +276,7 @@ class _Belief:
     decided: int | None = None
     alarm: bool | None = None
 
-    def pass_to(self, time_s: float) -> None:
+    def hand_over(self, time_s: float) -> None:
         """Predict the belief after a time.
 
         This is p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt).
@@ -285,7 +285,7 @@ class _Belief:
         kept = math.exp(-CHANGE_PER_S * n / (n - 1) * max(time_s - self.at_s, 0.0))
         self.probability, self.at_s = 1.0 / n + (self.probability - 1.0 / n) * kept, time_s
 
-    def see(self, probability: FloatArray, start_s: float, stop_s: float) -> None:
+    def add_evidence(self, probability: FloatArray, start_s: float, stop_s: float) -> None:
         """Add evidence, weighted by its share of new time."""
         new_s = stop_s - max(start_s, self.covered_s)
         weight = min(max(new_s / max(stop_s - start_s, 1e-9), 0.0), 1.0)
@@ -307,7 +307,7 @@ class Tracks:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.links = Links()
-        self._beliefs: dict[int, _Belief] = {}
+        self._beliefs: dict[int, _ClassEvidence] = {}
         rows = model.calibration.n_rows or UNCALIBRATED
         self._least = 1.0 / (rows + len(model.facts.classes))
 
@@ -315,7 +315,7 @@ class Tracks:
         """Decide about every target of the next window."""
         numbers = self.links.add(window, results)
         decisions = [
-            self._decide(number, window, result, decide(Seen(result.to_row(), result.signature), self.model, n))
+            self._decide(number, window, result, decide(TargetInputs(result.to_row(), result.signature), self.model, n))
             for n, (number, result) in enumerate(zip(numbers, results, strict=True))
         ]
         self._beliefs = {number: self._beliefs[number] for number in self._beliefs.keys() & self.links.kept}
@@ -326,8 +326,8 @@ class Tracks:
         belief = self._beliefs.get(number)
         if belief is None:
             n_classes = len(facts.classes)
-            belief = self._beliefs[number] = _Belief(np.full(n_classes, 1.0 / n_classes), window.stop_s)
-        belief.pass_to(window.stop_s)
+            belief = self._beliefs[number] = _ClassEvidence(np.full(n_classes, 1.0 / n_classes), window.stop_s)
+        belief.hand_over(window.stop_s)
         if not alone.blocked:
             # no window says more than the rows that its calibration rests on
             found = np.maximum(np.array([alone.probabilities[name] for name in facts.classes]), self._least)
@@ -335,7 +335,7 @@ class Tracks:
                 float(result.quality.get(name) or edge)
                 for name, edge in (("start_s", window.start_s), ("stop_s", window.stop_s))
             )
-            belief.see(found / found.sum(), start_s, stop_s)
+            belief.add_evidence(found / found.sum(), start_s, stop_s)
             if facts.alarm is not None and facts.alarm_threshold is not None:
                 belief.alarm = bool(belief.probability[facts.classes.index(facts.alarm)] >= facts.alarm_threshold)
         best = int(belief.probability.argmax())
@@ -404,12 +404,12 @@ def classify_over_time(
     """
     if isinstance(recording, str | FilePath):
         recording = read_recording(recording)
-    model = model or model_for(recording)
+    model = model or choose_model(recording)
     window_s, hop_s = check_window(window_s, hop_s, model)
-    settings, tracks = analysis or analysis_of(model), Tracks(model)
+    settings, tracks = analysis or read_training_analysis(model), Tracks(model)
     return [
         decision
-        for window in windows_of(recording, window_s, hop_s)
+        for window in cut_windows(recording, window_s, hop_s)
         for decision in tracks.add(window, analyze_window(window, settings, tracking, gate))
     ]
 
@@ -417,7 +417,7 @@ def classify_over_time(
 # Summaries -----------------------------------------------------------------------------------------------------------
 
 
-def decision_spans(decisions: Iterable[TrackDecision]) -> list[Span]:
+def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
     """Join decisions about a track while they stay the same.
 
     A decision holds from the end of the window before, a track's first one from the start of its window.
@@ -434,7 +434,7 @@ def decision_spans(decisions: Iterable[TrackDecision]) -> list[Span]:
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
-    >>> spans = dg.classify.decision_spans(decisions)
+    >>> spans = dg.classify.join_decisions(decisions)
     >>> len(spans) > 0
     True
     """

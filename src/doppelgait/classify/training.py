@@ -14,25 +14,25 @@ from doppelgait.classify.learned import (
     Inputs,
     IntArray,
     Kernel,
+    LabelledRows,
     Learned,
     Linear,
     Network,
-    Part,
     Trees,
-    features_in,
-    levels_in,
     log_from,
+    select_features,
+    select_levels,
 )
 from doppelgait.classify.model import calibrate, row_weights
 from doppelgait.core.errors import ConfigError, DatasetError, warn_caller
 from doppelgait.core.plugins import Group, plugin
-from doppelgait.core.worker import one_blas_thread
+from doppelgait.core.worker import limit_blas_threads
 
 
 class Trainer(Protocol):
     """A plug-in of the group ``classifier``: a function that trains."""
 
-    def __call__(self, train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
+    def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
         """Train on ``train``.
 
         The rows in ``held``, of other targets, only decide when to stop.
@@ -64,7 +64,7 @@ class Kind(NamedTuple):
     learner: str
 
 
-def model_names() -> list[str]:
+def list_models() -> list[str]:
     """Return the names of all classifiers but the baselines.
 
     The built-in ones come first.
@@ -96,15 +96,15 @@ _OTHER_TREES = (
 )
 
 
-def kind_of(name: str) -> Kind:
+def find_kind(name: str) -> Kind:
     """Return inputs and method of a known model."""
     if name not in CLASSIFIERS:
-        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(model_names())}")
+        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(list_models())}")
     facts = CLASSIFIERS[name].facts
     return Kind(facts["features"], facts.get("learner", name))
 
 
-def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
+def fit(kind: Kind, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
     """Train a model.
 
     Parameters
@@ -128,7 +128,7 @@ def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Le
 
 
 @plugin("classifier", "ensemble", features="extended")
-def train_ensemble(train: Part, held: Part, *, n_classes: int, seed: int) -> Ensemble:
+def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Ensemble:
     """Train the members and join them.
 
     The network is one of them where rows have levels (:func:`doppelgait.classify.learned.join_inputs`).
@@ -136,13 +136,13 @@ def train_ensemble(train: Part, held: Part, *, n_classes: int, seed: int) -> Ens
     names = [name for name in MEMBERS if name != "signature-network" or train.values.dtype == object]
     learned = []
     for name in names:
-        view = levels_in if name == "signature-network" else features_in
-        parts = (Part(view(part.values), part.labels) for part in (train, held))
-        learned.append(fit(kind_of(name), *parts, n_classes=n_classes, seed=seed))
+        view = select_levels if name == "signature-network" else select_features
+        parts = (LabelledRows(view(part.values), part.labels) for part in (train, held))
+        learned.append(fit(find_kind(name), *parts, n_classes=n_classes, seed=seed))
     return join([[member] for member in learned], held, n_classes=n_classes)
 
 
-def join(members: Sequence[Sequence[Learned]], held: Part, *, n_classes: int) -> Ensemble:
+def join(members: Sequence[Sequence[Learned]], held: LabelledRows, *, n_classes: int) -> Ensemble:
     """Join models to an ensemble, calibrated on held-out rows.
 
     Parameters
@@ -157,7 +157,7 @@ def join(members: Sequence[Sequence[Learned]], held: Part, *, n_classes: int) ->
     for kind in members:
         found: dict[bytes, tuple[Learned, FloatArray]] = {}
         for number, member in enumerate(kind):
-            view = levels_in if isinstance(member, Network) else features_in
+            view = select_levels if isinstance(member, Network) else select_features
             answers = member.log_probability(view(held.values)) if held.labels.size else np.zeros((0, n_classes))
             found.setdefault(answers.tobytes() or bytes([number]), (member, answers))
         for member, answers in found.values():
@@ -169,7 +169,7 @@ def join(members: Sequence[Sequence[Learned]], held: Part, *, n_classes: int) ->
 
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)
-def train_majority(train: Part, held: Part, *, n_classes: int, seed: int) -> Constant:
+def train_majority(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Constant:
     """Predict the most frequent class, the first of several."""
     shares = np.full(n_classes, 1e-9)
     shares[np.bincount(train.labels, minlength=n_classes).argmax()] = 1.0
@@ -178,7 +178,7 @@ def train_majority(train: Part, held: Part, *, n_classes: int, seed: int) -> Con
 
 @plugin("classifier", "six-logistic", features="six", learner="logistic")
 @plugin("classifier", "extended-logistic", features="extended", learner="logistic")
-def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Linear:
+def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Linear:
     """Fit a logistic regression on standardised features.
 
     Speeds, lengths and frequencies grow together with body and pace; by their logarithms a linear model sees ratios,
@@ -186,7 +186,7 @@ def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Lin
     """
     from sklearn.linear_model import LogisticRegression
 
-    median, told, mean, scale, floor, columns = standard_columns(train.values)
+    median, told, mean, scale, floor, columns = standardise_columns(train.values)
     model = LogisticRegression(max_iter=2000)
     model.fit(columns, train.labels, sample_weight=row_weights(train.labels, n_classes))
     weight, bias = model.coef_, model.intercept_
@@ -197,7 +197,7 @@ def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Lin
 
 @plugin("classifier", "six-svm", features="six", learner="svm")
 @plugin("classifier", "extended-svm", features="extended", learner="svm")
-def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
+def train_svm(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Kernel:
     """Fit support vector machines on standardised features.
 
     The kernel is Gaussian. The features are those of the logistic regression. Of several classes, each has a machine
@@ -214,8 +214,8 @@ def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
         order = np.random.default_rng(seed).permutation(train.labels.size)
         of_class = [order[train.labels[order] == number][:most] for number in range(n_classes)]
         chosen = np.sort(np.concatenate(of_class))
-        train = Part(train.values[chosen], train.labels[chosen])
-    median, told, mean, scale, floor, columns = standard_columns(train.values)
+        train = LabelledRows(train.values[chosen], train.labels[chosen])
+    median, told, mean, scale, floor, columns = standardise_columns(train.values)
     gamma = SVM_GAMMA / max(columns.shape[1], 1)
     weights = row_weights(train.labels, n_classes)
     weight, bias, used = [], [], np.zeros(train.labels.size, dtype=bool)
@@ -231,7 +231,7 @@ def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
     return Kernel(median, told, mean, scale * width, floor, support, stacked, np.array(bias))
 
 
-def standard_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Standardise the columns of features.
 
     Returns median, told, mean, scale and floor, then the columns.
@@ -251,7 +251,7 @@ def standard_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, 
 @plugin("classifier", "extended-boosting", features="extended", learner="boosting")
 @plugin("classifier", "nuisance", features="nuisance", learner="boosting", baseline=True)
 @plugin("classifier", "speed", features="speed", learner="boosting", baseline=True)
-def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
+def train_boosting(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
     """Fit boosted decision trees, which accept unknown features."""
     import sklearn
     from sklearn.ensemble import HistGradientBoostingClassifier
@@ -260,7 +260,7 @@ def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Lea
     if not known.size:
         return train_majority(train, held, n_classes=n_classes, seed=seed)
     model, values = HistGradientBoostingClassifier(**BOOSTING, random_state=seed), train.values[:, known]
-    with one_blas_thread():  # of some thousand rows, threads that wait for each other take longer than one
+    with limit_blas_threads():  # of some thousand rows, threads that wait for each other take longer than one
         model.fit(values, train.labels, sample_weight=row_weights(train.labels, n_classes))
         expected = model.predict_proba(values)
     # A model is kept as plain arrays, but scikit-learn has no public access to these trees. Its private attributes are

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from doppelgait.classify.data import Rows, split_of
+from doppelgait.classify.data import Rows, select_split
 from doppelgait.classify.learned import IntArray
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.dataset.splits import names_of, source_of
+from doppelgait.dataset.splits import list_names, parse_source
 
 HELD_FOLDS = 5
 """One in so many groups is held back for calibration where there is no validation split."""
@@ -37,7 +37,7 @@ class Fold:
     test: IntArray
 
 
-def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
+def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
     """Return the dataset's own splits.
 
     They are tested on the other dataset, if there is one. Rows of the other dataset are left out if their target, a
@@ -56,13 +56,13 @@ def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
         If there are no training rows or no test rows.
     """
     first = rows.datasets[0].directory
-    train, held, notes = split_of(rows, "train"), split_of(rows, "validation"), []
+    train, held, notes = select_split(rows, "train"), select_split(rows, "validation"), []
     _check_all_classes(rows, train, f"{first}: the split train")
     if not held.size:
         train, held = hold_back(rows, train, seed)
         notes.append(f"no validation split: {held.size} rows of train were held back for calibration")
     if len(rows.datasets) == 1:
-        test, words = split_of(rows, "test"), f"{first}: has no rows in the split test"
+        test, words = select_split(rows, "test"), f"{first}: has no rows in the split test"
         if not test.size:
             raise DatasetError(f"{words}; give another dataset (--test) or cross-validate (--cv 5)")
         return Fold("test split", train, held, test), notes
@@ -70,10 +70,10 @@ def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
     learnt = np.concatenate([train, held])
     known = np.isin(rows.groups[other], rows.groups[learnt])
     for column in ("subject", "recording", "motion"):
-        names = names_of(rows.index, column)
+        names = list_names(rows.index, column)
         seen = {name for number in learnt for name in names[number]}
         if column == "subject":  # a sampled body is another one in every dataset
-            seen = {name for name in seen if source_of(name) != "model"}
+            seen = {name for name in seen if parse_source(name) != "model"}
         known |= np.array([not seen.isdisjoint(names[number]) for number in other], dtype=bool)
     if "scene_id" in rows.index:
         scenes = rows.index["scene_id"].iloc[other]
@@ -87,7 +87,7 @@ def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
     return Fold("other dataset", train, held, other[~known]), notes
 
 
-def cross_validation(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
+def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
     """Split all rows into stratified folds of whole groups.
 
     Each row is tested once.

@@ -13,10 +13,10 @@ def main() -> None:
 
     Signals are looked after before anything else is loaded.
     """
-    from doppelgait.core.interrupt import SIGNALS, end_on_signals
+    from doppelgait.core.interrupt import SIGNALS, restore_signals
 
     try:
-        end_on_signals()
+        restore_signals()
         from doppelgait.cli.app import main as run
 
         run()

@@ -12,11 +12,11 @@ from doppelgait.cli.output import (
     FigureFormat,
     FigureOption,
     check_output,
-    number,
+    explain_reader_options,
+    format_number,
     print_json,
+    print_message,
     print_table,
-    reader_options,
-    say,
 )
 
 if TYPE_CHECKING:
@@ -84,10 +84,10 @@ def analyze(
     table = apply_overrides({"method": method}, changes or [])
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     settings = validate(Analysis, table, where="analysis")
-    with reader_options():
+    with explain_reader_options():
         loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
-        say(f"note: {note}")
+        print_message(f"note: {note}")
     choice = Gate.parse(gate, where="--gate")
     if window_s is not None or hop_s is not None:
         refused = [name for name, value in (("-o", output), ("--figures", figures)) if value is not None]
@@ -99,10 +99,10 @@ def analyze(
     if output is not None:
         write_results(output, loaded, results)
     if figures is not None:
-        from doppelgait.cli.figures import draw_all
+        from doppelgait.cli.figures import save_figures
 
-        for path in draw_all(loaded, results, settings.resolved(choice), figures, figure_format):
-            say(f"figure: {path}")
+        for path in save_figures(loaded, results, settings.resolved(choice), figures, figure_format):
+            print_message(f"figure: {path}")
     if as_json:
         print_json(describe_results(loaded, results))
     else:
@@ -114,21 +114,26 @@ def _analyze_windows(
     tracking: Tracking, *, as_json: bool,
 ) -> None:  # fmt: skip
     """Print every window's features, one row per target."""
-    from doppelgait.classify.timeline import Links, analyze_window, check_window, windows_of
-    from doppelgait.core.config import json_value
+    from doppelgait.classify.timeline import Links, analyze_window, check_window, cut_windows
+    from doppelgait.core.config import convert_to_json
 
     window_s, hop_s = check_window(window_s, hop_s)
     links, rows, documents = Links(), [], []
-    for window in windows_of(recording, window_s, hop_s):
+    for window in cut_windows(recording, window_s, hop_s):
         results = analyze_window(window, analysis, tracking, gate)
         times = {"start_s": window.start_s, "stop_s": window.stop_s}
         for track, result in zip(links.add(window, results), results, strict=True):
-            documents.append(json_value({**times, "track": track, **result.to_json(arrays=False)}))
+            documents.append(convert_to_json({**times, "track": track, **result.to_json(arrays=False)}))
             values = {**result.features.as_dict(), "gait_frequency_hz": result.gait_frequency_hz}
-            rows.append({
-                "start (s)": number(window.start_s, 2), "stop (s)": number(window.stop_s, 2), "track": track,
-                **{name: number(value) for name, value in values.items()}, "flags": ", ".join(result.flags),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "start (s)": format_number(window.start_s, 2),
+                    "stop (s)": format_number(window.stop_s, 2),
+                    "track": track,
+                    **{name: format_number(value) for name, value in values.items()},
+                    "flags": ", ".join(result.flags),
+                }
+            )
     if as_json:
         print_json({"recording": recording.source, "window_s": window_s, "hop_s": hop_s, "targets": documents})
     elif rows:
@@ -158,7 +163,7 @@ def print_features(results: Sequence[Result]) -> None:
         units[key] = unit
 
     def cell(result: Result, key: str, value: float | None) -> str:
-        return number(value) + " ?" * (value is not None and key in result.doubtful)
+        return format_number(value) + " ?" * (value is not None and key in result.doubtful)
 
     rows = [
         {
@@ -169,7 +174,11 @@ def print_features(results: Sequence[Result]) -> None:
         for key, unit in units.items()
     ]
     rows += [
-        {"feature": key, "unit": unit, **{n: number(r.quality.get(key)) for n, r in zip(names, results, strict=True)}}
+        {
+            "feature": key,
+            "unit": unit,
+            **{n: format_number(r.quality.get(key)) for n, r in zip(names, results, strict=True)},
+        }
         for key, unit in SHOWN_QUALITY.items()
         if any(r.quality.get(key) is not None for r in results)
     ]

@@ -27,9 +27,9 @@ from doppelgait.cli import (
     simulate,
     view,
 )
-from doppelgait.cli.output import say, show_warnings_plainly
+from doppelgait.cli.output import print_message, show_warnings_plainly
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.interrupt import signal_came
+from doppelgait.core.interrupt import is_stop_requested
 from doppelgait.core.worker import collect_garbage_rarely
 
 app = typer.Typer(
@@ -59,7 +59,7 @@ app.command("live")(live.live)
 app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)
 app.command("listen")(listen.listen)
-app.command("demo")(demo.demo)
+app.command("demo")(demo.run_demo)
 app.command("keys")(keys.keys)
 app.command("plugins")(plugins.plugins)
 
@@ -94,19 +94,21 @@ def main() -> None:
         show_warnings_plainly()
         app()
     except KeyboardInterrupt as stop:
-        say(f"\n{stop}" if str(stop) else "\nstopped")
+        print_message(f"\n{stop}" if str(stop) else "\nstopped")
         sys.exit(130)
     except Exception as error:
-        if signal_came():  # a library took the interruption for an error
-            say("\nstopped")
+        if is_stop_requested():  # a library took the interruption for an error
+            print_message("\nstopped")
             sys.exit(130)
         if isinstance(error, BrokenPipeError):
             sys.stderr.close()
             sys.exit(1)
         if isinstance(error, MemoryError) and not _debug:
-            say(f"error: the memory of this computer does not suffice: {str(error) or 'nothing is left'}"[:300])
+            print_message(
+                f"error: the memory of this computer does not suffice: {str(error) or 'nothing is left'}"[:300]
+            )
             sys.exit(1)
         if _debug or not isinstance(error, DoppelgaitError):
             raise
-        say(f"error: {error}")
+        print_message(f"error: {error}")
         sys.exit(error.exit_code)

@@ -9,7 +9,14 @@ import typer
 
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
-from doppelgait.cli.output import number, print_json, print_table, progress, reader_options, say
+from doppelgait.cli.output import (
+    explain_reader_options,
+    format_number,
+    print_json,
+    print_message,
+    print_table,
+    report_progress,
+)
 
 if TYPE_CHECKING:
     from doppelgait.classify.model import Model
@@ -49,8 +56,8 @@ def classify(
 
     Example: doppelgait classify evening.h5 --model home-alarm-model.npz --window-s 4 --hop-s 1
     """
+    from doppelgait.classify.decide import choose_model
     from doppelgait.classify.decide import classify as run_classification
-    from doppelgait.classify.decide import model_for
     from doppelgait.classify.shipped import open_model
     from doppelgait.pipeline.result import is_result_file, read_results
 
@@ -67,7 +74,7 @@ def classify(
                 f"{', '.join(refused)}: the file holds results, which cannot be changed; name the recording"
             )
         results = read_results(recording).targets
-        loaded = loaded or (model_for(results) if results else None)
+        loaded = loaded or (choose_model(results) if results else None)
         decisions = run_classification(recording, loaded)
     else:
         from doppelgait.core.config import apply_overrides, validate
@@ -77,11 +84,11 @@ def classify(
 
         # resolved: a reader looks at the name, and "." has none
         path = recording.resolve() if recording.is_dir() else recording
-        with reader_options():
+        with explain_reader_options():
             read = read_recording(path, **apply_overrides({}, options or []))
         for note in read.notes:
-            say(f"note: {note}")
-        loaded = loaded or model_for(read)
+            print_message(f"note: {note}")
+        loaded = loaded or choose_model(read)
         table = apply_overrides(loaded.facts.analysis, changes or [])
         tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
         settings = validate(Analysis, table, where="analysis")
@@ -93,23 +100,28 @@ def classify(
             over_time = classify_over_time(
                 read, loaded, window_s=window_s, hop_s=hop_s, gate=choice, analysis=settings, tracking=tracking
             )
-            head = {"file": str(recording), "model": about_model(loaded, model), "window_s": window_s, "hop_s": hop_s}
+            head = {
+                "file": str(recording),
+                "model": describe_model(loaded, model),
+                "window_s": window_s,
+                "hop_s": hop_s,
+            }
             _print_over_time(over_time, head, as_json=as_json)
             if over_time and not as_json:
-                say_about(loaded, model)
+                explain_model(loaded, model)
             return
         decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
-        about = None if loaded is None else about_model(loaded, model)
+        about = None if loaded is None else describe_model(loaded, model)
         print_json({"file": str(recording), "model": about, "targets": [decision.as_dict() for decision in decisions]})
     else:
         rows: list[dict[str, Any]] = [
             {
                 "target": found.target,
-                "range (m)": number(found.quality.get("track_range_m"), 2),
+                "range (m)": format_number(found.quality.get("track_range_m"), 2),
                 "decision": "none" if found.abstained else found.label,
                 "likeliest": found.label,
-                "probability": number(found.probability),
+                "probability": format_number(found.probability),
                 "alarm": ALARM[found.alarm],
                 "why no decision": found.reason,
             }
@@ -117,10 +129,10 @@ def classify(
         ]
         print_table(rows) if rows else print("no target found")
         if loaded is not None and decisions:
-            say_about(loaded, model)
+            explain_model(loaded, model)
 
 
-def about_model(model: Model, file: str | None) -> dict[str, Any]:
+def describe_model(model: Model, file: str | None) -> dict[str, Any]:
     """Describe a model for JSON.
 
     Its file is None for a chosen shipped model.
@@ -133,9 +145,9 @@ def about_model(model: Model, file: str | None) -> dict[str, Any]:
 
 def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as_json: bool) -> None:
     """Print tracks and timeline, with every window as JSON."""
-    from doppelgait.classify.timeline import decision_spans
+    from doppelgait.classify.timeline import join_decisions
 
-    spans = decision_spans(decisions)
+    spans = join_decisions(decisions)
     by_track: dict[int, list[TrackDecision]] = {}
     for found in decisions:
         by_track.setdefault(found.track, []).append(found)
@@ -164,41 +176,41 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
     for rows in (tracks, [{**span._asdict(), "decision": span.label} for span in spans]):
         shown = ("track", "start_s", "stop_s", "decision", "probability", "alarm", "windows", "evidence", "reason")
         print_table([
-            {times.get(name, name): _cell(name, row[name]) for name in shown if name in row} for row in rows
+            {times.get(name, name): _format_cell(name, row[name]) for name in shown if name in row} for row in rows
         ])  # fmt: skip
         if rows is tracks:
             print("\ntimeline")
 
 
-def _cell(name: str, value: Any) -> Any:
+def _format_cell(name: str, value: Any) -> Any:
     if name == "alarm":
         return ALARM[value]
     if name == "decision":
         return value or "none"
-    return number(value, 3 if name == "probability" else 2) if isinstance(value, float) else value
+    return format_number(value, 3 if name == "probability" else 2) if isinstance(value, float) else value
 
 
 ALARM = {None: "-", True: "yes", False: "no"}
 
 
-def say_about(model: Model, name: str | None) -> None:
+def explain_model(model: Model, name: str | None) -> None:
     """Explain the alarm and the training data."""
-    from doppelgait.classify.model import rests_on
+    from doppelgait.classify.model import describe_alarm_data
 
     facts = model.facts
     if name is None:
-        say(f"model: {facts.dataset_name}, which comes with doppelgait and fits this radar")
+        print_message(f"model: {facts.dataset_name}, which comes with doppelgait and fits this radar")
     if facts.alarm is None or facts.alarm_threshold is None:
-        say("note: alarm: this model has none")
+        print_message("note: alarm: this model has none")
     else:
-        say(
+        print_message(
             f"note: alarm: yes from a probability of {facts.alarm_threshold:.2g} for {facts.alarm} on, which 95 % of "
             "them reach; also without a decision; -: not known for this radar"
         )
     if not model.calibration.n_rows:
-        say(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
-    if rests_on(facts):
-        say(f"note: {rests_on(facts)}")
+        print_message(f"note: {name or facts.dataset_name}: its probabilities are not calibrated")
+    if describe_alarm_data(facts):
+        print_message(f"note: {describe_alarm_data(facts)}")
 
 
 def evaluate(
@@ -273,15 +285,15 @@ def evaluate(
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
     or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
-    from doppelgait.classify.alarm import day_table, episode_table, read_day
+    from doppelgait.classify.alarm import format_day, format_episodes, read_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation
     from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import (
-        adaptation_table,
-        alarm_table,
         check_folder,
+        format_adaptation_table,
+        format_alarm_table,
+        format_unknown_table,
         score_table,
-        unknown_table,
         write_report,
     )
     from doppelgait.classify.training import BASELINES
@@ -296,11 +308,11 @@ def evaluate(
         if clash:
             raise ConfigError(f"--names and {clash[0]}: take one of them; --names is a way to name --test")
         test = _import_test(dataset, test, names, classes or [], options or [], output)
-    with progress("training", quiet=as_json) as on_progress:
+    with report_progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
             open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
             left_out=left_out, own=None if adapt is None else open_dataset(adapt),
-            own_shares=_shares_of(shares), alarm_class=alarm_class, day=read_day() if alarm else None,
+            own_shares=_parse_shares(shares), alarm_class=alarm_class, day=read_day() if alarm else None,
             unknown=None if unknown is None else open_dataset(unknown),
             motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
@@ -313,21 +325,21 @@ def evaluate(
         return
     print_table(score_table(found.document))
     print()
-    print_table(alarm_table(found.document))
+    print_table(format_alarm_table(found.document))
     if adapt is not None:
         print()
-        print_table(adaptation_table(found.document))
+        print_table(format_adaptation_table(found.document))
     if unknown is not None:
         print()
-        print_table(unknown_table(found.document))
+        print_table(format_unknown_table(found.document))
     if alarm:
         print()
-        print_table(day_table(found.document["alarm_day"]))
+        print_table(format_day(found.document["alarm_day"]))
         print()
-        print_table(episode_table(found.document["alarm_day"]))
+        print_table(format_episodes(found.document["alarm_day"]))
     for note in found.document["notes"]:
-        say(f"note: {note}")
-    say(f"report: {page}")
+        print_message(f"note: {note}")
+    print_message(f"report: {page}")
     if save is not None and found.best is not None:
         several = len(found.models) - len(BASELINES) > 1
         chosen = "the best on the rows held back" if several else "the one trained"
@@ -335,10 +347,10 @@ def evaluate(
             chosen = "the mean of its members"
         if adapt is not None:
             chosen += f", adapted to {found.models[found.best].facts.n_own} rows of {adapt}"
-        say(f"model: {save}: {found.best}, {chosen}")
+        print_message(f"model: {save}: {found.best}, {chosen}")
 
 
-def _shares_of(given: list[str] | None) -> dict[str, float] | None:
+def _parse_shares(given: list[str] | None) -> dict[str, float] | None:
     """Read CLASS=SHARE."""
     from doppelgait.core.errors import ConfigError
 
@@ -383,14 +395,14 @@ def _import_test(
                 f"(--label {further[0]}=)"
             )
     try:
-        with progress("importing") as on_progress:
+        with report_progress("importing") as on_progress:
             report = import_dataset(folder, entries, target, config=config, on_progress=on_progress)
     except DatasetError as error:
         if (target / "dataset.json").is_file():
             raise DatasetError(f"{error}; {target} is of an earlier run: remove it, or name another report") from None
         raise
     failed = f"; {report.n_failed} failed, the first: {report.failures[0]['reason']}" if report.n_failed else ""
-    say(f"{target}: {report.n_rows} rows of {report.n_recordings} recordings{failed}")
+    print_message(f"{target}: {report.n_rows} rows of {report.n_recordings} recordings{failed}")
     return target
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import duration_text, print_json, print_table, progress, say
+from doppelgait.cli.output import format_duration, print_json, print_message, print_table, report_progress
 
 app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -65,26 +65,26 @@ def plan_command(
     import numpy as np
 
     from doppelgait.dataset.feasibility import assess
-    from doppelgait.dataset.finish import dataset_id
-    from doppelgait.dataset.plan import check_examples, plan_dataset, spread, spread_count
+    from doppelgait.dataset.finish import compute_dataset_id
+    from doppelgait.dataset.plan import check_examples, plan_dataset, sample_examples, spread_count
     from doppelgait.dataset.summary import summarise, write_specs
     from doppelgait.dataset.verify.leakage import refuse_leaks
 
     loaded, folder = _load(plan, changes, motion_folder)
-    with progress("reading motion files", quiet=as_json) as on_progress:
+    with report_progress("reading motion files", quiet=as_json) as on_progress:
         planned = plan_dataset(loaded, folder=folder, on_progress=on_progress)
-    with progress("drawing examples", quiet=as_json) as on_progress:
+    with report_progress("drawing examples", quiet=as_json) as on_progress:
         checked = check_examples(planned, most=ALL_CHECKED, on_progress=on_progress)
-    refuse_leaks(list(spread(planned, LEAKS_LOOKED_AT)), np.random.default_rng(0), leaks=loaded.dataset.leaks)
-    with progress("checking ranges and speeds", quiet=as_json) as on_progress:
+    refuse_leaks(list(sample_examples(planned, LEAKS_LOOKED_AT)), np.random.default_rng(0), leaks=loaded.dataset.leaks)
+    with report_progress("checking ranges and speeds", quiet=as_json) as on_progress:
         feasibility = assess(
-            spread(planned, FEASIBILITY_LOOKED_AT), folder, gate=loaded.dataset.gate, on_progress=on_progress,
+            sample_examples(planned, FEASIBILITY_LOOKED_AT), folder, gate=loaded.dataset.gate, on_progress=on_progress,
             count=spread_count(planned, FEASIBILITY_LOOKED_AT),
         )  # fmt: skip
-    summary = summarise(planned, dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
+    summary = summarise(planned, compute_dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(planned, specs)
-        say(f"{specs}: {summary.n_examples} resolved examples")
+        print_message(f"{specs}: {summary.n_examples} resolved examples")
     if as_json:
         print_json({**summary.as_dict(), "feasibility": asdict(feasibility)})
         return
@@ -104,12 +104,12 @@ def plan_command(
     if summary.estimate:
         e = summary.estimate
         print(
-            f"about {e['total_bytes'] / 1e9:.2g} GB and {duration_text(e['total_seconds'])} on {e['processors']} "
+            f"about {e['total_bytes'] / 1e9:.2g} GB and {format_duration(e['total_seconds'])} on {e['processors']} "
             f"processors ({1e3 * e['seconds_per_example']:.0f} ms and {e['bytes_per_example'] / 1e3:.0f} kB each, "
             f"measured on {e['pilot_examples']})"
         )
         if e["pilot_failures"]:
-            say(f"warning: {e['pilot_failures']} examples of the pilot failed; build a few to see why")
+            print_message(f"warning: {e['pilot_failures']} examples of the pilot failed; build a few to see why")
 
 
 @app.command("build")
@@ -133,12 +133,12 @@ def build(
     Example: doppelgait dataset build home-alarm -o home-alarm
     """
     from doppelgait.dataset import build_dataset, open_dataset
-    from doppelgait.dataset.card import counts_table, feature_table
+    from doppelgait.dataset.card import count_examples, tabulate_features
     from doppelgait.dataset.feasibility import LIMITS, limits_of_index
 
     loaded, folder = _load(plan, changes, motion_folder)
     target = output or Path(loaded.dataset.name)
-    with progress(f"building {loaded.dataset.name}", quiet=as_json) as on_progress:
+    with report_progress(f"building {loaded.dataset.name}", quiet=as_json) as on_progress:
         report = build_dataset(
             loaded, target, folder=folder, executor=executor, workers=workers, part=part,
             max_failed_share=max_failed, on_progress=on_progress,
@@ -148,11 +148,11 @@ def build(
     if report.missing == 0:
         index = open_dataset(target).index
         limits = limits_of_index(index)
-        counts = [{str(k): v for k, v in row.items()} for row in counts_table(index).to_dict("records")]
+        counts = [{str(k): v for k, v in row.items()} for row in count_examples(index).to_dict("records")]
         if not as_json:
             print_table(counts)
             print()
-            print_table([{str(k): v for k, v in row.items()} for row in feature_table(index).to_dict("records")])
+            print_table([{str(k): v for k, v in row.items()} for row in tabulate_features(index).to_dict("records")])
             print()
     if as_json:
         names = ("n_examples", "n_built", "n_reused", "n_rows", "n_failed", "failures", "missing", "bytes", "seconds")
@@ -167,10 +167,10 @@ def build(
             print(f"{target}: {size}, id {report.dataset_id}; {made}")
     if reached := {name: n for name in LIMITS if (n := sum(row[name] for row in limits))}:
         words = ", ".join(f"{name} {count}" for name, count in reached.items())
-        say(f"warning: rows that reach a limit of the radar: {words} (of {report.n_rows}); see the card")
+        print_message(f"warning: rows that reach a limit of the radar: {words} (of {report.n_rows}); see the card")
     if report.failures:
         first, severity = report.failures[0], "error" if report.too_many_failed else "warning"
-        say(
+        print_message(
             f"{severity}: {report.n_failed} examples failed and are left out (the next build tries them again); "
             f"the first is {first['id']}: {first['reason']}"
         )
@@ -189,9 +189,9 @@ def card(directory: Directory) -> None:
 
     Example: doppelgait dataset card home-alarm
     """
-    from doppelgait.dataset.finish import card_of
+    from doppelgait.dataset.finish import make_card
 
-    print(card_of(directory))
+    print(make_card(directory))
 
 
 def status(
@@ -205,9 +205,9 @@ def status(
 
     Example: doppelgait dataset status home-alarm
     """
-    from doppelgait.dataset.status import dataset_status
+    from doppelgait.dataset.status import read_dataset_status
 
-    found = dataset_status(directory, quick=quick)
+    found = read_dataset_status(directory, quick=quick)
     bad = [shard.name for shard in found.shards if shard.state == "damaged"]
     if as_json:
         print_json(
@@ -233,7 +233,7 @@ def status(
         )
         for text, names in (("damaged", bad), ("building now", found.running), ("leftovers removed", found.removed)):
             if names:
-                say(f"{text}: {', '.join(names)}")
+                print_message(f"{text}: {', '.join(names)}")
     if bad:
         raise typer.Exit(1)
 
@@ -261,7 +261,7 @@ def verify(
 
     from doppelgait.dataset.verify import verify_dataset
 
-    with progress("verifying", quiet=as_json) as on_progress:
+    with report_progress("verifying", quiet=as_json) as on_progress:
         found = verify_dataset(
             directory,
             folder=motion_folder,
@@ -279,7 +279,7 @@ def verify(
         verdict = found.verdict if found.passed else found.verdict.upper()
         print(f"{directory}: {verdict}{rest}, {found.seconds:.1f} s")
         if found.figures:
-            say(f"{figures}: {', '.join(path.name for path in found.figures)}")
+            print_message(f"{figures}: {', '.join(path.name for path in found.figures)}")
     if not found.passed:
         raise typer.Exit(1)
 
@@ -311,7 +311,7 @@ def export(
     chosen = open_dataset(directory)
     if select is not None:
         chosen = chosen.select(select)
-    with progress("exporting", quiet=as_json) as on_progress:
+    with report_progress("exporting", quiet=as_json) as on_progress:
         table = {**apply_overrides({}, changes or []), "kind": form}
         report = export_dataset(chosen, output, form=table, fields=fields, release=release, on_progress=on_progress)
     if as_json:
@@ -383,7 +383,7 @@ def import_recordings(
     config = validate(ImportConfig, table, where="import")
     reader = apply_overrides({}, options or [])
     entries = label_entries(folder, labels, names, classes or [], gate=config.gate, options=reader)
-    with progress("importing", quiet=as_json) as on_progress:
+    with report_progress("importing", quiet=as_json) as on_progress:
         report = import_dataset(folder, entries, output, config=config, on_progress=on_progress)
     if as_json:
         print_json({**vars(report), "directory": str(report.directory)})
@@ -395,5 +395,5 @@ def import_recordings(
         )
     if report.n_failed:
         reasons = "".join(f"\n  {f['id']}: {f['reason']}" for f in report.failures[:SHOWN_FAILURES])
-        say(f"error: {report.n_failed} recordings failed and are left out:{reasons}")
+        print_message(f"error: {report.n_failed} recordings failed and are left out:{reasons}")
         raise typer.Exit(1)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import FigureFormat, FigureOption, say
+from doppelgait.cli.output import FigureFormat, FigureOption, print_message
 
 DEMO_SCENE: dict[str, Any] = {
     "seed": 2018,
@@ -32,7 +32,7 @@ DEMO_SCENE: dict[str, Any] = {
 """Scene file of the demonstration: the person approaches, the dog trots away, and they pass each other."""
 
 
-def demo(
+def run_demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for recording, results and figures.")] = Path(
         "demo"
     ),
@@ -43,7 +43,7 @@ def demo(
     Example: doppelgait demo -o demo
     """
     from doppelgait.cli.analyze import print_features
-    from doppelgait.cli.figures import draw_all
+    from doppelgait.cli.figures import save_figures
     from doppelgait.core.errors import OutputError
     from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
     from doppelgait.radar import write_recording
@@ -57,7 +57,7 @@ def demo(
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)
     write_results(output / "result.h5", recording, results)
-    for path in draw_all(recording, results, spec.analysis, output, figure_format):
-        say(f"figure: {path}")
+    for path in save_figures(recording, results, spec.analysis, output, figure_format):
+        print_message(f"figure: {path}")
     print_features(results)
-    say(f"recording and results: {output / 'recording.h5'}, {output / 'result.h5'}")
+    print_message(f"recording and results: {output / 'recording.h5'}, {output / 'result.h5'}")

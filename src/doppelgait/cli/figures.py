@@ -14,7 +14,7 @@ from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import Recording
 
 
-def draw_all(
+def save_figures(
     recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
 ) -> Iterator[Path]:
     """Draw every figure into a folder.
@@ -31,22 +31,22 @@ def draw_all(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made: {error}") from None
-    for name, figure in _figures(recording, results, analysis):
+    for name, figure in _make_figures(recording, results, analysis):
         path = folder / f"{name}.{form}"
         viz.save_figure(figure, path)
         yield path
 
 
-def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
-    names = {_name(number, result): result.gate.limits for number, result in enumerate(results)}
+def _make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+    names = {_name_figure(number, result): result.gate.limits for number, result in enumerate(results)}
     yield "range-time", viz.range_time(recording.baseband, tracks=names)
     wavelength_m = recording.radar.wavelength_m
     as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
-        prefix = _name(number, result).replace(" ", "-")
+        prefix = _name_figure(number, result).replace(" ", "-")
         yield (
             f"{prefix}-overview",
-            viz.overview(recording, result, title=_name(number, result)),
+            viz.overview(recording, result, title=_name_figure(number, result)),
         )
         middle = result.signature.sizes["time"] // 2
         cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
@@ -58,7 +58,7 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
         )
         yield (
             f"{prefix}-cadence-velocity",
-            viz.step_doppler(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz),
+            viz.cadence_map(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz),
         )
         ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         yield (
@@ -95,5 +95,5 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
             )
 
 
-def _name(number: int, result: Result) -> str:
+def _name_figure(number: int, result: Result) -> str:
     return f"{number} {result.label or 'target'}"

@@ -71,9 +71,11 @@ def _short(heading: str) -> str:
 
 def _groups() -> dict[str, list[str]]:
     """Return the names of all plug-ins with parameters, by group."""
-    from doppelgait.core.plugins import plugin_groups
+    from doppelgait.core.plugins import list_plugin_groups
 
-    found = {group: [p.name for p in members.values() if p.parameters] for group, members in plugin_groups().items()}
+    found = {
+        group: [p.name for p in members.values() if p.parameters] for group, members in list_plugin_groups().items()
+    }
     return {SHORT.get(group, group): names for group, names in found.items() if names}
 
 
@@ -84,11 +86,11 @@ SHORT = {"motion_model": "motion"}
 def _find(topic: str) -> list[tuple[str, Any]]:
     from doppelgait.cli.topics import TOPICS, models_of
     from doppelgait.core.errors import ConfigError
-    from doppelgait.core.plugins import plugin_groups
+    from doppelgait.core.plugins import list_plugin_groups
 
     if topic in TOPICS:
         return models_of(topic)
-    groups = {SHORT.get(name, name): group for name, group in plugin_groups().items()}
+    groups = {SHORT.get(name, name): group for name, group in list_plugin_groups().items()}
     group, _, name = topic.partition(".")
     known = _groups()
     if group in known:

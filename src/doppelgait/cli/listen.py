@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from doppelgait.cli.analyze import ReaderOptions
-from doppelgait.cli.output import check_output, print_json, reader_options, say
+from doppelgait.cli.output import check_output, explain_reader_options, print_json, print_message
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Tracking
@@ -24,7 +24,7 @@ DEEP_HZ = 250.0
 """A sound that ends below this is next to inaudible."""
 
 
-class Ears(StrEnum):
+class StereoChannels(StrEnum):
     """Contents of the two channels."""
 
     iq = "iq"
@@ -43,9 +43,9 @@ def listen(
         typer.Option("--pitch", help="Multiply every Doppler frequency, same duration; by default 4, or what fits."),
     ] = None,
     channels: Annotated[
-        Ears,
+        StereoChannels,
         typer.Option("--channels", help="iq: I left, Q right; sides: what approaches left, what recedes right."),
-    ] = Ears.iq,
+    ] = StereoChannels.iq,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a parameter of the analysis, for example clutter=mean; repeatable."),
@@ -64,37 +64,37 @@ def listen(
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import AnalysisError
-    from doppelgait.core.files import atomic_path
+    from doppelgait.core.files import open_atomically
     from doppelgait.pipeline import Tracking
     from doppelgait.processing import Analysis
-    from doppelgait.processing.sound import doppler_sound, plan_sound, write_wav
+    from doppelgait.processing.sound import make_doppler_sound, plan_sound, write_wav
     from doppelgait.radar import read_recording
 
     check_output(output, ".wav")
     table = apply_overrides({}, changes or [])
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     settings = validate(Analysis, table, where="analysis").resolved("track")
-    with reader_options():
+    with explain_reader_options():
         loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
-        say(f"note: {note}")
+        print_message(f"note: {note}")
     factor, _ = plan_sound(loaded.radar.prf_hz, pitch)
     prf_hz = loaded.radar.prf_hz
     highest_hz = factor * prf_hz / 2.0
     if highest_hz < DEEP_HZ:
-        say(
+        print_message(
             f"note: at {prf_hz:g} frames per second and pitch {factor:g} nothing is above {highest_hz:.0f} Hz, too "
             f"deep for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
         )
-    found = _gates(loaded, gate, settings, tracking)
+    found = _list_gates(loaded, gate, settings, tracking)
     if not found:
         raise AnalysisError(f"{recording}: no target found, so there is nothing to hear; give a range, --gate 1.2:2.8")
     if target >= len(found):
         allowed = "0" if len(found) == 1 else f"0 to {len(found) - 1}"
         raise AnalysisError(f"--target {target}: must be {allowed}; {recording} has no more targets")
     label, limits = found[target]
-    rate_hz, samples = doppler_sound(loaded.baseband, limits, settings, pitch=pitch, channels=channels.value)
-    with atomic_path(output) as partial:
+    rate_hz, samples = make_doppler_sound(loaded.baseband, limits, settings, pitch=pitch, channels=channels.value)
+    with open_atomically(output) as partial:
         write_wav(str(partial), rate_hz, samples)
     facts = {
         "file": str(output),
@@ -110,10 +110,10 @@ def listen(
         print_json(facts)
     else:
         name = label or "target"
-        say(f"{output}: {name} ({target} of {len(found)}), {facts['duration_s']:.1f} s, pitch {factor:g}")
+        print_message(f"{output}: {name} ({target} of {len(found)}), {facts['duration_s']:.1f} s, pitch {factor:g}")
 
 
-def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
+def _list_gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
     """Return label and gate of every target.
 
     A gate that is known in advance needs no analysis.

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
-from doppelgait.cli.classify import about_model, say_about
-from doppelgait.cli.output import say
+from doppelgait.cli.classify import describe_model, explain_model
+from doppelgait.cli.output import print_message
 
 if TYPE_CHECKING:
     from doppelgait.classify.model import Model
@@ -66,14 +66,14 @@ class DecisionLog:
             self._append(line.encode() + b"\n")
         except OSError as error:
             if not self.lost:
-                say(
+                print_message(
                     f"error: --log {self.path}: {error.strerror}; decisions go on to standard output, and to the log "
                     "when it can be written again"
                 )
             self.lost += 1
             return
         if self.lost:
-            say(f"note: --log {self.path}: continues; {self.lost:,} lines are missing")
+            print_message(f"note: --log {self.path}: continues; {self.lost:,} lines are missing")
             self.lost = 0
 
     def _append(self, content: bytes) -> None:
@@ -92,15 +92,15 @@ class DecisionLog:
 
 
 @contextmanager
-def _page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
+def _serve_page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
     """Serve the page of a stream and print its address."""
     from doppelgait.viewer.live_page import Rolling
-    from doppelgait.viewer.server import page_in_browser, serving_live
+    from doppelgait.viewer.server import open_in_browser, serve_live
 
     page = Rolling(stream.source, stream.radar.name, model)
-    with serving_live(page, port) as url:
-        say(f"page: {url}")
-        with nullcontext() if no_browser else page_in_browser(url):
+    with serve_live(page, port) as url:
+        print_message(f"page: {url}")
+        with nullcontext() if no_browser else open_in_browser(url):
             yield page
 
 
@@ -147,8 +147,8 @@ def live(
     Example: doppelgait live tcp://:7290 --view
     """
     from doppelgait.classify.live import live as run_live
-    from doppelgait.classify.shipped import model_of_radar, open_model
-    from doppelgait.core.config import apply_overrides, json_value
+    from doppelgait.classify.shipped import load_model_for_radar, open_model
+    from doppelgait.core.config import apply_overrides, convert_to_json
     from doppelgait.core.errors import ConfigError
     from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
     from doppelgait.radar import open_stream
@@ -160,17 +160,17 @@ def live(
     kept = None if log is None else DecisionLog(log)
 
     def put(kind: str, facts: dict[str, Any]) -> None:
-        line = json.dumps(json_value({"kind": kind, **facts}), allow_nan=False)
+        line = json.dumps(convert_to_json({"kind": kind, **facts}), allow_nan=False)
         if kept is not None:
             kept.write(line)
         print(line, flush=True)
 
     with ExitStack() as ends:
         stream = ends.enter_context(open_stream(source, timeout_s=timeout_s, **apply_overrides({}, options or [])))
-        say(f"listening: {stream.source}")
+        print_message(f"listening: {stream.source}")
         radar = stream.radar
-        loaded = loaded or model_of_radar(radar)
-        page = ends.enter_context(_page(stream, loaded, port or 0, no_browser)) if view else None
+        loaded = loaded or load_model_for_radar(radar)
+        page = ends.enter_context(_serve_page(stream, loaded, port or 0, no_browser)) if view else None
         running = run_live(
             stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m,
             skip=source.startswith(SENSORS),
@@ -186,9 +186,9 @@ def live(
 
         put("start", {
             "source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz, "prf_hz": radar.prf_hz,
-            "model": about_model(loaded, model), "window_s": running.window_s, "hop_s": running.hop_s,
+            "model": describe_model(loaded, model), "window_s": running.window_s, "hop_s": running.hop_s,
         })  # fmt: skip
-        say_about(loaded, model)
+        explain_model(loaded, model)
         said_s, lost, reason = float("-inf"), losses(), "stopped"
         began_s, clock_s = None, process_time()
         try:
@@ -210,11 +210,11 @@ def live(
         finally:
             running.close()
             put("end", {"reason": reason, **state()})
-            say(stream.summary())
+            print_message(stream.summary())
             if page is not None:
                 page.end(reason, state())
         if page is not None:
-            say("the page stays until Ctrl-C")
+            print_message("the page stays until Ctrl-C")
             with stop_in_order():
                 while True:
                     sleep(WAIT_S)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import print_json, print_table, progress, say
+from doppelgait.cli.output import print_json, print_message, print_table, report_progress
 
 app = typer.Typer(help="Export trained models to other programs and devices.", no_args_is_help=True,
                   rich_markup_mode=None)  # fmt: skip
@@ -64,7 +64,7 @@ def export(
         print_json({"folder": str(made.folder), "files": list(made.files), **made.facts})
         return
     print_table([{"": name.replace("_", " "), "number": value} for name, value in made.facts.items()])
-    say(f"{made.folder}: {', '.join(made.files)}")
+    print_message(f"{made.folder}: {', '.join(made.files)}")
 
 
 @app.command("alarm")
@@ -86,18 +86,18 @@ def alarm(
 
     Example: doppelgait model alarm x4 --repeats 50
     """
-    from doppelgait.classify.alarm import day_table, episode_table, read_day, run_day, score_day
+    from doppelgait.classify.alarm import format_day, format_episodes, read_day, run_day, score_day
     from doppelgait.classify.shipped import open_model
 
     chosen = read_day(day)
     if repeats is not None:
         chosen = chosen.model_copy(update={"repeats": repeats})
     loaded = open_model(model)
-    with progress("days", quiet=as_json) as on_progress:
+    with report_progress("days", quiet=as_json) as on_progress:
         found = score_day(chosen, run_day(chosen, loaded, on_progress=on_progress), loaded)
     if as_json:
         print_json(found)
         return
-    print_table(day_table(found))
+    print_table(format_day(found))
     print()
-    print_table(episode_table(found))
+    print_table(format_episodes(found))

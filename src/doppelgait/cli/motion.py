@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, print_json, print_table, say
+from doppelgait.cli.output import check_output, print_json, print_message, print_table
 
 app = typer.Typer(help="Look at motion recordings and convert them.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -48,23 +48,28 @@ def info(
     cleaned = facts.pop("cleaned")
     segments = facts.pop("segments")
     if "refused" in cleaned:
-        say(f"warning: cannot be used as a target: {cleaned['refused']}")
+        print_message(f"warning: cannot be used as a target: {cleaned['refused']}")
     names = [*facts, *(key for key in cleaned if key not in facts and key != "refused")]
-    print_table([{"fact": n, "in the file": _plain(facts.get(n)), "cleaned": _plain(cleaned.get(n))} for n in names])
-    say(f"straight segments at constant velocity: {len(segments) or 'none'}")
+    print_table(
+        [
+            {"fact": n, "in the file": _format_value(facts.get(n)), "cleaned": _format_value(cleaned.get(n))}
+            for n in names
+        ]
+    )
+    print_message(f"straight segments at constant velocity: {len(segments) or 'none'}")
     columns = ("start_s", "stop_s", "mean_speed_mps", "heading_deg", "lateral_m", "gait", "stride_frequency_hz")
     if segments:
-        rows = [{name: _plain(segment[name]) for name in columns} for segment in segments]
+        rows = [{name: _format_value(segment[name]) for name in columns} for segment in segments]
         print_table([{"segment": str(number), **row} for number, row in enumerate(rows, start=1)])
 
 
-def _plain(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
         return ", ".join(map(str, value)) if len(value) <= 12 else f"{len(value)} of them"
     if isinstance(value, dict):
-        listed = "; ".join(f"{key}: {_plain(inner)}" for key, inner in value.items()) or "-"
+        listed = "; ".join(f"{key}: {_format_value(inner)}" for key, inner in value.items()) or "-"
         return listed if len(listed) <= WIDEST_CELL else f"{listed[:WIDEST_CELL]}... (all with --json)"
     return "-" if value in (None, "") else str(value)
 
@@ -85,7 +90,7 @@ def convert(
     """
     import pandas as pd
 
-    from doppelgait.core.files import atomic_path
+    from doppelgait.core.files import open_atomically
 
     check_output(output, ".csv")
     from doppelgait.core.config import apply_overrides
@@ -95,6 +100,6 @@ def convert(
     names = [f"{marker}_{axis}_m" for marker in motion.markers for axis in "xyz"]
     table = pd.DataFrame(motion.position_m.reshape(motion.n_frames, -1), columns=names)
     table.insert(0, "time_s", motion.time_s)
-    with atomic_path(output) as partial:
+    with open_atomically(output) as partial:
         table.to_csv(partial, index=False, float_format="%.9g")
-    say(f"{output}: {len(table)} frames of {len(motion.markers)} points")
+    print_message(f"{output}: {len(table)} frames of {len(motion.markers)} points")

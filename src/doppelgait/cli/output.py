@@ -28,7 +28,7 @@ def print_json(document: Any) -> None:
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
-def say(text: str) -> None:
+def print_message(text: str) -> None:
     """Print a line for people on standard error."""
     print(text, file=sys.stderr)
 
@@ -47,13 +47,13 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def format_number(value: float | None, digits: int = 3) -> str:
     """Format a number for people; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}g}" if abs(value) >= 1e4 else f"{value:.{digits}f}"
 
 
 @contextmanager
-def reader_options() -> Iterator[None]:
+def explain_reader_options() -> Iterator[None]:
     """Extend a reader's error with needed command-line options."""
     try:
         yield
@@ -81,7 +81,7 @@ def show_warnings_plainly() -> None:
         if isinstance(category, type) and issubclass(category, DoppelgaitWarning):
             if str(message) not in said:
                 said.add(str(message))
-                say(f"warning: {message}")
+                print_message(f"warning: {message}")
         else:
             usual(message, category, *rest, **more)
 
@@ -90,12 +90,12 @@ def show_warnings_plainly() -> None:
 
 
 @contextmanager
-def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
+def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Report progress of long work as ``on_progress(done, total)``.
 
     On a terminal it is a bar, elsewhere plain lines. Signals stop the work in order: at the next report, or before.
     """
-    lines = _tenths(what) if not sys.stderr.isatty() else _bar(what)
+    lines = _report_tenths(what) if not sys.stderr.isatty() else _show_bar(what)
     with stop_in_order(), nullcontext(None) if quiet else lines as report:
 
         def on_progress(done: int, total: int) -> None:
@@ -107,7 +107,7 @@ def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int],
 
 
 @contextmanager
-def _tenths(what: str) -> Iterator[Callable[[int, int], None]]:
+def _report_tenths(what: str) -> Iterator[Callable[[int, int], None]]:
     began = time.monotonic()
     last_tenth = 0
 
@@ -119,13 +119,13 @@ def _tenths(what: str) -> Iterator[Callable[[int, int], None]]:
         last_tenth = tenth
         seconds = time.monotonic() - began
         left = seconds / done * (total - done)
-        say(f"{what}: {done} of {total}, {done / max(seconds, 1e-9):.1f} per second, {left:.0f} s left")
+        print_message(f"{what}: {done} of {total}, {done / max(seconds, 1e-9):.1f} per second, {left:.0f} s left")
 
     yield print_tenth
 
 
 @contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
+def _show_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -147,7 +147,7 @@ def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
         yield advance
 
 
-def duration_text(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Format a duration in seconds, minutes or hours."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:

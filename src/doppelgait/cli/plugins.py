@@ -20,9 +20,9 @@ def plugins(
     Examples: doppelgait plugins; doppelgait plugins impairment waveform --json
     """
     from doppelgait.core.errors import ConfigError
-    from doppelgait.core.plugins import plugin_groups
+    from doppelgait.core.plugins import list_plugin_groups
 
-    groups = plugin_groups()
+    groups = list_plugin_groups()
     for name in group or []:
         if name not in groups:
             raise ConfigError(f"plugins {name}: no such group; groups are {', '.join(groups)}")

@@ -13,11 +13,11 @@ from doppelgait.cli.output import (
     FigureFormat,
     FigureOption,
     check_output,
-    number,
+    explain_reader_options,
+    format_number,
     print_json,
+    print_message,
     print_table,
-    reader_options,
-    say,
 )
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ def fit(
 
     Examples: doppelgait radar fit empty-room.h5 -o my-x4.toml; doppelgait radar fit week/ -o my-sensor.toml
     """
-    from doppelgait.core.files import atomic_path
-    from doppelgait.radar.fit import calibrated_preset, fit_sensor, sensor_as_dict
+    from doppelgait.core.files import open_atomically
+    from doppelgait.radar.fit import fit_sensor, format_calibrated_preset, sensor_as_dict
     from doppelgait.radar.readers import is_folder_of_recordings, read_recording
 
     check_output(output, ".toml")
@@ -64,29 +64,31 @@ def fit(
         for name, value in {"--start": start, "--stop": stop, "--figures": figures}.items():
             if value is not None:
                 raise typer.BadParameter(f"{name} goes with one recording only; leave it out")
-        _fit_kind(recordings, output, preset, _parsed(options), people_at, as_json)
+        _fit_kind(recordings, output, preset, _parse_options(options), people_at, as_json)
         return
     if people_at is not None:
         raise typer.BadParameter("--people-at goes with several recordings; leave it out")
     empty = recordings[0]
-    with reader_options():
-        recording = read_recording(empty, **{**({} if preset is None else {"radar": preset}), **_parsed(options)})
+    with explain_reader_options():
+        recording = read_recording(
+            empty, **{**({} if preset is None else {"radar": preset}), **_parse_options(options)}
+        )
     found = fit_sensor(recording, start_s=start, stop_s=stop)
-    with atomic_path(output) as partial:
-        partial.write_text(calibrated_preset(found), encoding="utf-8")
+    with open_atomically(output) as partial:
+        partial.write_text(format_calibrated_preset(found), encoding="utf-8")
     if figures is not None:
         import numpy as np
 
         from doppelgait import viz
         from doppelgait.core.errors import OutputError
         from doppelgait.core.units import power_to_db
-        from doppelgait.viz.ranges import twin_figure
+        from doppelgait.viz.ranges import plot_sensor_fit
 
         try:
             figures.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{figures}: cannot be made: {error}") from None
-        figure = twin_figure(
+        figure = plot_sensor_fit(
             range_m=found.range_m,
             static_db=power_to_db(np.abs(found.echo_v) ** 2),
             noise_db=power_to_db(found.noise.by_bin_v2),
@@ -97,15 +99,15 @@ def fit(
             gain_db=power_to_db(np.abs(found.factor) ** 2),
             title=f"Twin fitted from {found.source or 'a recording'}",
         )
-        say(f"figure: {viz.save_figure(figure, figures / f'twin-fit.{figure_format}')}")
+        print_message(f"figure: {viz.save_figure(figure, figures / f'twin-fit.{figure_format}')}")
     if as_json:
         print_json({**sensor_as_dict(found), "twin": str(output)})
         return
     _print(found)
-    say(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
+    print_message(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
 
 
-def _parsed(options: list[str] | None) -> dict[str, Any]:
+def _parse_options(options: list[str] | None) -> dict[str, Any]:
     from doppelgait.core.config import apply_overrides
     from doppelgait.core.errors import ConfigError
 
@@ -123,17 +125,17 @@ def _fit_kind(
     people_at_m: float | None,
     as_json: bool,
 ) -> None:
-    from doppelgait.core.files import atomic_path
+    from doppelgait.core.files import open_atomically
     from doppelgait.radar import Radar
-    from doppelgait.radar.fit import fit_kind, kind_preset, kind_rows
+    from doppelgait.radar.fit import fit_kind, format_kind_preset, kind_rows
     from doppelgait.radar.readers import read_several
 
     radar = None if preset is None else Radar.preset(preset)
-    with reader_options():
+    with explain_reader_options():
         found, unread = read_several(paths, **({} if preset is None else {"radar": preset}), **options)
     kind = fit_kind(found, radar=radar, people_at_m=people_at_m)
-    with atomic_path(output) as partial:
-        partial.write_text(kind_preset(kind), encoding="utf-8")
+    with open_atomically(output) as partial:
+        partial.write_text(format_kind_preset(kind), encoding="utf-8")
     rows = kind_rows(kind)
     used = [{"recording": m.recording.source, "used for": ", ".join(m.uses) or "nothing"} for m in kind.recordings]
     left_out = [*unread, *kind.left_out]
@@ -146,16 +148,18 @@ def _fit_kind(
     print()
     print_table(rows)
     for name, why in kind.refused.items():
-        say(f"refused: {name}: {why}")
+        print_message(f"refused: {name}: {why}")
     for why in left_out:
-        say(f"left out: {why}")
-    say(f'preset with distributions: {output}; use it as radar = {{ preset = "{output}" }} in a plan')
+        print_message(f"left out: {why}")
+    print_message(f'preset with distributions: {output}; use it as radar = {{ preset = "{output}" }} in a plan')
 
 
 def _print(found: SensorFit) -> None:
     from doppelgait.radar.fit import estimate_rows
 
-    say(f"{found.source or 'recording'}: {found.n_used} of {found.n_frames} frames used, {found.duration_s:.1f} s")
+    print_message(
+        f"{found.source or 'recording'}: {found.n_used} of {found.n_frames} frames used, {found.duration_s:.1f} s"
+    )
     rows = [(name, f"{e.value:.5g}", f"{e.sd:.2g}", unit) for name, e, unit in estimate_rows(found)]
     print_table([{"estimate": n, "value": v, "+-": sd, "unit": unit} for n, v, sd, unit in rows])
     print()
@@ -164,15 +168,15 @@ def _print(found: SensorFit) -> None:
         [
             {
                 "clutter at": f"{r:.2f} m",
-                "dB re 1 V": number(level, 1),
-                "+- dB": number(sd, 1),
-                **({} if unit_db is None else {"dB re 1 unit": number(level - unit_db, 1)}),
+                "dB re 1 V": format_number(level, 1),
+                "+- dB": format_number(sd, 1),
+                **({} if unit_db is None else {"dB re 1 unit": format_number(level - unit_db, 1)}),
             }
             for r, level, sd in zip(found.clutter.range_m, found.clutter.level_db, found.clutter.sd_db, strict=True)
         ]
     )
     for flag in found.flags:
-        say(f"note: {flag}")
+        print_message(f"note: {flag}")
 
 
 app = typer.Typer(
@@ -212,16 +216,22 @@ def compare(
     Example: doppelgait radar compare other-week/ --model x4 --model my-sensor.toml -o page.png
     """
     from doppelgait import viz
-    from doppelgait.classify.domain import compare_recordings, comparison_rows, picture, simulate_like, split_windows
+    from doppelgait.classify.domain import (
+        compare_recordings,
+        comparison_rows,
+        plot_recording,
+        simulate_like,
+        split_windows,
+    )
     from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
     from doppelgait.dataset.config import load_plan
     from doppelgait.radar.readers import read_several
-    from doppelgait.viz.domains import domain_page
+    from doppelgait.viz.domains import plot_domains
 
     check_output(output, ".png", ".svg", ".pdf")
     loaded, folder = (None, None) if plan is None else load_plan(plan)
-    with reader_options():
-        read, left_out = read_several(recordings, **_parsed(options))
+    with explain_reader_options():
+        read, left_out = read_several(recordings, **_parse_options(options))
     real = []
     for recording in read:
         try:
@@ -233,7 +243,7 @@ def compare(
         raise AnalysisError("no recording can be compared: " + "; ".join(left_out))
     models = list(dict.fromkeys(models))
     stems = ["real", *(Path(model).stem for model in models)]
-    found, pictures = {}, {"real": [picture(one) for one in real[:SHOWN]]}
+    found, pictures = {}, {"real": [plot_recording(one) for one in real[:SHOWN]]}
     for model in models:
         stem = Path(model).stem
         name = stem if stems.count(stem) == 1 else model  # two files of one name are told apart by their folders
@@ -241,17 +251,17 @@ def compare(
             warnings.simplefilter("ignore", DoppelgaitWarning)  # a sensor that clips does so here, too
             made = simulate_like(real, model, plan=loaded, folder=folder, seed=seed)
         found[name] = compare_recordings(real, made, seed=seed)
-        pictures[name] = [picture(one) for one in made[:SHOWN]]
+        pictures[name] = [plot_recording(one) for one in made[:SHOWN]]
     rows = comparison_rows(found)
     title = f"{len(real)} real recordings, and as many simulated"
-    say(f"page: {viz.save_figure(domain_page(pictures, rows, title=title), output)}")
+    print_message(f"page: {viz.save_figure(plot_domains(pictures, rows, title=title), output)}")
     for why in left_out:
-        say(f"left out: {why}")
+        print_message(f"left out: {why}")
     if as_json:
         print_json({name: dataclasses.asdict(one) for name, one in found.items()})
     else:
         print_table(rows)
-        say("distances are in standard deviations, with the AUC of that statistic alone")
+        print_message("distances are in standard deviations, with the AUC of that statistic alone")
 
 
 SHOWN = 4
@@ -279,17 +289,17 @@ def points(
 
     Example: doppelgait radar points replay_1.json
     """
-    from doppelgait.core.config import json_value
-    from doppelgait.radar.point_clouds import read_points, table_of_tracks, tracks_of_points
+    from doppelgait.core.config import convert_to_json
+    from doppelgait.radar.point_clouds import collect_tracks, read_points, tabulate_tracks
 
-    found = tracks_of_points(read_points(log, frame_period_s=frame_period_s, approaching_positive=approaching_positive))
+    found = collect_tracks(read_points(log, frame_period_s=frame_period_s, approaching_positive=approaching_positive))
     rows: list[dict[str, Any]] = [
-        {str(k): v for k, v in row.items()} for row in table_of_tracks(found).to_dict("records")
+        {str(k): v for k, v in row.items()} for row in tabulate_tracks(found).to_dict("records")
     ]
     if as_json:
-        print_json(json_value(rows))
+        print_json(convert_to_json(rows))
     elif rows:
-        print_table([{key: number(value, 2) for key, value in row.items()} for row in rows])
+        print_table([{key: format_number(value, 2) for key, value in row.items()} for row in rows])
     else:
         print("no track of five frames or more")
 
@@ -300,9 +310,9 @@ def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSO
 
     Example: doppelgait radar list
     """
-    from doppelgait.radar import Radar, preset_names
+    from doppelgait.radar import Radar, list_preset_names
 
-    radars = {name: Radar.preset(name) for name in preset_names()}
+    radars = {name: Radar.preset(name) for name in list_preset_names()}
     if as_json:
         print_json({name: radar.model_dump(mode="json") for name, radar in radars.items()})
         return
@@ -362,12 +372,12 @@ def show(
     Example: doppelgait radar show x4 --toml > my-radar.toml
     """
     from doppelgait.core.config import apply_overrides, as_table, write_toml
-    from doppelgait.radar import Radar, derived_quantities, preset_table
+    from doppelgait.radar import Radar, list_derived_quantities, read_full_preset
     from doppelgait.radar.effects import describe_effects
 
     radar = Radar.preset(preset, **apply_overrides({}, changes or []))
     parameters = radar.model_dump(mode="json")
-    table = preset_table(preset)
+    table = read_full_preset(preset)
     conditions = {key: table[key] for key in ("environment", "impairments") if key in table}
     if as_toml:
         print(write_toml(as_table(radar) | conditions), end="")
@@ -375,11 +385,15 @@ def show(
     kinds = {str(entry.get("kind")) for entry in conditions.get("impairments", ()) if isinstance(entry, dict)}
     effects = describe_effects(radar, kinds)
     if as_json:
-        print_json({"parameters": parameters, "derived": derived_quantities(radar), "effects": effects, **conditions})
+        print_json(
+            {"parameters": parameters, "derived": list_derived_quantities(radar), "effects": effects, **conditions}
+        )
         return
-    print_table([{"parameter": key, **_shown(key, value)} for key, value in parameters.items()])
+    print_table([{"parameter": key, **_format_parameter(key, value)} for key, value in parameters.items()])
     print()
-    print_table([{"derived": key, **_shown(key, value)} for key, value in derived_quantities(radar).items()])
+    print_table(
+        [{"derived": key, **_format_parameter(key, value)} for key, value in list_derived_quantities(radar).items()]
+    )
     print()
     print_table([{"effect": name, "simulated": value} for name, value in effects.items()])
     for key, entries in conditions.items():
@@ -387,7 +401,7 @@ def show(
         print(f"\n{key}, in this order: {', '.join(listed)}")
 
 
-def _shown(key: str, value: Any) -> dict[str, str]:
+def _format_parameter(key: str, value: Any) -> dict[str, str]:
     """Format the value of a parameter, with its unit.
 
     The unit is taken from the parameter's name.

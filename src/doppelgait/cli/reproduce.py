@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import print_table, progress, say
+from doppelgait.cli.output import print_message, print_table, report_progress
 
 
 def reproduce(
@@ -32,7 +32,7 @@ def reproduce(
     """
     from doppelgait.reproduce.run import reproduce as make_all
 
-    with progress("figures and tables", quiet=quiet) as on_progress:
+    with report_progress("figures and tables", quiet=quiet) as on_progress:
         outcomes = make_all(output, only=only or (), motion_folder=motion_folder, seed=seed, progress=on_progress)
     print_table(
         [
@@ -48,8 +48,8 @@ def reproduce(
             for one in outcomes
         ]
     )
-    say(f"page: {output / 'index.html'}")
+    print_message(f"page: {output / 'index.html'}")
     failed = [one.entry.number for one in outcomes if one.made is None]
     if failed:
-        say(f"error: {', '.join(failed)} could not be made of these motions; the page says why")
+        print_message(f"error: {', '.join(failed)} could not be made of these motions; the page says why")
         raise typer.Exit(1)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, print_json, say
+from doppelgait.cli.output import check_output, print_json, print_message
 
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
@@ -44,10 +44,10 @@ def check_destination(path: Path, names: XethruNames) -> None:
     The ending must be that of a format, the folder must exist, and the options must belong to that format.
     """
     from doppelgait.core.errors import ConfigError
-    from doppelgait.radar.readers import writers_by_suffix
+    from doppelgait.radar.readers import list_writers
 
     suffix = path.suffix.lower()
-    known = writers_by_suffix()
+    known = list_writers()
     if suffix not in known:
         endings = ", ".join(sorted(filter(None, known)))
         raise ConfigError(f"-o {path}: must end in {endings}, or be a folder for a XeThru recording")
@@ -69,9 +69,9 @@ def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
 
     The path that was written is returned.
     """
-    from doppelgait.radar.readers import writers_by_suffix
+    from doppelgait.radar.readers import list_writers
 
-    writer = writers_by_suffix()[path.suffix.lower()]
+    writer = list_writers()[path.suffix.lower()]
     if writer.name != "xethru":
         writer.run(recording, path)
         return path
@@ -147,7 +147,7 @@ def simulate(
     check_destination(output, names)
     if (scene is None) == (motion is None):
         raise ConfigError("give either a scene file or --motion FILE_OR_MODEL")
-    table, text = read_toml(scene) if scene is not None else (motion_table(str(motion)), "")
+    table, text = read_toml(scene) if scene is not None else (make_motion_table(str(motion)), "")
     put_options(table, radar=radar, duration=duration, snr_db=snr_db, seed=seed)
     put_target_options(table, label=label, speed=speed, height=height, aspect=aspect, range_m=range_m)
     folder = scene.resolve().parent if scene is not None else None
@@ -167,10 +167,10 @@ def simulate(
         print_json(facts)
     else:
         size = f"{facts['n_pulses']} frames of {facts['n_range_bins']} range bins"
-        say(f"{written}: {size} at {recording.radar.prf_hz:g} Hz")
+        print_message(f"{written}: {size} at {recording.radar.prf_hz:g} Hz")
 
 
-def motion_table(motion: str) -> dict[str, Any]:
+def make_motion_table(motion: str) -> dict[str, Any]:
     """Return a target's scene table from file or model."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.motion.models import MOTION_MODELS

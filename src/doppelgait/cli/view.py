@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from doppelgait.cli.analyze import Changes, ReaderOptions
-from doppelgait.cli.output import reader_options, say
+from doppelgait.cli.output import explain_reader_options, print_message
 from doppelgait.core.errors import ConfigError
 
 
@@ -53,7 +53,7 @@ def view(
 
     Example: doppelgait view home-alarm --no-browser
     """
-    from doppelgait.viewer.server import check_installed, page_in_browser, serve
+    from doppelgait.viewer.server import check_installed, open_in_browser, serve
     from doppelgait.viewer.settings import parse_settings
     from doppelgait.viewer.source import add_other, open_path
 
@@ -61,20 +61,20 @@ def view(
     if motion_folder is not None and not motion_folder.is_dir():
         raise ConfigError(f"--motion-folder {motion_folder}: no such folder")
     settings = replace(parse_settings(gate, changes or [], options or []), motion_folder=motion_folder)
-    with reader_options():
+    with explain_reader_options():
         opened = None if path is None else open_path(path, settings)
         if opened is not None and other is not None:
             opened = add_other(opened, other, settings)
     for run in () if opened is None else (opened.run, opened.other):
         for note in (*run.notes, *run.recording.notes) if run is not None and run.recording is not None else ():
-            say(f"note: {note}")
+            print_message(f"note: {note}")
 
     with ExitStack() as ends:
 
         def on_ready(url: str) -> None:
             print(url, flush=True)
             if not no_browser:
-                ends.enter_context(page_in_browser(url))
+                ends.enter_context(open_in_browser(url))
 
         serve(opened, settings=settings, port=port, on_ready=on_ready)
     # End the process without waiting for a running analysis: nothing is left to be saved.

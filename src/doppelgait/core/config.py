@@ -105,7 +105,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _no_text_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+    def _refuse_text_for_number(cls, value: Any, info: ValidationInfo) -> Any:
         if isinstance(value, str | bool):
             annotation = cls.model_fields[str(info.field_name)].annotation
             if (set(get_args(annotation)) or {annotation}) <= {int, float, type(None)}:
@@ -259,9 +259,9 @@ def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str,
     """Return the place and value of a fault, and what is allowed."""
     location = (*section, *fault["loc"])
     key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
-    place = key + line_note(text, location)
+    place = key + format_line_note(text, location)
     if fault["type"] == "extra_forbidden":
-        allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))
+        allowed = ", ".join(sorted(_list_fields_at(model, fault["loc"][:-1])))
         return f"{place}: ", "unknown key" + (f"; allowed are {allowed}" if allowed else "")
     if fault["type"] == "missing":
         return f"{place}: ", "is required"
@@ -273,36 +273,36 @@ def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str,
     return f"{place}: {shown} is not allowed: ", message
 
 
-def _fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
+def _list_fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
     current: Any = model
     for part in location:
         if isinstance(part, int):
             continue
         info = getattr(current, "model_fields", {}).get(part)
-        inner = _model_inside(info.annotation) if info is not None else None
+        inner = _find_model(info.annotation) if info is not None else None
         if inner is None:
             return []
         current = inner
     return list(current.model_fields)
 
 
-def _model_inside(annotation: Any) -> type[BaseModel] | None:
+def _find_model(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for argument in getattr(annotation, "__args__", ()):
-        found = _model_inside(argument)
+        found = _find_model(argument)
         if found is not None:
             return found
     return None
 
 
-def line_note(text: str, location: Sequence[str | int]) -> str:
+def format_line_note(text: str, location: Sequence[str | int]) -> str:
     """Return `` (line 7)`` for a key, else nothing."""
-    line = line_of_key(text, location)
+    line = find_key_line(text, location)
     return f" (line {line})" if line else ""
 
 
-def line_of_key(text: str, location: Sequence[str | int]) -> int | None:
+def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
     """Find a dotted TOML key's line (from 1).
 
     A number in ``location`` picks the n-th ``[[table]]``.
@@ -390,18 +390,18 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
         raise ConfigError(f"--set {override}: {key!r} names no place in the configuration")
 
 
-def json_value(value: Any) -> Any:
+def convert_to_json(value: Any) -> Any:
     """Convert a value to plain JSON types.
 
     Numbers that are not finite become None, NumPy values plain ones, everything else text.
     """
     if isinstance(value, Mapping):
-        return {str(key): json_value(inner) for key, inner in value.items()}
+        return {str(key): convert_to_json(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [json_value(inner) for inner in value]
+        return [convert_to_json(inner) for inner in value]
     if isinstance(value, np.ndarray | np.generic):
         plain = value.tolist()
-        return str(plain) if isinstance(plain, np.generic) else json_value(plain)
+        return str(plain) if isinstance(plain, np.generic) else convert_to_json(plain)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | int) else str(value)
@@ -413,19 +413,19 @@ def as_table(model: BaseModel) -> dict[str, Any]:
     The values are plain, as a TOML file can hold them.
     """
     names = [name for name in type(model).model_fields if name in model.model_fields_set or name == "kind"]
-    return {name: _plain(value) for name in names if (value := getattr(model, name)) is not None}
+    return {name: _convert_to_plain(value) for name in names if (value := getattr(model, name)) is not None}
 
 
-def _plain(value: Any) -> Any:
+def _convert_to_plain(value: Any) -> Any:
     if isinstance(value, BaseModel):
         return as_table(value)
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items() if one is not None}
+        return {str(key): _convert_to_plain(one) for key, one in value.items() if one is not None}
     if isinstance(value, str | bool | int | float):
         return next(kind(value) for kind in (str, bool, int, float) if isinstance(value, kind))
     if isinstance(value, Path):
         return str(value)
-    return [_plain(one) for one in (value.tolist() if hasattr(value, "tolist") else value)]
+    return [_convert_to_plain(one) for one in (value.tolist() if hasattr(value, "tolist") else value)]
 
 
 def write_toml(table: Mapping[str, Any]) -> str:
@@ -435,7 +435,7 @@ def write_toml(table: Mapping[str, Any]) -> str:
     return tomli_w.dumps(table)
 
 
-def canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
+def format_canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
     """Format parameters as one-line JSON with sorted keys.
 
     The same parameters give the same text.

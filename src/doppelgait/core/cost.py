@@ -69,10 +69,10 @@ def check_cost(
         Of the type ``error``; it names the file, both amounts and the remedy.
     """
     if n_bytes > limit_bytes(stored := path.stat().st_size):
-        raise error(f"{path}: {cost_fault(n_bytes, stored, what)}")
+        raise error(f"{path}: {describe_excess_memory(n_bytes, stored, what)}")
 
 
-def cost_fault(n_bytes: int | float, stored_bytes: int, what: str) -> str:
+def describe_excess_memory(n_bytes: int | float, stored_bytes: int, what: str) -> str:
     """Describe values that take more memory than the limit."""
     need_mb = -(-n_bytes // MB)
     return (

@@ -12,7 +12,7 @@ import re
 import tomllib
 from typing import Any
 
-from doppelgait.core.cost import cost_fault, limit_bytes
+from doppelgait.core.cost import describe_excess_memory, limit_bytes
 
 MAX_DEPTH = 64
 """Lists and tables inside each other; our own files have 10 at most."""
@@ -41,7 +41,7 @@ def parse_json(text: str | bytes) -> Any:
     # what Python makes of values, lists, tables and texts, and the text itself
     n_bytes = len(text) + 32 * text.count(",") + 88 * text.count("[") + 240 * text.count("{") + 28 * text.count('"')
     if n_bytes > limit_bytes(len(text)):
-        raise ValueError(cost_fault(n_bytes, len(text), "it"))
+        raise ValueError(describe_excess_memory(n_bytes, len(text), "it"))
     try:
         value = json.loads(text, parse_int=_parse_integer)
     except RecursionError:

@@ -22,34 +22,34 @@ _PLAIN = (str, int, float, type(None))
 """Values without a distribution inside."""
 
 
-def _uniform(values: list[Any], rng: np.random.Generator) -> float:
-    low, high = _two_numbers("uniform", values)
+def _sample_uniform(values: list[Any], rng: np.random.Generator) -> float:
+    low, high = _check_two_numbers("uniform", values)
     if low > high:
         raise ConfigError(f"uniform = {values}: the first number must not exceed the second")
     return float(rng.uniform(low, high))
 
 
-def _log_uniform(values: list[Any], rng: np.random.Generator) -> float:
-    low, high = _two_numbers("log_uniform", values)
+def _sample_log_uniform(values: list[Any], rng: np.random.Generator) -> float:
+    low, high = _check_two_numbers("log_uniform", values)
     if not 0 < low <= high:
         raise ConfigError(f"log_uniform = {values}: needs two positive rising numbers")
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
 
-def _normal(values: list[Any], rng: np.random.Generator) -> float:
-    mean, spread = _two_numbers("normal", values)
+def _sample_normal(values: list[Any], rng: np.random.Generator) -> float:
+    mean, spread = _check_two_numbers("normal", values)
     if spread < 0:
         raise ConfigError(f"normal = {values}: needs a mean and a standard deviation of 0 or more")
     return float(mean + spread * np.clip(rng.standard_normal(), -3.0, 3.0))
 
 
-def _choice(values: list[Any], rng: np.random.Generator) -> Any:
+def _sample_choice(values: list[Any], rng: np.random.Generator) -> Any:
     if not isinstance(values, list) or not values:
         raise ConfigError(f"choice = {values}: needs a list of at least one value")
     return values[int(rng.integers(len(values)))]
 
 
-def _two_numbers(name: str, values: Any) -> tuple[float, float]:
+def _check_two_numbers(name: str, values: Any) -> tuple[float, float]:
     numbers = (
         isinstance(values, list)
         and len(values) == 2
@@ -61,10 +61,10 @@ def _two_numbers(name: str, values: Any) -> tuple[float, float]:
 
 
 DISTRIBUTIONS: dict[str, Drawer] = {
-    "uniform": _uniform,
-    "log_uniform": _log_uniform,
-    "normal": _normal,
-    "choice": _choice,
+    "uniform": _sample_uniform,
+    "log_uniform": _sample_log_uniform,
+    "normal": _sample_normal,
+    "choice": _sample_choice,
 }
 """``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }`` (cut at 3 sd),
 ``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` takes the values in turn, by example number.
@@ -174,7 +174,7 @@ def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float
     return float(value * factor)
 
 
-def middle(value: Any, key: str = "") -> Any:
+def replace_by_middle(value: Any, key: str = "") -> Any:
     """Replace every distribution inside a value by its middle.
 
     The mean of ``normal`` and ``uniform``, the geometric one of ``log_uniform``, the first entry of a list.

@@ -16,7 +16,7 @@ _NUMBERS = count()
 
 
 @contextmanager
-def atomic_path(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
+def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
     """Write a file atomically: complete under its name, or absent.
 
     The block writes to a path next to it, which then takes its name; no other process or thread writes to that path.
@@ -61,7 +61,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
     The file is complete or as it was before; errors are those of the system.
     """
-    with atomic_path(path, os_errors=True) as partial:
+    with open_atomically(path, os_errors=True) as partial:
         partial.write_bytes(content)
 
 
@@ -71,7 +71,7 @@ def sync_file(path: Path) -> None:
         os.fsync(handle.fileno())
 
 
-def file_sha256(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """Compute the hexadecimal SHA-256 of a file."""
     with path.open("rb") as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest()

@@ -20,7 +20,7 @@ GRACE_SECONDS = 8.0
 """How long a command may take to stop in order, before it is ended."""
 
 
-class _Mark:
+class _StopRequest:
     """Mark that a signal to stop has arrived."""
 
     requested = False
@@ -30,10 +30,10 @@ class _Mark:
     came = False
     """Ever, in a command."""
     watched = False
-    """Whether this process is a command that :func:`end_on_signals` looks after."""
+    """Whether this process is a command that :func:`restore_signals` looks after."""
 
 
-_mark = _Mark()
+_mark = _StopRequest()
 
 
 @contextmanager
@@ -90,7 +90,7 @@ def _request(number: int, frame: FrameType | None) -> None:
     _mark.requested = _mark.came = True
 
 
-def end_on_signals() -> None:
+def restore_signals() -> None:
     """Let the signals end this process, whatever it does.
 
     Outside of :func:`stop_in_order` they raise KeyboardInterrupt. What has not ended :data:`GRACE_SECONDS` later, since
@@ -108,10 +108,10 @@ def end_on_signals() -> None:
     os.set_blocking(there, False)
     signal.set_wakeup_fd(there, warn_on_full_buffer=False)
     os.register_at_fork(after_in_child=lambda: signal.set_wakeup_fd(-1))
-    threading.Thread(target=_end_late, args=(here,), daemon=True, name="end on signals").start()
+    threading.Thread(target=_end_after_delay, args=(here,), daemon=True, name="end on signals").start()
 
 
-def signal_came() -> bool:
+def is_stop_requested() -> bool:
     """Return True if a stop signal has come."""
     return _mark.came
 
@@ -121,7 +121,7 @@ def _raise(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _end_late(pipe: int) -> None:
+def _end_after_delay(pipe: int) -> None:
     """End the process at a second signal or after a delay."""
     wanted = {*SIGNALS}
     while not {*os.read(pipe, 64)} & wanted:
@@ -130,21 +130,21 @@ def _end_late(pipe: int) -> None:
         end = time.monotonic() + GRACE_SECONDS / 4
         while select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0]:
             if {*os.read(pipe, 64)} & wanted:
-                _end_now()
+                _end_process()
         if not _mark.active:
             _thread.interrupt_main()  # once more, in case that a library dropped the exception
             if select.select([pipe], [], [], 0.01)[0]:  # this one, not a second signal
                 os.read(pipe, 64)
-    _end_now()
+    _end_process()
 
 
-def _end_now() -> None:
+def _end_process() -> None:
     os.write(2, b"stopped at once\n")
     os._exit(130)
 
 
 @contextmanager
-def without_ctrl_c() -> Iterator[None]:
+def ignore_ctrl_c() -> Iterator[None]:
     """Start processes that Ctrl-C does not reach.
 
     In this process Ctrl-C is postponed to the end of the block.

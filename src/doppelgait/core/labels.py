@@ -98,7 +98,7 @@ class Plain:
         Values of every coordinate by name.
     attrs : dict
     like : DataArray
-        Array with the coordinates that :meth:`labelled` copies.
+        Array with the coordinates that :meth:`add_labels` copies.
     columns : slice, optional
         Part of that array along its first dimension.
     """
@@ -114,7 +114,7 @@ class Plain:
     def of(cls, array: xr.DataArray, schema: Schema) -> Plain:
         """Strip a valid labelled array of its labels."""
         check_signal(array, schema)
-        axes = {str(name): axis(array, str(name)) for name in array.coords.variables}
+        axes = {str(name): read_axis(array, str(name)) for name in array.coords.variables}
         return cls(schema, np.ascontiguousarray(array.values), axes, dict(array.attrs), array)
 
     @property
@@ -127,13 +127,13 @@ class Plain:
         """Length of every dimension by name."""
         return dict(zip(self.schema.dims, self.values.shape, strict=True))
 
-    def labelled(self) -> xr.DataArray:
+    def add_labels(self) -> xr.DataArray:
         """Make the labelled array."""
         like = self.like if self.columns is None else self.like.isel({self.like.dims[0]: self.columns})
         own = {name: self.axes[name] for name in self.schema.dims if name not in like.coords.variables}
         if own or self.schema.dims != like.dims:
             return make_array(self.schema, self.values, own, self.attrs, like=like)
-        return with_values(like, self.values, schema=self.schema, attrs=self.attrs)
+        return replace_array_values(like, self.values, schema=self.schema, attrs=self.attrs)
 
 
 Signal = TypeVar("Signal", xr.DataArray, Plain)
@@ -197,13 +197,13 @@ def take_columns(array: Signal, columns: slice) -> Signal:
     if not isinstance(array, Plain):
         return array.isel({array.dims[0]: columns})
     if array.columns is not None:
-        return take_columns(Plain.of(array.labelled(), array.schema), columns)
+        return take_columns(Plain.of(array.add_labels(), array.schema), columns)
     along, named = array.schema.dims[:1], array.like.coords.variables
     axes = {name: values[columns] if named[name].dims == along else values for name, values in array.axes.items()}
     return Plain(array.schema, array.values[columns], axes, dict(array.attrs), array.like, columns)
 
 
-def with_values(
+def replace_array_values(
     array: Signal,
     values: npt.NDArray[Any] | LazilyIndexedArray,
     *,
@@ -257,13 +257,13 @@ def label_table(
         Variables by name.
     attrs : mapping, optional
     """
-    return xr.Dataset(_scatterer_variables(values), coords=coords, attrs=attrs)
+    return xr.Dataset(_make_scatterer_variables(values), coords=coords, attrs=attrs)
 
 
 def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
     """Return a scatterer table with some variables replaced or added."""
     variables: dict[Any, xr.Variable] = dict(table.data_vars.variables)
-    return xr.Dataset(variables | _scatterer_variables(values), coords=table.coords.variables, attrs=table.attrs)
+    return xr.Dataset(variables | _make_scatterer_variables(values), coords=table.coords.variables, attrs=table.attrs)
 
 
 def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
@@ -297,7 +297,7 @@ def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: boo
     return xr.Dataset(variables, coords=coords, attrs=table.attrs)
 
 
-def _scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[Any, xr.Variable]:
+def _make_scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[Any, xr.Variable]:
     dims = ("slow_time", "scatterer")
     units = ({"units": SCATTERER_VARIABLES[name]} if name in SCATTERER_VARIABLES else None for name in values)
     return {name: label_values(dims, array, unit) for (name, array), unit in zip(values.items(), units, strict=True)}
@@ -343,7 +343,7 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
     return variable, index
 
 
-def axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArray[Any]:
+def read_axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArray[Any]:
     """Return the values of a coordinate.
 
     ``array.coords[name]`` makes a labelled array first, which takes 30 times as long.

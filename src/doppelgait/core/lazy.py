@@ -14,7 +14,7 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from doppelgait.core.labels import with_values
+from doppelgait.core.labels import replace_array_values
 
 Matrix = npt.NDArray[np.complex64]
 
@@ -52,12 +52,12 @@ def lazy_rows(
     return LazilyIndexedArray(_Source(shape, dtype, rows))
 
 
-def rows_of(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
+def read_pulses(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
     """Return some pulses of a baseband, (pulses, range bins)."""
     return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
 
 
-def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
+def read_tiles(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
     """Yield the first pulse and the values, tile by tile.
 
     Every tile but the last has a multiple of so many pulses. A short recording is one tile.
@@ -65,17 +65,17 @@ def tiles_of(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterato
     count = baseband.sizes["slow_time"]
     size = count if count <= LONG_PULSES else max(LONG_PULSES // multiple, 1) * multiple
     for first in range(0, count, size):
-        yield first, rows_of(baseband, first, min(first + size, count))
+        yield first, read_pulses(baseband, first, min(first + size, count))
 
 
-def stays_lazy(baseband: xr.DataArray) -> bool:
+def is_lazy(baseband: xr.DataArray) -> bool:
     """Return True if a long baseband is still on demand."""
     return baseband.sizes["slow_time"] > LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
 
 
-def every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
+def take_every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[Any]:
     """Return every ``step``-th row of an array, from the first."""
-    return np.concatenate([tile[-first % step :: step].copy() for first, tile in tiles_of(array)])
+    return np.concatenate([tile[-first % step :: step].copy() for first, tile in read_tiles(array)])
 
 
 def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:
@@ -88,7 +88,7 @@ def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) ->
         Gets some pulses and the number of the first, and returns as many; it must not change what it gets.
     """
     if baseband.sizes["slow_time"] <= LONG_PULSES:
-        return with_values(baseband, change(baseband.values, 0))
-    return with_values(
-        baseband, lazy_rows(baseband.shape, lambda first, stop: change(rows_of(baseband, first, stop), first))
+        return replace_array_values(baseband, change(baseband.values, 0))
+    return replace_array_values(
+        baseband, lazy_rows(baseband.shape, lambda first, stop: change(read_pulses(baseband, first, stop), first))
     )

@@ -56,7 +56,7 @@ def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> st
 def _picture(name: str, value: Any) -> str:
     """Draw an object; return its PNG in base64."""
     drawing = import_module(DRAWING)
-    figure, axes = drawing.new_axes(width_in=PICTURE_IN[0], height_in=PICTURE_IN[1])
+    figure, axes = drawing.make_axes(width_in=PICTURE_IN[0], height_in=PICTURE_IN[1])
     plot(name, value, ax=axes)
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=80, metadata={"Software": None})

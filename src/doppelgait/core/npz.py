@@ -50,7 +50,7 @@ def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
             check_cost(path, math.prod(shape) * max(dtype.itemsize, NUMBER_BYTES), error)
             return _read_values("the array", stream, path.stat().st_size, shape, fortran_order, dtype)
     except _FAULTS as fault:
-        raise _damaged(path, fault, error) from None
+        raise _describe_damage(path, fault, error) from None
 
 
 def load_npz(
@@ -90,7 +90,7 @@ def load_npz(
                     found[name] = _read_values(members[name].filename, stream, size, shape, fortran_order, dtype)
             return found
     except _FAULTS as fault:
-        raise _damaged(path, fault, error) from None
+        raise _describe_damage(path, fault, error) from None
 
 
 def _read_header(
@@ -125,6 +125,6 @@ def _read_values(
     return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
 
 
-def _damaged(path: Path, fault: BaseException, error: Callable[[str], Exception]) -> Exception:
+def _describe_damage(path: Path, fault: BaseException, error: Callable[[str], Exception]) -> Exception:
     reason = " ".join(str(fault).split()).split(". ")[0][:200] or type(fault).__name__
     return error(f"{path}: is a damaged or unusual NumPy file ({reason}); save it again with numpy.savez")

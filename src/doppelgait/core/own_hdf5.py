@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from doppelgait.core.cost import cost_fault, limit_bytes
+from doppelgait.core.cost import describe_excess_memory, limit_bytes
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
@@ -65,7 +65,7 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
     path : path-like
     members : bool
         Check all links and datasets now. False where the caller reads attributes of the root only, or takes every
-        member by :func:`own_member`.
+        member by :func:`get_own_member`.
     soft_links : bool
         Allow links to other places of the same file, and attributes and references of any type, which vendors' files
         have. The caller must not read these attributes.
@@ -88,7 +88,7 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
 
     place = Path(path)
     facts = place.stat()
-    if fault := _file_fault(place, (facts.st_ino, facts.st_size, facts.st_mtime_ns)):
+    if fault := _find_file_fault(place, (facts.st_ino, facts.st_size, facts.st_mtime_ns)):
         raise ValueError(fault)
     file = h5py.File(place, "r", **options)
     try:
@@ -105,10 +105,10 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
 def is_hdf5(path: str | Path) -> bool:
     """Return whether a file has the signature of HDF5."""
     with Path(path).open("rb") as file:
-        return _signature_at(file.read(USER_BLOCKS[-1] + len(SIGNATURE))) is not None
+        return _find_signature(file.read(USER_BLOCKS[-1] + len(SIGNATURE))) is not None
 
 
-def stated_format(path: str | Path) -> str | None:
+def read_stated_format(path: str | Path) -> str | None:
     """Return an HDF5 file's stated format, or None.
 
     None for any file that is not of doppelgait.
@@ -121,7 +121,7 @@ def stated_format(path: str | Path) -> str | None:
     return stated if isinstance(stated, str) else None
 
 
-def own_member(group: Any, name: str) -> Any:
+def get_own_member(group: Any, name: str) -> Any:
     """Return a dataset or group of an HDF5 group itself.
 
     Parameters
@@ -160,7 +160,7 @@ def own_member(group: Any, name: str) -> Any:
 def _check_limit(n_bytes: int, path: Path) -> None:
     stored_bytes = path.stat().st_size
     if n_bytes > limit_bytes(stored_bytes):
-        raise ValueError(cost_fault(n_bytes, stored_bytes, "its values"))
+        raise ValueError(describe_excess_memory(n_bytes, stored_bytes, "its values"))
 
 
 def _check_members(file: Any, path: Path, soft_links: bool) -> None:
@@ -310,7 +310,7 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
 
 
 @lru_cache(maxsize=64)
-def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
+def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """Return why HDF5 must not open a file, or "".
 
     Texts lie in global heaps, chains of objects that each hold their length; the library follows a length of 0 without
@@ -320,7 +320,7 @@ def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """
     with path.open("rb") as file:
         head = file.read(USER_BLOCKS[-1] + 64)
-        at = _signature_at(head)
+        at = _find_signature(head)
         if at is None:
             return "it is no HDF5 file"
         version = head[at + 8] if len(head) > at + 8 else 0
@@ -332,12 +332,12 @@ def _file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
             if (found := TEXT.match(following)) and (length := int.from_bytes(found[1], "little")) > size:
                 return f"one of its attributes is a text of {length:,} bytes, the file has {size:,}"
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            for start in _endless_heaps(content, (at for at, _ in _find(file, HEAP))):
+            for start in _find_endless_heaps(content, (at for at, _ in _find(file, HEAP))):
                 return f"its heap at byte {start} has no end"
     return ""
 
 
-def _signature_at(head: bytes) -> int | None:
+def _find_signature(head: bytes) -> int | None:
     return next((at for at in USER_BLOCKS if head[at : at + len(SIGNATURE)] == SIGNATURE), None)
 
 
@@ -362,7 +362,7 @@ def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, by
         first += n_starts
 
 
-def _endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
+def _find_endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
     """Yield the start of every heap with endless objects.
 
     Chains of a damaged file may run into each other; every object is looked at once.

@@ -96,7 +96,7 @@ def plugin(
     Parameters
     ----------
     group : str
-        ``impairment``, ``waveform``, ``feature``, ...: a key of :func:`plugin_groups`.
+        ``impairment``, ``waveform``, ``feature``, ...: a key of :func:`list_plugin_groups`.
     name : str, optional
         By default the value of the field ``kind`` of ``parameters``.
     parameters : type of FrozenModel, optional
@@ -164,7 +164,7 @@ class Group(Generic[T]):
         self._complete = False
         _GROUPS[name] = self
 
-    def _plugins(self) -> dict[str, Plugin[T]]:
+    def _load_plugins(self) -> dict[str, Plugin[T]]:
         known = _REGISTERED.setdefault(self.name, {})
         if not self._complete:
             # Several threads may do this at once: importing twice is harmless, and Python's own import lock makes each
@@ -178,23 +178,23 @@ class Group(Generic[T]):
         return known
 
     def __getitem__(self, name: str) -> Plugin[T]:
-        found = self._plugins()
+        found = self._load_plugins()
         if name not in found:
             raise ConfigError(f"unknown {self.noun} {name!r}; known are: {', '.join(sorted(found))}")
         return found[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._plugins()
+        return name in self._load_plugins()
 
     def __iter__(self) -> Iterator[str]:
-        return iter(sorted(self._plugins()))
+        return iter(sorted(self._load_plugins()))
 
     def __len__(self) -> int:
-        return len(self._plugins())
+        return len(self._load_plugins())
 
     def values(self) -> list[Plugin[T]]:
         """Return all plug-ins in the order of their names."""
-        found = self._plugins()
+        found = self._load_plugins()
         return [found[name] for name in sorted(found)]
 
     def of(self, parameters: FrozenModel) -> Plugin[T]:
@@ -239,7 +239,7 @@ class Group(Generic[T]):
         return Annotated[SerializeAsAny[FrozenModel], BeforeValidator(parse)]
 
 
-def plugin_groups() -> dict[str, Group[Any]]:
+def list_plugin_groups() -> dict[str, Group[Any]]:
     """Return all groups of plug-ins by name.
 
     Rooms that were not imported yet are imported.
@@ -251,7 +251,7 @@ def plugin_groups() -> dict[str, Group[Any]]:
     return dict(sorted(_GROUPS.items()))
 
 
-def foreign_plugins() -> list[Plugin[Any]]:
+def list_foreign_plugins() -> list[Plugin[Any]]:
     """List the plug-ins that do not come with doppelgait."""
     _load_packages()
     found = [item for known in _REGISTERED.values() for item in known.values()]
@@ -271,7 +271,7 @@ def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = N
     files : mapping, optional
         Files by group of readers: a reader with ``sniff`` is used where it takes one of them.
     """
-    foreign = foreign_plugins()
+    foreign = list_foreign_plugins()
     names: dict[str, set[str]] = {}
 
     def collect(value: Any, key: str) -> None:
@@ -294,7 +294,7 @@ def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = N
         sniff = item.facts.get("sniff") or getattr(item.run, "sniff", None)
         for path in (files or {}).get(item.group, ()):
             with suppress(OSError):
-                looks = (path,) if sniff and len(signature(sniff).parameters) < 2 else (path, _head_of(path))
+                looks = (path,) if sniff and len(signature(sniff).parameters) < 2 else (path, _read_head(path))
                 used = used or sniff is None or bool(sniff(*looks))
         if used:
             fields = {} if item.parameters is None else item.parameters.model_fields
@@ -303,7 +303,7 @@ def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = N
     return found
 
 
-def _head_of(path: Path) -> bytes:
+def _read_head(path: Path) -> bytes:
     with path.open("rb") as handle:
         return handle.read(4096)
 
@@ -330,7 +330,7 @@ def _load_packages() -> None:
         if not new:
             return
         _LOADED.update(entry.value for entry in new)
-        for group in plugin_groups().values():  # doppelgait's own names come first: no other package may take them
+        for group in list_plugin_groups().values():  # doppelgait's own names come first: no other package may take them
             for module in group._built_in:
                 import_module(module)
         for entry in new:

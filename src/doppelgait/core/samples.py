@@ -48,11 +48,11 @@ def borrow_planes(shape: tuple[int, ...]) -> Planes:
     # Views of an array refer to the array that owns the memory; behind a buffer they refer to this one.
     planes = np.frombuffer(memory.data, dtype=np.float32)
     if 0 < memory.nbytes <= LARGEST_SPARE_BYTES:
-        weakref.finalize(planes, _give_back, spare, memory).atexit = False
+        weakref.finalize(planes, _return_memory, spare, memory).atexit = False
     return planes.reshape(shape)
 
 
-def _give_back(spare: list[Planes], memory: Planes) -> None:
+def _return_memory(spare: list[Planes], memory: Planes) -> None:
     if len(spare) < 2:
         spare.append(memory)
 
@@ -281,7 +281,7 @@ class Samples:
             return self
         from doppelgait.core.kernels.noise import add_noise_block, add_noise_matrix
 
-        noisy = self._make(self.shape, self._matrix, self._planes, None, self._owned)._writable()
+        noisy = self._make(self.shape, self._matrix, self._planes, None, self._owned)._make_writable()
         if noisy._matrix is not None:
             add_noise_matrix(noisy._matrix, *self._noise)
         elif noisy._planes is not None:
@@ -294,7 +294,7 @@ class Samples:
         """Add pending noise in memory of its own."""
         return self._make(self.shape, self._matrix, self._planes, self._noise, False).settle()
 
-    def _writable(self, keep: bool = True) -> Samples:
+    def _make_writable(self, keep: bool = True) -> Samples:
         """Return samples that may be changed.
 
         Where they are not these themselves, their values are copied (``keep``) or mean nothing.
@@ -336,7 +336,7 @@ class Samples:
         from doppelgait.core.kernels.parts import quantise_parts
 
         settled = self.settle()
-        changed = settled._writable(keep=False)
+        changed = settled._make_writable(keep=False)
         values, n = settled._rows()
         n_beyond = quantise_parts(
             values, n, float(step), float(lowest), float(highest), float(limit), changed._rows()[0]
@@ -359,14 +359,14 @@ class Samples:
         settled = self.settle()
         if settled._planes is None:
             settled = Samples.from_planes(settled.planes, self.shape[0])
-        changed = settled._writable(keep=False)
+        changed = settled._make_writable(keep=False)
         assert settled._planes is not None
         assert changed._planes is not None
         work = np.empty(LANES), np.empty(LANES, dtype=np.float32)
         rotate_parts(*settled._planes, *map(np.ascontiguousarray, (common, phases, weights)), *work, *changed._planes)
         return changed
 
-    def largest_part(self) -> float:
+    def find_largest_part(self) -> float:
         """Return the largest in-phase or quadrature magnitude."""
         from doppelgait.core.kernels.parts import largest_bits
 
@@ -381,7 +381,7 @@ class Samples:
 
     def repeat(self, pulses: npt.NDArray[np.int64], sources: npt.NDArray[np.int64]) -> Samples:
         """Overwrite some pulses by other pulses."""
-        changed = self.settle()._writable()
+        changed = self.settle()._make_writable()
         if changed._matrix is not None:
             changed._matrix[pulses] = changed._matrix[sources]
         elif changed._planes is not None:
@@ -397,7 +397,7 @@ class Samples:
         ----------
         pulses, columns, values : ndarray, broadcast against each other
         """
-        changed, added = self.settle()._writable(), np.asarray(values)
+        changed, added = self.settle()._make_writable(), np.asarray(values)
         if changed._matrix is not None:
             changed._matrix[pulses, columns] += added
         elif changed._planes is not None:
@@ -405,12 +405,12 @@ class Samples:
             changed._planes[1][columns, pulses] += added.imag
         return changed
 
-    def unbalance(self, gain: float, phase_rad: float) -> Samples:
+    def apply_imbalance(self, gain: float, phase_rad: float) -> Samples:
         """Apply gain and phase imbalance to the quadrature part.
 
         The result is Re y + j gain Im(y e^(j phase)).
         """
-        changed = self.settle()._writable()
+        changed = self.settle()._make_writable()
         by_im, by_re = np.float32(gain * math.cos(phase_rad)), np.float32(gain * math.sin(phase_rad))
         if changed._planes is not None:
             re, im = changed._planes
@@ -432,28 +432,28 @@ class Samples:
             return NotImplemented
         if method == "__call__" and not options and ufunc in (np.add, np.multiply):  # an array on the left
             other = inputs[1] if inputs[0] is self else inputs[0]
-            return _change(self.copy(), ufunc, other)
+            return _change_samples(self.copy(), ufunc, other)
         arrays = [value.matrix if isinstance(value, Samples) else value for value in inputs]
         found = getattr(ufunc, method)(*arrays, **options)
         same = isinstance(found, np.ndarray) and found.dtype.kind == "c" and found.shape == self.shape
         return Samples.own(found) if same else found
 
     def __add__(self, other: Any) -> Samples:
-        return _change(self.copy(), np.add, other)
+        return _change_samples(self.copy(), np.add, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Samples:
-        return _change(self.copy(), np.subtract, other)
+        return _change_samples(self.copy(), np.subtract, other)
 
     def __rsub__(self, other: Any) -> Samples:
-        return _change(-self, np.add, other)
+        return _change_samples(-self, np.add, other)
 
     def __neg__(self) -> Samples:
-        return _change(self.copy(), np.multiply, -1.0)
+        return _change_samples(self.copy(), np.multiply, -1.0)
 
     def __truediv__(self, other: Any) -> Samples:
-        return _change(self.copy(), np.multiply, 1.0 / np.asarray(other))
+        return _change_samples(self.copy(), np.multiply, 1.0 / np.asarray(other))
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -462,26 +462,26 @@ class Samples:
         return self.matrix[index]
 
     def __mul__(self, other: Any) -> Samples:
-        return _change(self.copy(), np.multiply, other)
+        return _change_samples(self.copy(), np.multiply, other)
 
     __rmul__ = __mul__
 
     def __iadd__(self, other: Any) -> Samples:
-        return _change(self, np.add, other)
+        return _change_samples(self, np.add, other)
 
     def __isub__(self, other: Any) -> Samples:
-        return _change(self, np.subtract, other)
+        return _change_samples(self, np.subtract, other)
 
     def __imul__(self, other: Any) -> Samples:
-        return _change(self, np.multiply, other)
+        return _change_samples(self, np.multiply, other)
 
 
-def _change(samples: Samples, ufunc: Any, other: Any) -> Samples:
+def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
     """Add, subtract or multiply samples by an operand.
 
     The operand is a number, an array that fits (pulses, samples), or samples.
     """
-    changed = samples.settle()._writable()
+    changed = samples.settle()._make_writable()
     if changed._matrix is not None:
         values = other.matrix if isinstance(other, Samples) else np.asarray(other)
         ufunc(changed._matrix, values, out=changed._matrix, casting="same_kind")

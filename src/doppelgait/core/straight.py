@@ -16,7 +16,7 @@ PARABOLA, LINE = 3, 2
 """Parameters of straight motion, and of motion straight towards or away from the radar."""
 
 
-def straight_probability(
+def compute_straight_probability(
     residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
     r"""Compute the chance of larger residuals in straight, steady motion.
@@ -30,18 +30,18 @@ def straight_probability(
     residual_m : ndarray
         Ranges less those of the motion that fits best.
     range_sd_m, duration_s, way_m, n_parameters
-        As in :func:`straight_chance`.
+        As in :func:`compute_straight_probability_of_square`.
     """
-    return straight_chance(
+    return compute_straight_probability_of_square(
         float(residual_m @ residual_m) / residual_m.size, range_sd_m=range_sd_m, duration_s=duration_s, way_m=way_m,
         n_parameters=n_parameters,
     )  # fmt: skip
 
 
-def straight_chance(
+def compute_straight_probability_of_square(
     square_m2: float, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
-    """Compute :func:`straight_probability` from the residuals' mean square.
+    """Compute :func:`compute_straight_probability` from the residuals' mean square.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ for its pages again, a tenth of its time. Other systems ignore them."""
 
 
 @contextmanager
-def worker_environment() -> Iterator[None]:
+def mark_workers() -> Iterator[None]:
     """Mark processes started in this context as workers.
 
     The caller's own environment is restored afterwards.
@@ -56,7 +56,7 @@ _limits: list[Any] = []
 
 
 @contextmanager
-def one_blas_thread() -> Iterator[None]:
+def limit_blas_threads() -> Iterator[None]:
     """Limit this process's matrix products to one thread.
 
     The limit lasts until the last user ends: the bytes of a product depend on the number of threads.
@@ -66,7 +66,7 @@ def one_blas_thread() -> Iterator[None]:
     """
     with _limiting:
         if not _limits:
-            _limits.append(_blas().limit(limits=1))
+            _limits.append(_find_blas().limit(limits=1))
         _limits.append(None)
     try:
         yield
@@ -78,7 +78,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 @lru_cache(maxsize=1)
-def _blas() -> Any:
+def _find_blas() -> Any:
     """Find and cache the controller of all BLAS libraries.
 
     Finding them takes 5 ms, so it is done once. SciPy's must be loaded to be found.

@@ -21,27 +21,27 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
-from doppelgait.dataset.config import PlanConfig, differences
+from doppelgait.dataset.config import PlanConfig, list_differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
     LOG,
     SCHEMA_VERSION,
     SUMS,
+    compute_dataset_id,
     count_shards,
-    dataset_id,
     finish_dataset,
     make_index,
     plan_header,
     write_description,
 )
-from doppelgait.dataset.lock import PATTERN, Part, build_lock, running_builds
-from doppelgait.dataset.plan import Plan, Shard, plan_dataset, spread
+from doppelgait.dataset.lock import PATTERN, Part, build_lock, list_running_builds
+from doppelgait.dataset.plan import Plan, Shard, plan_dataset, sample_examples
 from doppelgait.dataset.shard import BuildContext, build_shard
 
-__all__ = ["BuildReport", "build_dataset", "finished_record", "make_index"]
+__all__ = ["BuildReport", "build_dataset", "make_index", "read_finished_record"]
 
 Progress = Callable[[int, int], None]
 
@@ -199,21 +199,21 @@ def build_dataset(
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
-    drawn = list(spread(plan, CHECKED_EXAMPLES))
+    drawn = list(sample_examples(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():
         warn_of_leaks(drawn, np.random.default_rng(0), leaks=plan.config.dataset.leaks)
     shards = tuple(plan.shards())
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
-    job = _Job(target, plan, dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)
+    job = _Job(target, plan, compute_dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)
     try:
         _refuse_foreign(job)
         job.target.mkdir(parents=True, exist_ok=True)
-        with _stoppable(job.target), build_lock(job.target, chosen):
+        with _stop_in_order(job.target), build_lock(job.target, chosen):
             tally = _build_missing(job, executor, workers, on_progress)
-            _sweep(job)
+            _remove_unfinished_files(job)
             own = {shard.name for shard in mine}
             others = [shard for shard in shards if shard.name not in own]
-            missing = sum(_whole_record(job.target, shard, job.identity) is None for shard in others)
+            missing = sum(_read_complete_record(job.target, shard, job.identity) is None for shard in others)
             totals = None
             if not missing:
                 header = plan_header(job.plan.config, job.identity, job.plan.folder)
@@ -260,7 +260,7 @@ def _refuse_foreign(job: _Job) -> None:
                 f"{job.target}: was made with data version {version}, this doppelgait makes {DATA_VERSION} and other "
                 "bytes; make the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
             )
-        changes = list(differences(config, job.plan.config.model_dump(mode="json")))
+        changes = list(list_differences(config, job.plan.config.model_dump(mode="json")))
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise DatasetError(
             f"{job.target}: holds dataset {stated} of another configuration "
@@ -277,7 +277,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     _refuse_foreign(job)  # again, now that no other build can write
     missing = []
     for shard in job.own:
-        record = finished_record(job.target, shard, job.identity)
+        record = read_finished_record(job.target, shard, job.identity)
         if record is None:
             missing.append(shard)
         else:
@@ -291,7 +291,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
         job.target, plan_header(job.plan.config, job.identity, job.plan.folder).describe(counts, complete=False)
     )
     (job.target / "shards").mkdir(exist_ok=True)
-    _sweep(job)
+    _remove_unfinished_files(job)
     context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target), job.identity)
     done, total = tally.reused, sum(len(shard.examples) for shard in job.own)
     work = partial(_build_one, context=context, release=RELEASE)
@@ -312,7 +312,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
                 if on_progress is not None:
                     on_progress(done, total)
     finally:
-        _sweep(job)
+        _remove_unfinished_files(job)
     return tally
 
 
@@ -331,16 +331,16 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
 
 
-def finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
+def read_finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
     """Return a complete dataset shard's record, else None.
 
     Shards with failures count as incomplete.
     """
-    record = _whole_record(target, shard, identity)
+    record = _read_complete_record(target, shard, identity)
     return None if record is None or record["failures"] else record
 
 
-def _whole_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
+def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
     """Return a complete dataset shard's record, else None."""
     raise_if_stopped()
     path = target / "shards" / f"{shard.name}.h5"
@@ -352,7 +352,7 @@ def _whole_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] |
             (record["dataset"], record["shard"]) == (identity, shard.name)
             and known == expected
             and len(record["contents_sha256"]) == 64
-            and file_sha256(path) == record["sha256"]
+            and hash_file(path) == record["sha256"]
             and path.stat().st_size == record["bytes"]
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -360,21 +360,21 @@ def _whole_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] |
     return record if whole else None
 
 
-def _sweep(job: _Job) -> None:
+def _remove_unfinished_files(job: _Job) -> None:
     """Remove half-written files.
 
     While other parts are at work only those of the own shards are removed.
     """
     own = {shard.name for shard in job.own}
     leftovers = list(job.target.rglob("*.partial"))  # before the look at the locks: who writes has locked before
-    alone = len(running_builds(job.target)) <= 1
+    alone = len(list_running_builds(job.target)) <= 1
     for leftover in leftovers:
         if alone or leftover.name.partition(".")[0] in own:
             leftover.unlink(missing_ok=True)
 
 
 @contextmanager
-def _stoppable(target: Path) -> Iterator[None]:
+def _stop_in_order(target: Path) -> Iterator[None]:
     """Stop the block in order on Ctrl-C and on termination.
 
     The message says how to resume.

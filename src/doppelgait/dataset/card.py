@@ -29,7 +29,7 @@ def blocks_release(licence: str) -> bool:
     return any(FREE.fullmatch(part.strip()) is None for part in licence.split(" AND "))
 
 
-def licences_of(index: pd.DataFrame) -> pd.DataFrame:
+def list_licences(index: pd.DataFrame) -> pd.DataFrame:
     """List the recordings of an index with their licences.
 
     Columns are ``recording``, ``licence``, ``rows`` and ``blocked``; the table is empty for models.
@@ -48,9 +48,9 @@ def licences_of(index: pd.DataFrame) -> pd.DataFrame:
     return counts.assign(blocked=[blocks_release(text) for text in counts["licence"]])[columns]
 
 
-def blocked_recordings(index: pd.DataFrame) -> list[str]:
+def list_blocked_recordings(index: pd.DataFrame) -> list[str]:
     """List the recordings that block a release, with licence."""
-    table = licences_of(index)
+    table = list_licences(index)
     blocked = table[table["blocked"]].to_dict("records")
     return [f"{row['recording']} ({row['licence'] or 'licence unknown'})" for row in blocked]
 
@@ -58,7 +58,7 @@ def blocked_recordings(index: pd.DataFrame) -> list[str]:
 def release_warning(licences: pd.DataFrame) -> str:
     """Return a sentence on the licences that block a release.
 
-    It is made from :func:`licences_of`, and empty if nothing blocks.
+    It is made from :func:`list_licences`, and empty if nothing blocks.
     """
     blocked = int(licences["blocked"].sum())
     if not blocked:
@@ -104,7 +104,7 @@ pretty_name: {name}
 
 
 def _fill(index: pd.DataFrame, **texts: str) -> str:
-    counts, features = markdown_table(counts_table(index)), markdown_table(feature_table(index))
+    counts, features = format_markdown_table(count_examples(index)), format_markdown_table(tabulate_features(index))
     return CARD.format(counts=counts, features=features, **texts)
 
 
@@ -151,13 +151,13 @@ MAKE_AGAIN = """
 with the `config` of `dataset.json` as the plan; `doppelgait dataset verify {name}` proves that it is the same."""
 
 
-def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
+def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     """Write the Markdown card of a simulated dataset."""
     name, total = plan.dataset.name, len(index)
     sizes = [("n<1K", 1e3), ("1K<n<10K", 1e4), ("10K<n<100K", 1e5), ("100K<n<1M", 1e6)]  # as data hubs write it
     size = next((words for words, limit in sizes if total < limit), "n>1M")
     front = (
-        f"{'license: other' + chr(10) if len(licences_of(index)) else ''}task_categories: [other]\n"
+        f"{'license: other' + chr(10) if len(list_licences(index)) else ''}task_categories: [other]\n"
         f"tags: [radar, micro-doppler, gait, synthetic]\nsize_categories: [{size}]\n"
     )
     recorded = index if index.empty else index[index["source"] == "recording"]
@@ -190,10 +190,10 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     ])  # fmt: skip
     gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
     return _fill(
-        index, name=name, front=front, subjects=" ".join(subjects), making=_leaks(plan.dataset.leaks),
+        index, name=name, front=front, subjects=" ".join(subjects), making=_format_leaks(plan.dataset.leaks),
         rows=SIMULATED_ROWS,
         summary=f"{total} simulated micro-Doppler examples made by doppelgait {__version__}, dataset id `{identity}`.\n"
-        + _origin(plan, index, recorded),
+        + _describe_origin(plan, index, recorded),
         files=SIMULATED_FILES.format(gate=gate), limits=limits + MAKE_AGAIN.format(name=name),
     )  # fmt: skip
 
@@ -204,7 +204,7 @@ def _radar_limits(index: pd.DataFrame) -> list[str]:
     reached = [name for name in LIMITS if any(row[name] for row in counts)]
     if not reached:
         return ["- Of the radar: no row aliases in Doppler, leaves the frame or loses a part of its gate."]
-    table = markdown_table(pd.DataFrame(counts)[["class", "rows", *reached]])
+    table = format_markdown_table(pd.DataFrame(counts)[["class", "rows", *reached]])
     return ["- Of the radar: rows of a scene that reaches a limit, or whose gate the frame cuts off.", "", table]
 
 
@@ -215,7 +215,7 @@ LEAK_SENTENCES = {
 """What a leak of a plan reveals; keys of ``target`` differ by class."""
 
 
-def _leaks(leaks: Sequence[str]) -> str:
+def _format_leaks(leaks: Sequence[str]) -> str:
     """Write the section on the leaks of a plan.
 
     It is empty without one.
@@ -229,12 +229,12 @@ def _leaks(leaks: Sequence[str]) -> str:
     )
 
 
-def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
+def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
     """Describe the source of the motion, with licences."""
     if recorded.empty:
         return f"Everything is simulated: {RADAR_SENTENCE} No recording of a person or animal is in it."
     others = "" if len(recorded) == len(index) else " The motion of the others comes from models."
-    table = licences_of(index)
+    table = list_licences(index)
     labels = {str(name): ", ".join(sorted(group["label"].unique())) for name, group in recorded.groupby("recording")}
     files = [
         f"- `{row['recording']}`: {row['rows']} ({labels[row['recording']]}), {row['licence'] or 'licence unknown'}"
@@ -300,7 +300,7 @@ def import_card(
     if isinstance(config.split, dict):
         shares = ", ".join(f"{split} {share:g}" for split, share in config.split.items())
         subjects.append(f"Subjects of every class were drawn by shares: {shares}; seed {config.seed}.")
-    table = licences_of(index)
+    table = list_licences(index)
     counts = table.groupby("licence")["recording"].nunique()
     sources = [f"- {licence or 'licence unknown'}: {count} recordings" for licence, count in counts.items()]
     if warning := release_warning(table):
@@ -338,7 +338,7 @@ def import_card(
     )  # fmt: skip
 
 
-def counts_table(index: pd.DataFrame) -> pd.DataFrame:
+def count_examples(index: pd.DataFrame) -> pd.DataFrame:
     """Count the examples by class and split."""
     if index.empty:
         return pd.DataFrame({"label": []})
@@ -346,7 +346,7 @@ def counts_table(index: pd.DataFrame) -> pd.DataFrame:
     return counts.reset_index()
 
 
-def feature_table(index: pd.DataFrame) -> pd.DataFrame:
+def tabulate_features(index: pd.DataFrame) -> pd.DataFrame:
     """Tabulate median and 5 to 95 % range per feature and class.
 
     The cells are texts and include the number of missing values.
@@ -367,7 +367,7 @@ def feature_table(index: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def markdown_table(table: pd.DataFrame) -> str:
+def format_markdown_table(table: pd.DataFrame) -> str:
     """Format a table as Markdown."""
     header = [str(name) for name in table.columns]
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]

@@ -36,22 +36,24 @@ def shorten(value: Any) -> str:
     return f"{text[: SHOWN_LENGTH - _TAIL - 3]}...{text[-_TAIL:]}"
 
 
-def differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
+def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
     """Yield dotted keys with differing values, ``key: old -> new``.
 
     A key that is missing on one side has the value ``absent``.
     """
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(set(old) | set(new)):
-            yield from differences(old.get(name, _ABSENT), new.get(name, _ABSENT), f"{key}.{name}" if key else name)
+            yield from list_differences(
+                old.get(name, _ABSENT), new.get(name, _ABSENT), f"{key}.{name}" if key else name
+            )
     elif isinstance(old, list) and isinstance(new, list):
         for number, (before, after) in enumerate(zip_longest(old, new, fillvalue=_ABSENT)):
-            yield from differences(before, after, f"{key}.{number}")
+            yield from list_differences(before, after, f"{key}.{number}")
     elif old != new:
-        yield f"{key}: {_shown(old)} -> {_shown(new)}"
+        yield f"{key}: {_format_value(old)} -> {_format_value(new)}"
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return "absent" if value is _ABSENT else shorten(value)
 
 
@@ -109,7 +111,7 @@ class FieldSpec(FrozenModel):
         return self
 
 
-def _field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
+def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
     """Return the tables of fields and their names.
 
     Anything else is left to their check.
@@ -225,10 +227,10 @@ class DatasetSection(FrozenModel):
 
     @field_validator("fields", mode="before")
     @classmethod
-    def _by_name(cls, fields: Any) -> Any:
+    def _name_fields(cls, fields: Any) -> Any:
         if not isinstance(fields, list | tuple):
             return fields
-        specs, names = _field_specs(fields)
+        specs, names = _list_field_specs(fields)
         if len(set(names)) < len(names):
             raise ValueError(f"names a field twice: {', '.join(names)}")
         return specs
@@ -267,14 +269,14 @@ class ClassSection(FrozenModel):
 
     @field_validator("label")
     @classmethod
-    def _plain(cls, label: str) -> str:
+    def _check_label(cls, label: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
             raise ValueError("may hold letters, digits, space and _ . - only")
         return label
 
     @field_validator("motion", mode="before")
     @classmethod
-    def _none(cls, motion: Any) -> Any:
+    def _parse_none(cls, motion: Any) -> Any:
         return {"kind": "none"} if motion == "none" else motion
 
 
@@ -359,7 +361,7 @@ class PlanConfig(FrozenModel):
             raise ValueError(f"scene.{min(unknown)}: unknown key; allowed are {', '.join(SCENE_KEYS)}")
         return self
 
-    def examples_of(self, section: ClassSection) -> int:
+    def count_class_examples(self, section: ClassSection) -> int:
         """Return the number of examples of a class."""
         return section.examples or self.dataset.examples_per_class
 
@@ -465,10 +467,10 @@ class ImportConfig(FrozenModel):
 
     @field_validator("fields", mode="before")
     @classmethod
-    def _by_name(cls, fields: Any) -> Any:
+    def _name_fields(cls, fields: Any) -> Any:
         if not isinstance(fields, list | tuple):
             return fields
-        specs, names = _field_specs(fields)
+        specs, names = _list_field_specs(fields)
         if len(set(names)) < len(names):
             raise ValueError("names a field twice")
         if unknown := [name for name in names if name not in FIELDS_OF_RECORDINGS]:
@@ -488,7 +490,7 @@ class ImportConfig(FrozenModel):
         return split
 
     @model_validator(mode="after")
-    def _hop_needs_a_window(self) -> Self:
+    def _check_hop(self) -> Self:
         if self.hop_s is not None and self.window_s is None:
             raise ValueError("hop_s: is the step from window to window; give window_s, too")
         return self

@@ -23,7 +23,7 @@ from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
 from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.shard_files import axis_name, decode
+from doppelgait.dataset.shard_files import decode, name_axis
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.radar_table import parse_radar
 from doppelgait.pipeline.result import Result
@@ -90,12 +90,12 @@ class Features:
         return len(self.y)
 
 
-def feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flags: Sequence[str]) -> Features:
+def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flags: Sequence[str]) -> Features:
     """Build the feature matrix of the rows of an index.
 
     See :meth:`doppelgait.dataset.Dataset.features`.
     """
-    columns = feature_columns(index, names)
+    columns = find_feature_columns(index, names)
     rows = index
     if without_flags:
         flags = index["quality_flags"].fillna("").to_numpy(dtype=object)
@@ -113,11 +113,11 @@ def feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flag
         matrix[:, place] = rows[column].to_numpy(dtype=np.float64, na_value=np.nan)
     group = "group" if "group" in rows else "subject"  # schema version 1 had one target per scene
     texts = {name: rows[name].to_numpy(dtype=str) for name in ("label", group, "id")}
-    units = tuple(FEATURE_UNITS.get(name) or unit_of(name) for name in columns)
+    units = tuple(FEATURE_UNITS.get(name) or parse_unit(name) for name in columns)
     return Features(matrix, texts["label"], texts[group], tuple(columns), units, texts["id"])
 
 
-def feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:
+def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:
     """Return the columns of the index by feature name.
 
     The names are a set (``six``, ``extended``) or a list.
@@ -132,16 +132,16 @@ def feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str
         raise DatasetError(f"features: {names!r} is not allowed; it must be 'six', 'extended' or a list of columns")
     for name in names:
         if name not in index:
-            raise DatasetError(f"features: no column {name!r}{nearest(name, map(str, index.columns))}")
+            raise DatasetError(f"features: no column {name!r}{suggest_names(name, map(str, index.columns))}")
     return {name: name for name in names}
 
 
-def unit_of(column: str) -> str:
+def parse_unit(column: str) -> str:
     """Return a column's unit, from its name's end."""
     return UNIT_OF_SUFFIX.get(column.rpartition("_")[2], "1")
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def suggest_names(name: str, known: Iterable[str]) -> str:
     """Return a hint of similar names for an error message.
 
     Without similar names it says how many names there are.
@@ -159,7 +159,7 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 """Array by its name in a shard, as stored; None where there is none."""
 
 
-def analysis_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
+def read_analysis(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
     """Return a row's analysis settings.
 
     They are those of the dataset's configuration.
@@ -277,19 +277,19 @@ class Example:
     @property
     def signature(self) -> xr.DataArray:
         """Micro-Doppler signature (time, doppler), V^2."""
-        return self._array("signature")
+        return self._read_array("signature")
 
     @property
     def cadence_map(self) -> xr.DataArray:
         """Step-Doppler map (cadence, doppler)."""
-        return self._array("cadence_map")
+        return self._read_array("cadence_map")
 
     @property
     def baseband(self) -> xr.DataArray:
         """Data matrix (slow_time, range), complex64, V."""
-        return self._array("baseband")
+        return self._read_array("baseband")
 
-    def _array(self, name: str) -> xr.DataArray:
+    def _read_array(self, name: str) -> xr.DataArray:
         if name not in self.arrays:
             raise DatasetError(
                 f"{self.id}: the dataset keeps no {name}; it keeps {', '.join(self.arrays) or 'no arrays'}"
@@ -335,7 +335,7 @@ def label_arrays(
             )
         coords: dict[str, tuple[Any, ...]] = {}
         for dim, size in zip(facts["dims"], values.shape, strict=True):
-            axis = axis_name(name, dim)
+            axis = name_axis(name, dim)
             along = None if axis is None else stored(axis)
             if along is not None and along.shape == (size,) and along.dtype.kind in "fiu":
                 coords[dim] = (dim, along, {"units": COORDINATE_UNITS[dim]})
@@ -349,17 +349,17 @@ def label_arrays(
     return arrays
 
 
-def carrier_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:
+def read_carrier_hz(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:
     """Return a row's carrier frequency, Hz, NaN if unknown."""
     if "carrier_hz" in row:
         return _number(row["carrier_hz"])
     try:
-        return radar_of(description, row).carrier_hz
+        return read_radar(description, row).carrier_hz
     except (ConfigError, DatasetError):
         return math.nan
 
 
-def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
+def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     """Return the radar of a simulated row.
 
     Parameters
@@ -386,7 +386,7 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     return radar.model_copy(update={"prf_hz": float(row["prf_hz"])}) if parsed["auto_prf"] else radar
 
 
-def simulated_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
+def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
     """Return the number of a row's example in its plan.
 
     This version must be able to simulate it again.

@@ -17,8 +17,8 @@ from multiprocessing.connection import wait as wait_for_pipes
 from typing import TYPE_CHECKING, Any, cast
 
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.interrupt import raise_if_stopped, without_ctrl_c
-from doppelgait.core.worker import WORKER_ENVIRONMENT, serve, worker_environment
+from doppelgait.core.interrupt import ignore_ctrl_c, raise_if_stopped
+from doppelgait.core.worker import WORKER_ENVIRONMENT, mark_workers, serve
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -40,7 +40,7 @@ class WorkersLostError(Exception):
     """Error of a build whose workers were lost."""
 
 
-def with_new_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
+def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
     """Yield results of ``run``, restarted when workers are lost.
 
     It is called again for the shards that are missing.
@@ -92,7 +92,7 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
     busy: dict[Connection, Shard] = {}
     answers: list[tuple[Shard, Any]] = []
     lost = False
-    with _started(work, workers) as idle:
+    with _start_workers(work, workers) as idle:
         while True:
             raise_if_stopped()
             try:
@@ -122,7 +122,7 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
 
 
 @contextmanager
-def _started(work: Work, workers: int) -> Iterator[list[Connection]]:
+def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
     """Start worker processes that end with the block.
 
     The pipe to each is returned. Every worker has a pipe of its own and shares no lock: whichever is killed, at
@@ -135,7 +135,7 @@ def _started(work: Work, workers: int) -> Iterator[list[Connection]]:
     groups = [theirs] if sys.platform == "linux" else [[there] for there in theirs]  # one process, which copies itself
     processes = [spawn.Process(target=serve, args=(group, "doppelgait.dataset.shard"), daemon=True) for group in groups]
     try:
-        with worker_environment(), without_ctrl_c():
+        with mark_workers(), ignore_ctrl_c():
             for process in processes:
                 process.start()
         for there in theirs:
@@ -196,7 +196,7 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
         raise ConfigError("executor 'dask': Dask is not installed; pip install 'doppelgait[dask]'") from None
     queue = iter(shards)
     running: dict[DaskFuture[Any], Shard] = {}
-    with _client(address, workers) as client:
+    with _connect_client(address, workers) as client:
         try:
             while True:
                 for shard in islice(queue, MAX_QUEUED - len(running)):
@@ -231,7 +231,7 @@ def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_lo
 
 
 @contextmanager
-def _client(address: str, workers: int) -> Iterator[Client]:
+def _connect_client(address: str, workers: int) -> Iterator[Client]:
     """Connect to a scheduler's address or a local cluster.
 
     A local cluster ends with the block.
@@ -244,7 +244,7 @@ def _client(address: str, workers: int) -> Iterator[Client]:
         if address:
             cluster: Any = f"tcp://{address}"
         else:
-            stack.enter_context(worker_environment())  # a worker that dies is started again, in any moment of the block
+            stack.enter_context(mark_workers())  # a worker that dies is started again, in any moment of the block
             stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": WORKER_ENVIRONMENT}))
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, memory_limit=MEMORY_LIMIT // workers, preload=PRELOAD,
@@ -310,9 +310,9 @@ def run_shards(
     if executor == "serial" or (executor == "processes" and count == 1):
         return ((shard, work(shard)) for shard in shards)
     if executor == "processes":
-        return with_new_workers(lambda left: run_processes(work, left, min(count, len(left))), shards)
+        return restart_lost_workers(lambda left: run_processes(work, left, min(count, len(left))), shards)
     address = executor.removeprefix("dask").removeprefix("://")
-    return with_new_workers(lambda left: run_dask(work, left, address, min(count, len(left))), shards)
+    return restart_lost_workers(lambda left: run_dask(work, left, address, min(count, len(left))), shards)
 
 
 def check_executor(executor: str) -> None:

@@ -18,11 +18,11 @@ import pandas as pd
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError, OutputError
 from doppelgait.core.plugins import Group
-from doppelgait.dataset.card import blocked_recordings
+from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.lock import new_folder
+from doppelgait.dataset.lock import write_new_folder
 from doppelgait.dataset.open import Dataset
-from doppelgait.dataset.shard_files import axis_name
+from doppelgait.dataset.shard_files import name_axis
 
 __all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 
@@ -120,7 +120,7 @@ def export_dataset(
         if on_progress is not None:
             on_progress(done, len(dataset))
 
-    with _new_folder(target) as partial:
+    with _open_new_folder(target) as partial:
         exporter.run(dataset, partial, chosen, parameters, count)
         counts = {str(split): int(n) for split, n in dataset.index["split"].value_counts().sort_index().items()}
         export = {"form": name, "fields": chosen, "rows": counts}
@@ -141,7 +141,7 @@ def refuse_unreleasable(dataset: Dataset) -> None:
     Everybody who is in a scene counts, selected or not: the echoes of all are in its arrays.
     """
     whole = pd.read_parquet(dataset.directory / "index.parquet")
-    names = blocked_recordings(whole[whole["scene_id"].isin(dataset.index["scene_id"])])
+    names = list_blocked_recordings(whole[whole["scene_id"].isin(dataset.index["scene_id"])])
     if names:
         more = f" and {len(names) - SHOWN_FILES} more" if len(names) > SHOWN_FILES else ""
         raise DatasetError(
@@ -151,7 +151,7 @@ def refuse_unreleasable(dataset: Dataset) -> None:
 
 
 @contextmanager
-def _new_folder(target: Path) -> Iterator[Path]:
+def _open_new_folder(target: Path) -> Iterator[Path]:
     """Open a temporary folder that becomes ``target`` on success.
 
     It is removed if the block fails.
@@ -159,7 +159,7 @@ def _new_folder(target: Path) -> Iterator[Path]:
     if target.exists():
         raise DatasetError(f"{target}: is there already; nothing is overwritten, choose another folder")
     try:
-        with new_folder(target) as partial:
+        with write_new_folder(target) as partial:
             yield partial
     except (OSError, OutputError) as error:
         cause = (
@@ -172,7 +172,7 @@ PLACES = ("shard", "row", "shard_sha256")
 """Columns that say where a row's arrays are in the dataset itself."""
 
 
-def splits_of(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
+def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
     """Yield the splits that have rows, with those rows."""
     for split in SPLITS:
         rows = np.flatnonzero((dataset.index["split"] == split).to_numpy(dtype=bool))
@@ -180,7 +180,7 @@ def splits_of(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
             yield split, rows
 
 
-def flat_index(dataset: Dataset) -> pd.DataFrame:
+def flatten_index(dataset: Dataset) -> pd.DataFrame:
     """Return the index without places in shard files.
 
     ``class_number`` follows the label.
@@ -190,7 +190,7 @@ def flat_index(dataset: Dataset) -> pd.DataFrame:
     return table
 
 
-def arrays_of(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
+def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
     """Return a row's arrays in linear units, with axes.
 
     A field without axes in its shard comes alone.
@@ -199,14 +199,14 @@ def arrays_of(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, 
     for name in fields:
         arrays[name] = dataset.array(name, row)
         for dim in dataset.description["fields"][name]["dims"]:
-            axis = axis_name(name, dim)
+            axis = name_axis(name, dim)
             values = None if axis is None else dataset.stored(row, axis)
             if axis is not None and values is not None:
                 arrays[axis] = values
     return arrays
 
 
-def file_name(example_id: str) -> str:
+def make_file_name(example_id: str) -> str:
     """Return a file name for an example's id.
 
     Everything but letters, digits, ``_`` and ``-`` is escaped.

@@ -15,15 +15,15 @@ import pandas as pd
 import xarray as xr
 from pydantic import Field
 
-from doppelgait.core.config import FrozenModel, json_value
+from doppelgait.core.config import FrozenModel, convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.plugins import plugin
-from doppelgait.dataset.example import radar_of, unit_of
-from doppelgait.dataset.export import arrays_of, file_name, flat_index, splits_of
+from doppelgait.dataset.example import parse_unit, read_radar
+from doppelgait.dataset.export import flatten_index, iterate_splits, make_file_name, read_arrays
 from doppelgait.dataset.learning import stack
 from doppelgait.dataset.open import Dataset
-from doppelgait.dataset.shard_files import AXIS_UNITS, axis_name
+from doppelgait.dataset.shard_files import AXIS_UNITS, name_axis
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 
@@ -92,7 +92,7 @@ def write_csv(
 
     Unknown is empty; every number is exact.
     """
-    table = flat_index(dataset)
+    table = flatten_index(dataset)
     table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
     done(len(table))
 
@@ -111,17 +111,17 @@ def write_parquet(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = flat_index(dataset)
+    table = flatten_index(dataset)
     schema = pa.Schema.from_pandas(table, preserve_index=False)  # of all: a column empty in one split has its type
     size = parameters.rows_per_group
-    for split, rows in splits_of(dataset):
+    for split, rows in iterate_splits(dataset):
         writer = None
         try:
             for part in [rows[first : first + size] for first in range(0, rows.size, size)] if fields else [rows]:
                 group = pa.Table.from_pandas(table.iloc[part], schema=schema, preserve_index=False)
-                for name, column in _array_columns(dataset, part, fields).items():
+                for name, column in _make_array_columns(dataset, part, fields).items():
                     group = group.append_column(name, column)
-                group = _with_units(group, dataset)
+                group = _add_units(group, dataset)
                 writer = writer or pq.ParquetWriter(folder / f"{split}.parquet", group.schema, compression="zstd")
                 writer.write_table(group)
                 done(len(part))
@@ -130,10 +130,12 @@ def write_parquet(
                 writer.close()
 
 
-def _array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: tuple[str, ...]) -> dict[str, pa.ListArray]:
+def _make_array_columns(
+    dataset: Dataset, rows: npt.NDArray[np.int64], fields: tuple[str, ...]
+) -> dict[str, pa.ListArray]:
     import pyarrow as pa
 
-    found = [arrays_of(dataset, int(row), fields) for row in rows] if fields else []
+    found = [read_arrays(dataset, int(row), fields) for row in rows] if fields else []
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for arrays in found for name in arrays):
         values = [arrays.get(name, np.empty(0)) for arrays in found]
@@ -148,7 +150,7 @@ def _array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: tuple[
     return columns
 
 
-def _with_units(table: pa.Table, dataset: Dataset) -> pa.Table:
+def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
     """Put every number column's unit into its metadata."""
     import pyarrow as pa
 
@@ -158,7 +160,7 @@ def _with_units(table: pa.Table, dataset: Dataset) -> pa.Table:
     for column in table.schema:
         number = pa.types.is_floating(column.type) or (pa.types.is_list(column.type) and column.name not in shapes)
         field = column.name.removesuffix(VALUES)
-        unit = fields[field]["units"] if field in fields and field != column.name else unit_of(column.name)
+        unit = fields[field]["units"] if field in fields and field != column.name else parse_unit(column.name)
         columns.append(column.with_metadata({"unit": unit}) if number else column)
     facts = json.dumps({"id": dataset.description["id"], "classes": dataset.description["classes"], "fields": fields})
     return table.cast(pa.schema(columns, metadata={**(table.schema.metadata or {}), b"doppelgait": facts.encode()}))
@@ -174,17 +176,17 @@ def write_webdataset(
 
     The same dataset gives the same bytes: no time, no user. Dots of an id are escaped: the first one ends the key.
     """
-    table, numbers = flat_index(dataset), dataset.class_numbers()
-    for split, rows in splits_of(dataset):
+    table, numbers = flatten_index(dataset), dataset.class_numbers()
+    for split, rows in iterate_splits(dataset):
         for tar_number, first in enumerate(range(0, rows.size, parameters.examples_per_tar)):
             with tarfile.open(folder / f"{split}-{tar_number:06d}.tar", "w", format=tarfile.PAX_FORMAT) as tar:
                 for row in rows[first : first + parameters.examples_per_tar]:
-                    key = file_name(str(table["id"].iat[row]))
-                    for name, values in arrays_of(dataset, int(row), fields).items():
+                    key = make_file_name(str(table["id"].iat[row]))
+                    for name, values in read_arrays(dataset, int(row), fields).items():
                         buffer = io.BytesIO()
                         np.save(buffer, values, allow_pickle=False)
                         _add(tar, f"{key}.{name}.npy", buffer.getvalue())
-                    facts = json_value(table.iloc[row].to_dict())
+                    facts = convert_to_json(table.iloc[row].to_dict())
                     _add(tar, f"{key}.json", json.dumps(facts, allow_nan=False).encode())
                     _add(tar, f"{key}.cls", str(numbers[row]).encode())
                     done(1)
@@ -216,9 +218,9 @@ def write_zarr(
         import zarr
     except ImportError:
         raise DatasetError("zarr is not installed; install it with pip install 'doppelgait[zarr]'") from None
-    table = flat_index(dataset)
+    table = flatten_index(dataset)
     root = zarr.create_group(folder / "dataset.zarr", zarr_format=3)
-    for split, rows in splits_of(dataset):
+    for split, rows in iterate_splits(dataset):
         index = root.create_group(f"{split}/index")
         for name in table.columns:
             _write_column(index, str(name), table[name].iloc[rows])
@@ -229,22 +231,22 @@ def write_zarr(
             else:
                 facts = dataset.description["fields"][name]
                 for row in map(int, rows):
-                    own = group.create_group(file_name(str(dataset.index["id"].iat[row])))
+                    own = group.create_group(make_file_name(str(dataset.index["id"].iat[row])))
                     for dim in facts["dims"]:
-                        axis = _axis(dataset, name, dim, row)
+                        axis = _read_axis(dataset, name, dim, row)
                         if axis is not None:
-                            _whole(own, dim, axis, (dim,), {"units": COORDINATE_UNITS[dim]})
-                    _whole(own, name, dataset.array(name, row), tuple(facts["dims"]), {"units": facts["units"]})
+                            _write_whole(own, dim, axis, (dim,), {"units": COORDINATE_UNITS[dim]})
+                    _write_whole(own, name, dataset.array(name, row), tuple(facts["dims"]), {"units": facts["units"]})
         done(rows.size)
 
 
 def _write_column(group: Any, name: str, values: pd.Series[Any]) -> None:
     if pd.api.types.is_numeric_dtype(values):
-        attributes = {"units": unit_of(name)} if pd.api.types.is_float_dtype(values) else {}
-        _whole(group, name, values.to_numpy(), ("example",), attributes)
+        attributes = {"units": parse_unit(name)} if pd.api.types.is_float_dtype(values) else {}
+        _write_whole(group, name, values.to_numpy(), ("example",), attributes)
     else:
         texts = values.fillna("").to_numpy(dtype=object).astype(np.dtypes.StringDType())
-        _whole(group, name, texts, ("example",), {})
+        _write_whole(group, name, texts, ("example",), {})
 
 
 def _write_stacked(
@@ -253,14 +255,14 @@ def _write_stacked(
     _write_column(group, "id", dataset.index["id"].iloc[rows])
     facts = dataset.description["fields"][field]
     for dim in facts["dims"]:
-        axes = [values for row in rows if (values := _axis(dataset, field, dim, int(row))) is not None]
+        axes = [values for row in rows if (values := _read_axis(dataset, field, dim, int(row))) is not None]
         if len(axes) < rows.size:
             continue  # scatterers have no axis
         attributes = {"units": COORDINATE_UNITS[dim]}
         if all(np.array_equal(values, axes[0]) for values in axes):
-            _whole(group, dim, axes[0], (dim,), attributes)
+            _write_whole(group, dim, axes[0], (dim,), attributes)
         else:
-            _whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), attributes)
+            _write_whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), attributes)
     target: Any = None
     for first in range(0, rows.size, examples_per_file):
         block = stack(dataset, field, rows[first : first + examples_per_file])
@@ -274,12 +276,12 @@ def _write_stacked(
         target[first : first + len(block)] = block
 
 
-def _axis(dataset: Dataset, field: str, dim: str, row: int) -> npt.NDArray[Any] | None:
-    name = axis_name(field, dim)
+def _read_axis(dataset: Dataset, field: str, dim: str, row: int) -> npt.NDArray[Any] | None:
+    name = name_axis(field, dim)
     return None if name is None else dataset.stored(row, name)
 
 
-def _whole(
+def _write_whole(
     group: Any, name: str, values: npt.NDArray[Any], dims: tuple[str, ...], attributes: dict[str, str]
 ) -> None:  # fmt: skip
     """Write a small array as one chunk."""
@@ -309,7 +311,7 @@ def write_sigmf_folder(
     """
     nothing = np.empty(0)
     description = dataset.description
-    for split, rows in splits_of(dataset):
+    for split, rows in iterate_splits(dataset):
         (folder / split).mkdir()
         scenes = dataset.index["scene_id"].iloc[rows]
         for scene_id, members in scenes.groupby(scenes, sort=False).groups.items():
@@ -327,11 +329,11 @@ def write_sigmf_folder(
             ]  # fmt: skip
             recording = Recording.from_baseband(
                 first.baseband,
-                radar_of(description, first.row),
+                read_radar(description, first.row),
                 truth=annotated,
                 snr_frame_db=float(np.nan if first.row.get("snr_frame_db") is None else first.row["snr_frame_db"]),
                 seed=description["config"]["dataset"]["seed"],
                 source=f"dataset {description['name']} {description['id']}, {scene_id}",
             )
-            write_sigmf(recording, folder / split / file_name(str(scene_id)))
+            write_sigmf(recording, folder / split / make_file_name(str(scene_id)))
             done(len(examples))

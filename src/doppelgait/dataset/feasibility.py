@@ -19,12 +19,12 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.pipeline.simulate import observe_scene, pulse_times_s, split_targets, with_lowest_prf
+from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s, split_targets
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import cut_out
-from doppelgait.radar.link import noise_power_v2, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import warn_of_limits
 from doppelgait.scene.placement import place
@@ -83,7 +83,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         placed = place(run.scene, run.streams, folder=folder)
-        radar = with_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
+        radar = choose_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
         slow_time_s = pulse_times_s(placed.observation_s, radar)
         table, tracks = observe_scene(
             placed, radar, slow_time_s, run.conditions, angles=False, streams=run.streams
@@ -125,8 +125,8 @@ def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
     The echoes in each cell of the range resolution are added in power; the strongest cell of every pulse counts.
     """
     targets, _ = split_targets(table.isel(slow_time=slice(None, None, -(-table.sizes["slow_time"] // SNR_PULSES))))
-    range_m, amplitude_v = scatterer_arrays(targets, radar)
-    seen = (axis(targets, "target") == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
+    range_m, amplitude_v = compute_scatterer_arrays(targets, radar)
+    seen = (read_axis(targets, "target") == number) & (range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)
     cell = np.where(seen, (range_m - radar.range_start_m) / radar.range_resolution_m, 0.0).astype(np.int64)
     power_v2 = np.zeros((range_m.shape[0], int(cell.max(initial=0)) + 1))
     np.add.at(power_v2, (np.arange(range_m.shape[0])[:, None], cell), np.where(seen, amplitude_v, 0.0) ** 2)

@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait import __version__
-from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.files import atomic_path, file_sha256, write_atomically
+from doppelgait.core.files import hash_file, open_atomically, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
 from doppelgait.dataset.feasibility import limits_of_index
-from doppelgait.dataset.motions import motion_files
-from doppelgait.dataset.shard_files import INDEX_NAMES, facts_of
+from doppelgait.dataset.motions import list_motion_files
+from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.radar.presets import read_preset
 
@@ -56,12 +56,12 @@ def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
     Its presets and motion files count, too.
     """
     tables = [plan.model_dump(mode="json")]
-    for path in _preset_files(plan.radar):
+    for path in _find_preset_files(plan.radar):
         tables.append(read_preset(folder / path))
-    return identify_plugins(tables, {"motion_reader": [folder / path for path in _motion_files(plan)]})
+    return identify_plugins(tables, {"motion_reader": [folder / path for path in _list_motion_files(plan)]})
 
 
-def dataset_id(plan: PlanConfig, folder: Path) -> str:
+def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     """Compute the identity of a dataset, 16 hex digits.
 
     It is a hash of the canonical configuration, the source files, the data version and the plug-ins of other packages
@@ -80,29 +80,29 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
         If a motion or preset file cannot be read.
     """
     contents: dict[str, bytes] = {}
-    for path in _motion_files(plan):
+    for path in _list_motion_files(plan):
         try:
             contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
-    for path in _preset_files(plan.radar):  # a comment in a sensor's file changes nothing
+    for path in _find_preset_files(plan.radar):  # a comment in a sensor's file changes nothing
         plain = json.dumps(read_preset(folder / path), sort_keys=True, default=str)
         contents[path] = hashlib.sha256(plain.encode()).digest()
     table = plan.model_dump(mode="json")
     table["radar"] = _name_by_content(table["radar"], contents)  # a sensor's file may be moved or renamed
-    digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(table)}\n".encode())
+    digest = hashlib.sha256(f"{DATA_VERSION}\n{format_canonical_json(table)}\n".encode())
     for content in contents.values():
         digest.update(content)
     for item in plan_plugins(plan, folder):
-        digest.update(canonical_json(item).encode())
+        digest.update(format_canonical_json(item).encode())
     return digest.hexdigest()[:16]
 
 
-def _motion_files(plan: PlanConfig) -> list[str]:
-    return motion_files([*(section.motion for section in plan.classes), {"companions": plan.companions}])
+def _list_motion_files(plan: PlanConfig) -> list[str]:
+    return list_motion_files([*(section.motion for section in plan.classes), {"companions": plan.companions}])
 
 
-def _preset_files(value: Any) -> Iterator[str]:
+def _find_preset_files(value: Any) -> Iterator[str]:
     """Yield the preset files that a radar table names.
 
     They are under ``preset`` or among its choices.
@@ -111,7 +111,7 @@ def _preset_files(value: Any) -> Iterator[str]:
         value = [inner for key, inner in value.items() if key != "name"]
     if isinstance(value, list):
         for inner in value:
-            yield from _preset_files(inner)
+            yield from _find_preset_files(inner)
     elif isinstance(value, str) and value.endswith(".toml"):
         yield value
 
@@ -218,7 +218,7 @@ class Header:
             "data_version": DATA_VERSION,
             "classes": {label: n for n, label in enumerate([*self.labels, *sorted(set(labels) - set(self.labels))])},
             "features": FEATURE_UNITS,
-            "fields": facts_of(self.fields),
+            "fields": describe_fields(self.fields),
             "shards": dict(shards),
             "n_examples": self.n_examples,
             "config": dict(self.config),
@@ -229,7 +229,7 @@ class Header:
 
 def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
     """Return the header of the dataset of a plan."""
-    from doppelgait.dataset.card import dataset_card
+    from doppelgait.dataset.card import format_card
 
     return Header(
         id=identity,
@@ -237,9 +237,9 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
         origin="simulated",
         labels=tuple(section.label for section in plan.classes),
         fields=plan.dataset.fields,
-        n_examples=sum(plan.examples_of(section) for section in plan.classes),
+        n_examples=sum(plan.count_class_examples(section) for section in plan.classes),
         config=plan.model_dump(mode="json"),
-        card=lambda index, n_failed: dataset_card(plan, identity, index),
+        card=lambda index, n_failed: format_card(plan, identity, index),
         plugins=plan_plugins(plan, folder),
     )
 
@@ -291,21 +291,21 @@ def write_sums(target: Path, shards: Mapping[str, str]) -> None:
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
     single = ("README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
     for name in (*single, *(f"shards/{name}.json" for name in shards)):
-        hashes[name] = file_sha256(target / name)
+        hashes[name] = hash_file(target / name)
     log, done = target / LOG, False
     while not done:
         if log.exists():
-            hashes[LOG] = file_sha256(log)
-        write_atomically(target / SUMS, sums_text(hashes).encode())
-        done = not log.exists() or file_sha256(log) == hashes[LOG]  # else another part has written to it meanwhile
+            hashes[LOG] = hash_file(log)
+        write_atomically(target / SUMS, format_checksums(hashes).encode())
+        done = not log.exists() or hash_file(log) == hashes[LOG]  # else another part has written to it meanwhile
 
 
-def sums_text(hashes: Mapping[str, str]) -> str:
+def format_checksums(hashes: Mapping[str, str]) -> str:
     """Format the hashes of files by their names."""
     return "".join(f"{hashes[name]}  {name}\n" for name in sorted(hashes))
 
 
-def card_of(directory: str | Path) -> str:
+def make_card(directory: str | Path) -> str:
     """Return the card of a dataset.
 
     The card of an incomplete dataset is made from the shards that exist.
@@ -315,7 +315,7 @@ def card_of(directory: str | Path) -> str:
     DatasetError
         If the folder holds no dataset, or nothing that a card can be made of.
     """
-    from doppelgait.dataset.card import dataset_card
+    from doppelgait.dataset.card import format_card
 
     folder = Path(directory)
     description = read_description(folder)
@@ -325,8 +325,8 @@ def card_of(directory: str | Path) -> str:
     if description.get("origin") != "simulated":
         raise DatasetError(f"{folder}: has no card and was not simulated; import it again")
     config = validate(PlanConfig, description["config"], where=str(folder / "dataset.json"))
-    names = [name for name in shard_names(description["shards"]) if (folder / "shards" / f"{name}.json").is_file()]
-    return dataset_card(config, str(description["id"]), make_index(read_records(folder, names)))
+    names = [name for name in list_shard_names(description["shards"]) if (folder / "shards" / f"{name}.json").is_file()]
+    return format_card(config, str(description["id"]), make_index(read_records(folder, names)))
 
 
 def read_description(folder: Path) -> dict[str, Any]:
@@ -379,7 +379,7 @@ def count_shards(names: Iterable[str]) -> dict[str, int]:
     return counts
 
 
-def shard_names(counts: Mapping[str, int]) -> list[str]:
+def list_shard_names(counts: Mapping[str, int]) -> list[str]:
     """List all shards by the number of every split.
 
     Raises
@@ -453,7 +453,7 @@ def make_index(records: Iterable[Record]) -> pd.DataFrame:
     """
     kept = list(records)
     columns = tally(kept).columns
-    frame: pd.DataFrame = _table(list(_rows(kept)), columns).to_pandas()
+    frame: pd.DataFrame = _make_table(list(_rows(kept)), columns).to_pandas()
     return frame
 
 
@@ -471,10 +471,10 @@ def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str
     """
     import pyarrow.parquet as pq
 
-    rows, schema = _rows(records), _table([], columns).schema.with_metadata({"dataset": identity})
-    with atomic_path(path, os_errors=True) as partial, pq.ParquetWriter(partial, schema) as writer:
+    rows, schema = _rows(records), _make_table([], columns).schema.with_metadata({"dataset": identity})
+    with open_atomically(path, os_errors=True) as partial, pq.ParquetWriter(partial, schema) as writer:
         while part := list(islice(rows, ROWS_AT_A_TIME)):
-            writer.write_table(_table(part, columns).cast(schema))
+            writer.write_table(_make_table(part, columns).cast(schema))
 
 
 def _rows(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
@@ -483,7 +483,7 @@ def _rows(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
             yield {**row, "shard_sha256": record["sha256"]}
 
 
-def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.Table:
+def _make_table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.Table:
     import pyarrow as pa
 
     arrays = []

@@ -17,11 +17,11 @@ from doppelgait.motion.hybrid import (
     FACTOR,
     Hybrid,
     blend,
+    find_speed_law,
+    find_speed_limits,
+    find_stride_limits,
     make_hybrid,
     retarget,
-    speed_law,
-    speed_limits,
-    stride_limits,
 )
 from doppelgait.motion.motion import Motion
 
@@ -36,7 +36,7 @@ MOST_SHARE = 0.5
 SHRINK, TRIES = 0.6, 4
 
 
-def with_hybrids(
+def add_hybrids(
     tables: Sequence[Mapping[str, Any]],
     clips: Sequence[Motion],
     subjects: Sequence[str],
@@ -58,8 +58,8 @@ def with_hybrids(
         Of each clip.
     mode : {"retarget", "blend"}
     """
-    hybrids = [_ranges(clip) for clip in clips]
-    families = _families(clips, subjects) if mode == "blend" else []
+    hybrids = [_make_factor_ranges(clip) for clip in clips]
+    families = _group_families(clips, subjects) if mode == "blend" else []
     found = []
     for number, (table, clip, hybrid) in enumerate(zip(tables, clips, hybrids, strict=True)):
         partners: list[dict[str, Any]] = []
@@ -72,13 +72,13 @@ def with_hybrids(
     return found
 
 
-def _ranges(clip: Motion) -> dict[str, Any]:
+def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
     """Return the distributions of the three factors of a clip.
 
     Empty where it cannot be changed at all.
     """
-    law = speed_law(clip)
-    speed, stride = (tuple(map(math.log, limits)) for limits in (speed_limits(clip), stride_limits(law)))
+    law = find_speed_law(clip)
+    speed, stride = (tuple(map(math.log, limits)) for limits in (find_speed_limits(clip), find_stride_limits(law)))
     reach: list[float] = []
     for side in (0, 1):
         part = 1.0
@@ -105,7 +105,7 @@ def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
     retarget(clip, speed_factor=speed_factor, stride_factor=stride_factor)
 
 
-def _families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
+def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
     """Group clips whose subjects are blended with each other.
 
     They are of one gait and one set of points.
@@ -136,7 +136,7 @@ def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
     found: list[float] = []
 
     def make() -> None:
-        low, high = speed_limits(blend(clip, other, share=MOST_SHARE))
+        low, high = find_speed_limits(blend(clip, other, share=MOST_SHARE))
         narrower = [max(speeds[0], low), min(speeds[1], high)]
         for speed, stride in zip(narrower, hybrid["stride_factor"]["log_uniform"], strict=True):
             ends = Hybrid(speed_factor=speed, stride_factor=stride, other={"kind": "file"}, share=MOST_SHARE)

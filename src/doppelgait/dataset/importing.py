@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import canonical_json
+from doppelgait.core.config import format_canonical_json
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.build import log_entry
 from doppelgait.dataset.card import import_card
@@ -25,15 +25,15 @@ from doppelgait.dataset.finish import (
     Header,
     Totals,
     finish_dataset,
+    list_shard_names,
     read_records,
-    shard_names,
     tally,
 )
-from doppelgait.dataset.labels import LabelEntry, read_labels, recording_sha256
-from doppelgait.dataset.lock import new_folder
+from doppelgait.dataset.labels import LabelEntry, hash_recording, read_labels
+from doppelgait.dataset.lock import write_new_folder
 from doppelgait.dataset.plan import Shard, split_into_shards
 from doppelgait.dataset.recorded import RecordedExamples
-from doppelgait.dataset.shard import Made, build_shard
+from doppelgait.dataset.shard import ExampleData, build_shard
 from doppelgait.dataset.splits import PlannedEntry, plan_entries
 
 __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
@@ -132,16 +132,16 @@ def import_dataset(
     entries = read_labels(labels, source, gate=settings.gate) if isinstance(labels, str | Path) else list(labels)
     planned = plan_entries(entries, settings, named)
     hashes = {one.entry.recording: "" for one in planned}
-    hashes = {recording: recording_sha256(source, recording) for recording in hashes}
+    hashes = {recording: hash_recording(source, recording) for recording in hashes}
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
     described: dict[str, str] = {}
     for entry in entries:
         if isinstance(config_name := entry.options.get("config"), str):  # settings that a reader takes from a file
             beside = (source / entry.recording).parent / config_name
             used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
-            described[f"option.config={config_name}"] = "" if used is None else file_sha256(used)
+            described[f"option.config={config_name}"] = "" if used is None else hash_file(used)
     identity = import_id(labels, hashes | described, settings, plugins)
-    there = _same_import(target, identity)
+    there = _find_same_import(target, identity)
     if there is not None:
         return _report(target, identity, planned, there, began, was_there=True)
     title = NOT_IN_A_NAME.sub("-", name or target.name).strip("-.") or "imported"
@@ -163,7 +163,7 @@ def import_dataset(
     try:
         if target.is_dir() and any(target.iterdir()):
             raise DatasetError(f"{target}: is not empty; import into another folder")
-        with new_folder(target) as partial:
+        with write_new_folder(target) as partial:
             _build(partial, shards, RecordedExamples(settings, source, str(partial), hashes, identity), on_progress)
             totals = tally(read_records(partial, names))
             if not totals.rows:
@@ -186,7 +186,7 @@ def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_pr
     total = sum(len(shard.examples) for shard in shards)
     done, last = 0, time.monotonic()
 
-    def tick(entry: PlannedEntry, made: Made) -> None:
+    def tick(entry: PlannedEntry, made: ExampleData) -> None:
         nonlocal done, last
         done, now = done + 1, time.monotonic()
         facts = {"id": entry.id, "file": entry.entry.recording, "rows": len(made.rows), "seconds": round(now - last, 3)}
@@ -216,18 +216,18 @@ def import_id(
     plugins : sequence of mapping
         Plug-ins of other packages, from :func:`doppelgait.core.plugins.identify_plugins`.
     """
-    settings = canonical_json(config)
-    digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{canonical_json(hashes)}\n".encode())
+    settings = format_canonical_json(config)
+    digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{format_canonical_json(hashes)}\n".encode())
     if isinstance(labels, str | Path):
         digest.update(Path(labels).read_bytes())
     else:
-        digest.update(canonical_json({"labels": [asdict(entry) for entry in labels]}).encode())
+        digest.update(format_canonical_json({"labels": [asdict(entry) for entry in labels]}).encode())
     for item in plugins:
-        digest.update(canonical_json(item).encode())
+        digest.update(format_canonical_json(item).encode())
     return digest.hexdigest()[:16]
 
 
-def _same_import(target: Path, identity: str) -> list[str] | None:
+def _find_same_import(target: Path, identity: str) -> list[str] | None:
     """Return the shards of the same import in the folder.
 
     It is None if the folder holds nothing; anything else is an error.
@@ -238,7 +238,7 @@ def _same_import(target: Path, identity: str) -> list[str] | None:
     try:
         found = parse_json(description.read_text())
         if (schema := found.get("schema_version")) == SCHEMA_VERSION and found["id"] == identity:
-            return shard_names(found["shards"])
+            return list_shard_names(found["shards"])
         version = found.get("data_version")
         what = f"{found.get('origin', 'another')} dataset {found['id']}"
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

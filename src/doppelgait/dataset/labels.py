@@ -18,11 +18,11 @@ from typing import Any
 
 from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.dataset.config import SPLITS, parse_gate
-from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, is_picture, settings_of
+from doppelgait.pipeline.pictures import SETTINGS_NAME, SUFFIXES, find_settings_file, is_picture
 from doppelgait.processing.gate import GateChoice
-from doppelgait.radar.readers.ti_config import config_of
+from doppelgait.radar.readers.ti_config import find_config
 from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
@@ -49,10 +49,10 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
     ConfigError
         If nothing is there, or it is outside the folder.
     """
-    name = pattern if _exists(folder / pattern) else pattern.replace("\\", "/")
+    name = pattern if _path_exists(folder / pattern) else pattern.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ConfigError(f"{pattern!r} is not allowed: it must be in {folder}, written from there")
-    found = [folder / name] if _exists(folder / name) else []
+    found = [folder / name] if _path_exists(folder / name) else []
     if not found and any(sign in name for sign in "*?["):
         try:
             found = sorted(folder.glob(name))
@@ -60,7 +60,7 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
             raise ConfigError(f"{pattern!r} is no pattern: {error}; ** must stand alone between slashes") from None
     if not found:
         place = (folder / name).parent
-        names = sorted(path.name for path in (place if _exists(place) and place.is_dir() else folder).iterdir())
+        names = sorted(path.name for path in (place if _path_exists(place) and place.is_dir() else folder).iterdir())
         close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
         hint = f"; near in spelling: {', '.join(close)}" if close else f"; {len(names)} others are there"
         raise ConfigError(f"{pattern!r}: is not in {folder}{hint}")
@@ -80,14 +80,14 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
     return sorted(recordings)
 
 
-def _exists(path: Path) -> bool:
+def _path_exists(path: Path) -> bool:
     try:
         return path.exists()
     except (OSError, ValueError):  # too long for a name, or with a zero byte
         return False
 
 
-def files_of(path: Path) -> tuple[Path, ...]:
+def list_recording_files(path: Path) -> tuple[Path, ...]:
     """Return all files of a recording, by its format's names."""
     if path.is_dir():
         return tuple(sorted(inner for inner in path.rglob("*") if inner.is_file()))
@@ -97,9 +97,9 @@ def files_of(path: Path) -> tuple[Path, ...]:
                 both = (path.with_name(path.name.removesuffix(end) + other) for other in pair)
                 return tuple(sorted(one for one in both if one.is_file()))
     if is_picture(path):
-        about = settings_of(path)
+        about = find_settings_file(path)
         return (path,) if about is None else (path, about)
-    described = config_of(path) if path.suffix == ".bin" else path.with_suffix(".toml")
+    described = find_config(path) if path.suffix == ".bin" else path.with_suffix(".toml")
     if path.suffix in WITH_SIDECAR and described is not None and described.is_file():
         return path, described
     meta = path.with_name(META_NAME)
@@ -108,15 +108,15 @@ def files_of(path: Path) -> tuple[Path, ...]:
     return (path,)
 
 
-def recording_sha256(folder: Path, recording: str) -> str:
+def hash_recording(folder: Path, recording: str) -> str:
     """Hash names and bytes of a recording's files (SHA-256, hex).
 
     A file that cannot be read counts as such.
     """
     digest = hashlib.sha256()
-    for path in files_of(folder / recording):
+    for path in list_recording_files(folder / recording):
         try:
-            content = file_sha256(path)
+            content = hash_file(path)
         except OSError:
             content = "unreadable"
         name = path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name
@@ -172,11 +172,11 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
         raise ConfigError(
             f"{path}: line {line} is no {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
         ) from None
-    firsts = {one: _cells(path, text, one, most=1) for one in DELIMITERS}
+    firsts = {one: _split_cells(path, text, one, most=1) for one in DELIMITERS}
     headers = {one: lines[0][1] if lines else [] for one, lines in firsts.items()}
     fitting = [one for one, header in headers.items() if set(needed) <= {name.lower() for name in header}]
     delimiter = fitting[0] if fitting else max(headers, key=lambda one: len(headers[one]))
-    lines = _cells(path, text, delimiter)
+    lines = _split_cells(path, text, delimiter)
     if not lines:
         raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(needed)},subject,...")
     _, header = lines[0]
@@ -208,7 +208,7 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     return LabelTable(path.name, columns, tuple(rows))
 
 
-def _cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
+def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
     """Split a CSV text into non-empty lines with their numbers.
 
     A line is numbered by its start.
@@ -286,10 +286,10 @@ class LabelEntry:
     def overlaps(self, other: LabelEntry) -> bool:
         """Return True if both mean the same time and place."""
         same_place = self.gate == other.gate and self.options == other.options
-        return same_place and (self.start_s or 0.0) < _end(other) and (other.start_s or 0.0) < _end(self)
+        return same_place and (self.start_s or 0.0) < _read_end_s(other) and (other.start_s or 0.0) < _read_end_s(self)
 
 
-def _end(entry: LabelEntry) -> float:
+def _read_end_s(entry: LabelEntry) -> float:
     return math.inf if entry.stop_s is None else entry.stop_s
 
 
@@ -329,10 +329,10 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
     faults = []
     for line, cells in table.rows:
         try:
-            entries += _entries(line, {names[column]: cell for column, cell in cells.items()}, find, gate)
+            entries += _make_entries(line, {names[column]: cell for column, cell in cells.items()}, find, gate)
         except ConfigError as error:
             faults.append(f"line {line}, {error}")
-    faults += islice(_conflicts(entries), MOST_CONFLICTS)
+    faults += islice(_find_conflicts(entries), MOST_CONFLICTS)
     if faults:
         more = f"; and {len(faults) - SHOWN_FAULTS} more" if len(faults) > SHOWN_FAULTS else ""
         raise ConfigError(f"{table.name}: " + "; ".join(faults[:SHOWN_FAULTS]) + more)
@@ -351,7 +351,7 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
     return entries
 
 
-def _entries(
+def _make_entries(
     line: int, cells: Mapping[str, str], find: Callable[[str], list[str]], gate: GateChoice
 ) -> list[LabelEntry]:
     label = cells["label"]
@@ -405,7 +405,7 @@ def _number(name: str, cell: str) -> float | None:
     return value
 
 
-def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
+def _find_conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
     """Yield contradictions of two lines about one recording part."""
     by_recording: dict[str, list[LabelEntry]] = {}
     for entry in entries:
@@ -422,7 +422,7 @@ def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
                     "recording can be there once"
                 )
                 continue
-            going_on = [other for other in going_on if (entry.start_s or 0.0) < _end(other)]
+            going_on = [other for other in going_on if (entry.start_s or 0.0) < _read_end_s(other)]
             for other in going_on:
                 if not entry.overlaps(other) or entry.label == other.label:
                     continue

@@ -14,11 +14,11 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.rng import RandomSource, Streams, as_generator
-from doppelgait.dataset.example import carrier_of, label_arrays
+from doppelgait.dataset.example import label_arrays, read_carrier_hz
 from doppelgait.dataset.shard_files import MAX_OPEN
 from doppelgait.processing.patches import Levels, Patch, cut, levels_of
 
@@ -112,9 +112,9 @@ class LabelledArrays:
 def read_signature(dataset: StoredExamples, number: int) -> xr.DataArray | None:
     """Read a row's signature alone, None if absent."""
     index = dataset.index
-    row = json_value({name: index[name].iloc[number] for name in ("id", *AXIS_COLUMNS) if name in index})
+    row = convert_to_json({name: index[name].iloc[number] for name in ("id", *AXIS_COLUMNS) if name in index})
     facts = {"signature": dataset.description["fields"]["signature"]}
-    carrier_hz = carrier_of(dataset.description, row)
+    carrier_hz = read_carrier_hz(dataset.description, row)
     return label_arrays(facts, row, partial(dataset.stored, number), carrier_hz=carrier_hz).get("signature")
 
 

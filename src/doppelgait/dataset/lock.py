@@ -82,7 +82,7 @@ class Holder:
             return True
         if self.pid == os.getpid():
             return self.path in _held
-        return _is_running(self.pid) and _begun(self.pid) in ("", self.begun)
+        return _is_running(self.pid) and _read_process_start(self.pid) in ("", self.begun)
 
     def __str__(self) -> str:
         of = "" if self.part is None else f" (part {self.part.number}/{self.part.among})"
@@ -105,7 +105,7 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
     path = (directory / name).resolve()
     since, pid = datetime.now(UTC).isoformat(timespec="seconds"), os.getpid()
-    own = {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _begun(pid)}
+    own = {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _read_process_start(pid)}
     while True:
         try:
             handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
@@ -113,7 +113,7 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
         except FileExistsError:
             holder = read_lock(path)
             if holder is not None and holder.alive:
-                raise _busy(path.parent, holder) from None
+                raise _make_busy_error(path.parent, holder) from None
             path.unlink(missing_ok=True)
     try:
         os.write(handle, json.dumps(own).encode())
@@ -124,18 +124,18 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
         os.close(handle)
     _held.add(path)
     try:
-        for other in running_builds(directory):
+        for other in list_running_builds(directory):
             mine = other.path.resolve() == path and other.pid == os.getpid()
             side_by_side = part is not None and other.part is not None and part.among == other.part.among
             if not mine and not side_by_side:
-                raise _busy(directory, other)
+                raise _make_busy_error(directory, other)
         yield
     finally:
         _held.discard(path)
         path.unlink(missing_ok=True)
 
 
-def running_builds(directory: Path) -> list[Holder]:
+def list_running_builds(directory: Path) -> list[Holder]:
     """List active builds in a folder, from their locks."""
     found = (read_lock(path) for path in sorted(directory.glob(PATTERN)))
     return [holder for holder in found if holder is not None and holder.alive]
@@ -164,7 +164,7 @@ _numbers = count()
 
 
 @contextmanager
-def new_folder(target: Path) -> Iterator[Path]:
+def write_new_folder(target: Path) -> Iterator[Path]:
     """Write a folder that is named when complete.
 
     The block writes to a folder next to it that no other process or thread writes to; it is removed if the block fails,
@@ -195,7 +195,7 @@ def new_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _busy(directory: Path, holder: Holder) -> DatasetError:
+def _make_busy_error(directory: Path, holder: Holder) -> DatasetError:
     hint = "" if holder.host == platform.node() else f"; if that process is gone, delete {holder.path}"
     return DatasetError(f"{directory}: is being built by {holder}; wait for it or stop it{hint}")
 
@@ -217,7 +217,7 @@ def _is_running(pid: int) -> bool:
     return True
 
 
-def _begun(pid: int) -> str:
+def _read_process_start(pid: int) -> str:
     """Return the start of a process in clock ticks.
 
     It is empty where the system does not know it.

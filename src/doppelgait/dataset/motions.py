@@ -25,7 +25,7 @@ PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 """How fast the gate of an example without a target moves, unless the plan says so."""
 
 
-def recording_of(motion: Mapping[str, Any]) -> str:
+def get_recording_path(motion: Mapping[str, Any]) -> str:
     """Return the path of a resolved motion's recording, as written.
 
     It is empty for a model.
@@ -33,21 +33,21 @@ def recording_of(motion: Mapping[str, Any]) -> str:
     return str(motion["path"]) if motion["kind"] == "file" else ""
 
 
-def recordings_of(motion: Mapping[str, Any]) -> tuple[str, ...]:
+def list_recording_paths(motion: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the paths of a resolved motion's recordings, as written.
 
     They are two for a blended one, none for a model.
     """
     other = (motion.get("hybrid") or {}).get("other") if motion["kind"] == "file" else None
-    return tuple(filter(None, (recording_of(motion), recording_of(other) if other else "")))
+    return tuple(filter(None, (get_recording_path(motion), get_recording_path(other) if other else "")))
 
 
-def source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
+def find_source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
     """Return the first entry of ``[[sources]]`` that fits a recording."""
     return next((entry for entry in sources if fnmatchcase(recording, entry.files)), None)
 
 
-def subject_of(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
+def find_subject(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
     """Return the subject of a motion.
 
     It is that of ``[[sources]]``, else the recording; a model's draw is its own subject.
@@ -57,10 +57,10 @@ def subject_of(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceS
     ConfigError
         If the expression of the source does not match.
     """
-    recording = recording_of(motion)
+    recording = get_recording_path(motion)
     if not recording:
         return f"model/{row_id}"
-    entry = source_entry(recording, sources)
+    entry = find_source_entry(recording, sources)
     if entry is None or entry.subject is None:
         return f"file/{recording}"
     match = re.search(entry.subject, recording)
@@ -71,7 +71,7 @@ def subject_of(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceS
     return f"person/{match[1]}"
 
 
-class Phantom(FrozenModel):
+class EmptySceneOptions(FrozenModel):
     """Options of motion ``none``.
 
     Parameters
@@ -99,7 +99,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
     ConfigError
         If the kind, a parameter or an option is not known or not allowed, or a file is missing.
     """
-    from doppelgait.motion.models import MOTION_MODELS, parameters_of
+    from doppelgait.motion.models import MOTION_MODELS, get_parameters
 
     if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
         needs = 'needs kind = "NAME" (a motion model, or "file" with path = "...")'
@@ -120,29 +120,29 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
             raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
         if not (folder / path).is_file():
             raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
-        from doppelgait.motion.readers import MOTION_READERS, read, reader_options
+        from doppelgait.motion.readers import MOTION_READERS, list_reader_options, read
 
         # The options of all readers: only a file's content says which of them reads it.
         functions = [read, *(reader.run for reader in MOTION_READERS.values())]
-        allowed = list(dict.fromkeys(name for function in functions for name in reader_options(function)))
+        allowed = list(dict.fromkeys(name for function in functions for name in list_reader_options(function)))
         for name in sorted(set(options) - set(allowed)):
             raise ConfigError(
                 f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
                 f"hybrid, {', '.join(allowed)}"
             )
     elif kind == NOBODY:
-        validate(Phantom, options, section=tuple(key.split(".")))
+        validate(EmptySceneOptions, options, section=tuple(key.split(".")))
     elif kind not in MOTION_MODELS:
         known = ", ".join(["file", NOBODY, *MOTION_MODELS])
         raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
     else:
         try:
-            validate(parameters_of(kind), options, section=tuple(key.split(".")))
+            validate(get_parameters(kind), options, section=tuple(key.split(".")))
         except ConfigError as error:
             raise ConfigError(f"{error} (motion is {shorten(motion)})") from None
 
 
-def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
+def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
     """List the paths of motion files in tables.
 
     They are as written and sorted; all choices of a distribution count.
@@ -151,8 +151,8 @@ def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
 
     def walk(value: Any) -> None:
         if isinstance(value, Mapping):
-            if "file" in _strings(value.get("kind")):
-                found.update(_strings(value.get("path")))
+            if "file" in _list_strings(value.get("kind")):
+                found.update(_list_strings(value.get("path")))
             for inner in value.values():
                 walk(inner)
         elif isinstance(value, list):
@@ -164,13 +164,13 @@ def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
     return sorted(found)
 
 
-def _strings(value: Any) -> list[str]:
+def _list_strings(value: Any) -> list[str]:
     """Return the texts of a value, ``choice`` or ``cycle``."""
     if isinstance(value, str):
         return [value]
     if isinstance(value, Mapping):
         lists = [value.get(name) for name in ("choice", "cycle")]
-        return [text for entries in lists if isinstance(entries, list) for e in entries for text in _strings(e)]
+        return [text for entries in lists if isinstance(entries, list) for e in entries for text in _list_strings(e)]
     return []
 
 
@@ -198,7 +198,7 @@ def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSe
     seen: dict[str, str] = {}
     for path in (path for group in by_size.values() if len(group) > 1 for path in group):
         first = seen.setdefault(hashlib.sha256((folder / path).read_bytes()).hexdigest(), path)
-        if subject_of({"kind": "file", "path": first}, "", sources) != subject_of(
+        if find_subject({"kind": "file", "path": first}, "", sources) != find_subject(
             {"kind": "file", "path": path}, "", sources
         ):
             raise ConfigError(
@@ -246,13 +246,13 @@ class FolderMotion(FrozenModel):
 
 def has_folders(plan: PlanConfig) -> bool:
     """Return True if a class's motion is a folder."""
-    return any(_folders_in(section.motion) for section in plan.classes)
+    return any(_has_folders(section.motion) for section in plan.classes)
 
 
-def _folders_in(value: Any) -> bool:
+def _has_folders(value: Any) -> bool:
     if isinstance(value, Mapping):
-        return value.get("kind") == "folder" or any(map(_folders_in, value.values()))
-    return isinstance(value, list) and any(map(_folders_in, value))
+        return value.get("kind") == "folder" or any(map(_has_folders, value.values()))
+    return isinstance(value, list) and any(map(_has_folders, value))
 
 
 def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | None = None) -> PlanConfig:
@@ -324,7 +324,7 @@ def _list_segments(
     for number, file in enumerate(files, start=1):
         name = (Path(spec.path) / file.relative_to(root)).as_posix()
         try:
-            found += _segments_of_file(spec, file, name, seconds)
+            found += _read_file_segments(spec, file, name, seconds)
         except DoppelgaitError as error:
             refused[name] = str(error).replace(f"{file}: ", "").partition(";")[0]
         if on_progress is not None:
@@ -342,14 +342,16 @@ def _list_segments(
     tables = [table for table, _ in found]
     if spec.hybrid == "none":
         return tables
-    from doppelgait.dataset.hybrids import with_hybrids
+    from doppelgait.dataset.hybrids import add_hybrids
 
-    subjects = [subject_of(table, "", sources) for table in tables]
-    return with_hybrids(tables, [clip for _, clip in found], subjects, spec.hybrid)
+    subjects = [find_subject(table, "", sources) for table in tables]
+    return add_hybrids(tables, [clip for _, clip in found], subjects, spec.hybrid)
 
 
-def _segments_of_file(spec: FolderMotion, file: Path, name: str, seconds: float) -> list[tuple[dict[str, Any], Motion]]:
-    from doppelgait.motion.gait import with_gait_facts
+def _read_file_segments(
+    spec: FolderMotion, file: Path, name: str, seconds: float
+) -> list[tuple[dict[str, Any], Motion]]:
+    from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import read
     from doppelgait.motion.segments import crop, find_segments
@@ -373,7 +375,7 @@ def _segments_of_file(spec: FolderMotion, file: Path, name: str, seconds: float)
                     continue  # shorter than a stride: nothing to repeat
                 table["loop_to_s"] = seconds + SPARE_S
             if spec.hybrid != "none":
-                clip = with_gait_facts(clip)
+                clip = add_gait_facts(clip)
                 clip.position_m.setflags(write=False)  # its cycle is fitted once
             tables.append((table, clip))
     return tables

@@ -102,12 +102,12 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
             ", ".join(f"{code} ({label})" for code, label in form.labels.items())
             or "letters, digits, spaces, _ . and -; rename it, or write a file of labels"
         )
-        raise ConfigError(f"{source}: {_some(unknown)}: is no label; allowed are {allowed}")
+        raise ConfigError(f"{source}: {_list_some(unknown)}: is no label; allowed are {allowed}")
     if not entries:
         seen = f"{len(unfit)} files end in {suffix!r}, the first is {unfit[0]}" if unfit else f"none ends in {suffix!r}"
         raise ConfigError(f"{source}: no file fits {form.template}: {seen}")
     if unfit:
-        warn_caller(f"{source}: {len(unfit)} files do not fit {form.template} and are left out: {_some(unfit)}")
+        warn_caller(f"{source}: {len(unfit)} files do not fit {form.template} and are left out: {_list_some(unfit)}")
     return entries
 
 
@@ -187,6 +187,6 @@ def _compile(names: str, template: str) -> re.Pattern[str]:
     return re.compile(text + re.escape(template[end:]))
 
 
-def _some(texts: Sequence[str]) -> str:
+def _list_some(texts: Sequence[str]) -> str:
     more = f" and {len(texts) - SHOWN} more" if len(texts) > SHOWN else ""
     return ", ".join(texts[:SHOWN]) + more

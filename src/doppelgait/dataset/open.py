@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.core.config import json_value, validate
+from doppelgait.core.config import convert_to_json, validate
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DatasetError
@@ -22,12 +22,12 @@ from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.example import (
     Example,
     Features,
-    analysis_of,
-    carrier_of,
-    feature_matrix,
+    build_feature_matrix,
+    find_plan_number,
     label_arrays,
-    nearest,
-    simulated_number,
+    read_analysis,
+    read_carrier_hz,
+    suggest_names,
 )
 from doppelgait.dataset.finish import SCHEMA_VERSION
 from doppelgait.dataset.learning import (
@@ -39,7 +39,7 @@ from doppelgait.dataset.learning import (
     collect_arrays,
     picture_format,
 )
-from doppelgait.dataset.query import rows_where
+from doppelgait.dataset.query import select_rows
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, decode
 from doppelgait.features import FEATURE_UNITS
@@ -222,14 +222,14 @@ class Dataset:
             known = sorted(self.index["split"].unique())
             if key not in known:
                 raise DatasetError(f"{self.directory}: no split {key!r}; there are {', '.join(known) or 'none'}")
-            return self._part((self.index["split"] == key).to_numpy(dtype=bool))
+            return self._select_rows((self.index["split"] == key).to_numpy(dtype=bool))
         found = np.flatnonzero((self.index["id"] == key).to_numpy(dtype=bool)) if isinstance(key, str) else np.empty(0)
         if found.size == 0:
-            hint = nearest(str(key), self.index["id"])
+            hint = suggest_names(str(key), self.index["id"])
             raise DatasetError(f"{self.directory}: {key!r} is neither a split nor the id of an example here{hint}")
         return self.example(int(found[0]))
 
-    def _part(self, chosen: npt.NDArray[np.bool_]) -> Dataset:
+    def _select_rows(self, chosen: npt.NDArray[np.bool_]) -> Dataset:
         return Dataset(self.directory, self.description, self.index[chosen].reset_index(drop=True), self.files)
 
     def select(self, query: str) -> Dataset:
@@ -243,7 +243,7 @@ class Dataset:
         DatasetError
             If the query names no column of the index or is no condition.
         """
-        return self._part(rows_where(self.index, query))
+        return self._select_rows(select_rows(self.index, query))
 
     def features(self, names: str | Sequence[str] = "six", *, without_flags: Sequence[str] = ()) -> Features:
         """Return features, labels and groups for scikit-learn.
@@ -264,7 +264,7 @@ class Dataset:
         DatasetError
             If a column is missing or holds no numbers.
         """
-        return feature_matrix(self.index, names, without_flags)
+        return build_feature_matrix(self.index, names, without_flags)
 
     def array(self, field: str, number: int) -> Array:
         """Return an array of the ``number``-th example, in linear units.
@@ -284,9 +284,9 @@ class Dataset:
 
     def example(self, number: int) -> Example:
         """Return the ``number``-th example of this part with labelled arrays."""
-        row = json_value(self.index.iloc[number].to_dict())
+        row = convert_to_json(self.index.iloc[number].to_dict())
         fields = self.description["fields"]
-        carrier_hz = carrier_of(self.description, row) if fields else float("nan")
+        carrier_hz = read_carrier_hz(self.description, row) if fields else float("nan")
         arrays = label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz)
         return Example(row, arrays, partial(self.specification, number))
 
@@ -309,8 +309,8 @@ class Dataset:
         ConfigError
             If a motion or preset file of the plan is missing.
         """
-        row: dict[str, Any] = json_value(self.index.iloc[number].to_dict())
-        place = simulated_number(self.description, row)
+        row: dict[str, Any] = convert_to_json(self.index.iloc[number].to_dict())
+        place = find_plan_number(self.description, row)
         split, group = str(row["split"]), str(row["group"])
         return resolve_example(self.plan_config, place, Path(folder or ""), split=split, group=group)
 
@@ -325,7 +325,7 @@ class Dataset:
         Its truth is :attr:`Example.truth`.
         """
         example = self.example(number)
-        return example.result(analysis_of(self.description, example.row))
+        return example.result(read_analysis(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
         """Return a stored array or axis of an example.

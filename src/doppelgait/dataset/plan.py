@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig
-from doppelgait.dataset.motions import Progress, expand_folders, motion_files, refuse_copies, refuse_two_spellings
-from doppelgait.dataset.resolve import ExampleSpec, class_of, example_id, resolve_example, rows_of
-from doppelgait.dataset.splits import assign_splits, groups_of
+from doppelgait.dataset.motions import Progress, expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
+from doppelgait.dataset.resolve import ExampleSpec, find_class, make_example_id, resolve_example, resolve_rows
+from doppelgait.dataset.splits import assign_splits, group_subjects
 
 
 class PlannedExample(NamedTuple):
@@ -98,7 +98,9 @@ class Plan:
 
         def place(entry: PlannedExample) -> tuple[float, int]:
             section = self.config.classes[entry.class_number]
-            return class_of(self.config, entry.number)[1] / self.config.examples_of(section), entry.class_number
+            return find_class(self.config, entry.number)[1] / self.config.count_class_examples(
+                section
+            ), entry.class_number
 
         return split_into_shards(sorted(self.examples, key=place), self.config.dataset.shard_size)
 
@@ -140,32 +142,32 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     """
     source = folder or Path()
     expanded = expand_folders(config, source, on_progress=on_progress)
-    files = motion_files([*(s.motion for s in expanded.classes), {"companions": expanded.companions}])
+    files = list_motion_files([*(s.motion for s in expanded.classes), {"companions": expanded.companions}])
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
     scenes: list[tuple[str, ...]] = []
     for section in expanded.classes:
-        from_files = bool(expanded.companions) or bool(motion_files([section.motion]))
-        for within in range(expanded.examples_of(section)):
-            name = example_id(section.label, within)
+        from_files = bool(expanded.companions) or bool(list_motion_files([section.motion]))
+        for within in range(expanded.count_class_examples(section)):
+            name = make_example_id(section.label, within)
             if not from_files:  # the subject of a model needs no sampling
                 scenes.append((f"model/{name}",))
                 continue
             try:
-                rows, _ = rows_of(expanded, len(scenes), source)
+                rows, _ = resolve_rows(expanded, len(scenes), source)
             except ConfigError as error:
                 raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
             mine = [row.subject for row in rows]
             scenes.append((*mine, *(other for row in rows for other in row.others)))
-    groups = groups_of(scenes)
+    groups = group_subjects(scenes)
     members: dict[str, list[str]] = {section.label: [] for section in expanded.classes}
     for number, subjects in enumerate(scenes):
-        members[expanded.classes[class_of(expanded, number)[0]].label].append(groups[subjects[0]])
+        members[expanded.classes[find_class(expanded, number)[0]].label].append(groups[subjects[0]])
     splits = assign_splits(expanded.dataset, {label: list(dict.fromkeys(names)) for label, names in members.items()})
     examples = []
     for number, subjects in enumerate(scenes):
-        place, within = class_of(expanded, number)
-        name, group = example_id(expanded.classes[place].label, within), groups[subjects[0]]
+        place, within = find_class(expanded, number)
+        name, group = make_example_id(expanded.classes[place].label, within), groups[subjects[0]]
         examples.append(PlannedExample(number, place, name, splits[group], group, subjects))
     return Plan(expanded, source, tuple(examples))
 
@@ -194,26 +196,26 @@ def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress
         Naming class, example and key.
     """
     total = spread_count(plan, most)
-    for done, _ in enumerate(spread(plan, most), start=1):
+    for done, _ in enumerate(sample_examples(plan, most), start=1):
         if on_progress is not None:
             on_progress(done, total)
     return total
 
 
 def spread_count(plan: Plan, most: int | None = None) -> int:
-    """Return how many examples :func:`spread` yields."""
+    """Return how many examples :func:`sample_examples` yields."""
     total = len(plan.examples)
     return total if most is None else min(most, total)
 
 
-def spread(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
+def sample_examples(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
     """Yield up to ``most`` evenly spread resolved examples."""
     total, count = len(plan.examples), spread_count(plan, most)
     for place in range(count):
         yield plan.example(place * total // count)
 
 
-def nuisance_of(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
+def collect_nuisance(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
     """Return all sampled values of a row except its motion.
 
     These must not predict the class. Keys are dotted, values numbers and texts.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset.example import nearest
+from doppelgait.dataset.example import suggest_names
 
 MAX_LENGTH = 10_000
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -29,7 +29,7 @@ ALLOWED = (
 )
 
 
-def rows_where(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
+def select_rows(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
     """Mark the rows that fulfil a query.
 
     Unknown values fulfil none.
@@ -48,7 +48,7 @@ def rows_where(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
     try:
         if len(query) > MAX_LENGTH:
             raise ValueError(f"has {len(query)} characters, allowed are {MAX_LENGTH}")
-        found = _value(ast.parse(query.strip(), mode="eval").body, index)
+        found = _evaluate_value(ast.parse(query.strip(), mode="eval").body, index)
     except DatasetError as error:
         raise DatasetError(f"select {query!r}: {error}") from None
     except SyntaxError as error:
@@ -65,7 +65,7 @@ def _is_condition(value: Any) -> bool:
     return isinstance(value, pd.Series) and pd.api.types.is_bool_dtype(value)
 
 
-def _value(node: ast.expr, index: pd.DataFrame) -> Any:
+def _evaluate_value(node: ast.expr, index: pd.DataFrame) -> Any:
     """Return the value of a part of a query.
 
     It is a column, a number, a text or a list.
@@ -73,26 +73,26 @@ def _value(node: ast.expr, index: pd.DataFrame) -> Any:
     match node:
         case ast.Name(id=name):
             if name not in index.columns:
-                raise DatasetError(f"no column {name!r}{nearest(name, map(str, index.columns))}")
+                raise DatasetError(f"no column {name!r}{suggest_names(name, map(str, index.columns))}")
             return index[name]
         case ast.Constant(value=bool() | int() | float() | str() as value):
             return value
         case ast.List(elts=parts) | ast.Tuple(elts=parts):
-            return [_value(part, index) for part in parts]
+            return [_evaluate_value(part, index) for part in parts]
         case ast.BoolOp(op=joint, values=parts):
             join = operator.and_ if isinstance(joint, ast.And) else operator.or_
-            return reduce(join, [_condition(part, index) for part in parts])
+            return reduce(join, [_evaluate_condition(part, index) for part in parts])
         case ast.BinOp(op=ast.BitAnd() | ast.BitOr() as joint, left=left, right=right):
             join = operator.and_ if isinstance(joint, ast.BitAnd) else operator.or_
-            return join(_condition(left, index), _condition(right, index))
+            return join(_evaluate_condition(left, index), _evaluate_condition(right, index))
         case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part):
-            return ~_condition(part, index)
+            return ~_evaluate_condition(part, index)
         case ast.UnaryOp(op=ast.USub(), operand=part):
             return -_number(part, index)
         case ast.BinOp(op=sign, left=left, right=right) if type(sign) in ARITHMETIC:
             return ARITHMETIC[type(sign)](_number(left, index), _number(right, index))
         case ast.Compare(left=left, ops=signs, comparators=parts):
-            values = [_value(part, index) for part in (left, *parts)]
+            values = [_evaluate_value(part, index) for part in (left, *parts)]
             pairs = zip(values, signs, values[1:], strict=False)
             return reduce(operator.and_, [_compare(one, sign, two) for one, sign, two in pairs])
     raise DatasetError(f"{ast.unparse(node)[:60]!r} is not allowed; {ALLOWED}")
@@ -108,15 +108,15 @@ def _compare(one: Any, sign: ast.cmpop, two: Any) -> Any:
     return COMPARISONS[type(sign)](one, two)
 
 
-def _condition(node: ast.expr, index: pd.DataFrame) -> Any:
-    value = _value(node, index)
+def _evaluate_condition(node: ast.expr, index: pd.DataFrame) -> Any:
+    value = _evaluate_value(node, index)
     if not _is_condition(value):
         raise DatasetError(f"{ast.unparse(node)[:60]!r} is no condition; compare it with something")
     return value
 
 
 def _number(node: ast.expr, index: pd.DataFrame) -> Any:
-    value = _value(node, index)
+    value = _evaluate_value(node, index)
     if isinstance(value, pd.Series) and pd.api.types.is_numeric_dtype(value):
         return value.astype(np.float64)
     if isinstance(value, int | float):

@@ -15,20 +15,20 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
-from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.core.worker import one_blas_thread
+from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import ImportConfig
-from doppelgait.dataset.shard import NOTHING, Made, failure_reason
-from doppelgait.dataset.shard_files import stored_arrays
+from doppelgait.dataset.shard import NOTHING, ExampleData, describe_failure
+from doppelgait.dataset.shard_files import encode_arrays
 from doppelgait.dataset.splits import PlannedEntry
 from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.pictures import is_picture, read_picture
-from doppelgait.pipeline.spectrogram import gate_of_levels
-from doppelgait.processing import burst_pulses_of
+from doppelgait.pipeline.spectrogram import make_level_gate
+from doppelgait.processing import get_burst_pulses
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
 
@@ -108,10 +108,10 @@ def cut(
         If the recording ends before ``stop_s``, or what is meant is shorter than a window.
     """
     if isinstance(recording, xr.DataArray):
-        times_s, pulses = axis(recording, "time"), 1
+        times_s, pulses = read_axis(recording, "time"), 1
     else:
         times_s = recording.slow_time_s.astype(np.float64)
-        pulses = burst_pulses_of(recording.baseband) or 1
+        pulses = get_burst_pulses(recording.baseband) or 1
     block_starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
     if block_starts_s.size < 2:
         raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
@@ -124,26 +124,26 @@ def cut(
             given = begin if name == "start_s" else end
             raise AnalysisError(f"{name} = {given:g}: the recording lasts {duration_s:.6g} s")
     if window_s is None or step_s is None:
-        return [_part(recording, blocks, begin, end)]
+        return [_make_part(recording, blocks, begin, end)]
     count = int(np.floor((end - begin - window_s + margin_s) / step_s)) + 1
     if count < 1:
         raise AnalysisError(f"lasts {end - begin:.6g} s, less than a window of {window_s:g} s")
     starts_s = (begin + n * step_s for n in range(count))
-    return [_part(recording, blocks, at, min(at + window_s, end)) for at in starts_s]
+    return [_make_part(recording, blocks, at, min(at + window_s, end)) for at in starts_s]
 
 
-def _part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
+def _make_part(recording: Recording | xr.DataArray, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
     """Make a recording from a part of another."""
     chosen = blocks.between(start_s, stop_s)
     if isinstance(recording, xr.DataArray):
         cropped = recording.isel(time=chosen)
-        times = ("time", axis(cropped, "time") - axis(cropped, "time")[:1], cropped["time"].attrs)
+        times = ("time", read_axis(cropped, "time") - read_axis(cropped, "time")[:1], cropped["time"].attrs)
         return Part(start_s, stop_s, cropped.assign_coords(time=times))
     whole = recording.baseband
-    times_s = axis(whole, "slow_time")[chosen]
+    times_s = read_axis(whole, "slow_time")[chosen]
     if times_s.size < 2:
         raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
-    coords = {"slow_time": times_s - times_s[0], "range": axis(whole, "range")}
+    coords = {"slow_time": times_s - times_s[0], "range": read_axis(whole, "range")}
     baseband = make_array(BASEBAND, whole.values[chosen], coords, whole.attrs)
     return Part(start_s, stop_s, recording.with_baseband(baseband, truth=()))
 
@@ -174,16 +174,16 @@ class RecordedExamples:
     hashes: Mapping[str, str]
     identity: str
 
-    def make(self, entry: PlannedEntry) -> Made:
+    def make(self, entry: PlannedEntry) -> ExampleData:
         """Analyse the windows of an entry.
 
         Whatever is wrong with its recording is a failure, not an error.
         """
-        made, line, config = Made(), entry.entry, self.config
+        made, line, config = ExampleData(), entry.entry, self.config
 
         def fail(name: str, error: Exception) -> None:
             spec = {"line": line.line, "file": line.recording, "start_s": line.start_s, "stop_s": line.stop_s}
-            reason = _portable(failure_reason(error), self.folder)
+            reason = _remove_folder(describe_failure(error), self.folder)
             made.failures.append({"id": name, "reason": reason, "spec": json.dumps({**spec, "split": entry.split})})
 
         try:
@@ -200,19 +200,19 @@ class RecordedExamples:
             name = entry.id if config.window_s is None else f"{entry.id}-w{number:04d}"
             try:
                 analysed = part.recording
-                with one_blas_thread(), _messages(self.folder) as messages:
+                with limit_blas_threads(), _collect_messages(self.folder) as messages:
                     if isinstance(analysed, Recording):
                         results: Sequence[Result] = analyze(
                             analysed, gate=line.gate, analysis=config.analysis, tracking=config.tracking
                         )
                     else:
                         settings = config.analysis.resolved(None)
-                        results = [analyze_signature(analysed, gate_of_levels(analysed), settings, label=None)]
-                result = labelled_result(results)
+                        results = [analyze_signature(analysed, make_level_gate(analysed), settings, label=None)]
+                result = find_labelled_result(results)
                 signals: dict[str, Any] = {spec.name: getattr(result, spec.name, None) for spec in config.fields}
                 if "baseband" in signals:
                     signals["baseband"] = getattr(analysed, "baseband", None)
-                stored = stored_arrays(config.fields, signals)
+                stored = encode_arrays(config.fields, signals)
             except Exception as error:
                 fail(name, error)
                 continue
@@ -238,17 +238,17 @@ class RecordedExamples:
                 # what only a simulation knows is unknown
                 **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
                 "gate_error_m": None,
-                **_radar_columns(analysed, self.folder),
+                **_make_radar_columns(analysed, self.folder),
                 **line.further,
-                **_outcome_columns(entry, results, result),
+                **_make_outcome_columns(entry, results, result),
                 "warnings": _join((*notes, *messages)),
             }
-            made.rows.append(json_value(columns))
+            made.rows.append(convert_to_json(columns))
             made.arrays.append(stored)
         return made
 
 
-def _radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str, Any]:
+def _make_radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str, Any]:
     if isinstance(analysed, xr.DataArray):
         carrier_hz = SPEED_OF_LIGHT_MPS / float(analysed.attrs["wavelength_m"])
         note = f"a picture: {analysed.attrs['picture']}"
@@ -257,7 +257,7 @@ def _radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dict[str
         "prf_hz": analysed.radar.prf_hz,
         "carrier_hz": analysed.radar.carrier_hz,
         "snr_frame_db": analysed.snr_frame_db,
-        "notes": _join(_portable(note, folder) for note in analysed.notes),
+        "notes": _join(_remove_folder(note, folder) for note in analysed.notes),
     }
 
 
@@ -266,7 +266,7 @@ def _read(
     folder: Path, recording: str, sha256: str, options: tuple[tuple[str, Any], ...]
 ) -> tuple[Recording | xr.DataArray, tuple[str, ...]]:
     loaded: Recording | xr.DataArray
-    with _messages(folder) as messages:
+    with _collect_messages(folder) as messages:
         if is_picture(recording):
             if unknown := sorted(set(dict(options)) - {"config"}):
                 raise AnalysisError(f"{recording}: a picture has no option {', '.join(unknown)}; it has config")
@@ -276,7 +276,7 @@ def _read(
     return loaded, tuple(messages)
 
 
-def labelled_result(results: Sequence[Result]) -> Result | None:
+def find_labelled_result(results: Sequence[Result]) -> Result | None:
     """Return the result for a recording's only label.
 
     It is the track with the most seconds, weighted by its confidence.
@@ -294,7 +294,7 @@ def labelled_result(results: Sequence[Result]) -> Result | None:
     return max(results, key=weight, default=None)
 
 
-def _outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:
+def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:
     tracked = planned.entry.gate == "track"
     n_tracks = len(results) if tracked else None
     if result is None:
@@ -307,7 +307,7 @@ def _outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: R
 
 
 @contextmanager
-def _messages(folder: Path) -> Iterator[list[str]]:
+def _collect_messages(folder: Path) -> Iterator[list[str]]:
     """Collect the warnings of the block, without the folder's path.
 
     The list is filled when the block ends.
@@ -316,11 +316,11 @@ def _messages(folder: Path) -> Iterator[list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         yield messages
-    found = (_portable(str(one.message), folder) for one in caught if issubclass(one.category, DoppelgaitWarning))
+    found = (_remove_folder(str(one.message), folder) for one in caught if issubclass(one.category, DoppelgaitWarning))
     messages += dict.fromkeys(found)
 
 
-def _portable(text: str, folder: Path) -> str:
+def _remove_folder(text: str, folder: Path) -> str:
     """Remove the path of a folder from a text."""
     return text.replace(f"{folder}/", "").replace(f"{folder}\\", "")
 

@@ -19,9 +19,9 @@ from doppelgait.dataset.motions import (
     NOBODY,
     PHANTOM_SPEED_MPS,
     check_motion,
-    recordings_of,
-    source_entry,
-    subject_of,
+    find_source_entry,
+    find_subject,
+    list_recording_paths,
 )
 from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.radar_table import FITTED_KEYS
@@ -87,35 +87,35 @@ class ExampleSpec(FrozenModel):
         return self.rows[0].label
 
 
-def class_of(plan: PlanConfig, number: int) -> tuple[int, int]:
+def find_class(plan: PlanConfig, number: int) -> tuple[int, int]:
     """Return an example's class number and number within the class.
 
     Beyond the plan the classes take turns.
     """
     rest = number
     for place, section in enumerate(plan.classes):
-        count = plan.examples_of(section)
+        count = plan.count_class_examples(section)
         if rest < count:
             return place, rest
         rest -= count
     place = rest % len(plan.classes)
-    return place, plan.examples_of(plan.classes[place]) + rest // len(plan.classes)
+    return place, plan.count_class_examples(plan.classes[place]) + rest // len(plan.classes)
 
 
-def example_id(label: str, number: int) -> str:
+def make_example_id(label: str, number: int) -> str:
     """Return the identifier of the ``number``-th example of a class."""
     return f"{label.replace(' ', '_')}-{number:06d}"
 
 
-def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
+def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
     """Return the rows of an example and their targets.
 
     Motions are sampled, placements are not.
     """
-    place, within = class_of(plan, number)
-    section, name = plan.classes[place], example_id(plan.classes[place].label, within)
+    place, within = find_class(plan, number)
+    section, name = plan.classes[place], make_example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
-    draw = _sampler(plan, number)
+    draw = _make_sampler(plan, number)
     motion = draw(section.motion, "motion")
     if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
         motion = {**motion, "speed_mps": draw(PHANTOM_SPEED_MPS, "motion.speed_mps")}
@@ -134,11 +134,11 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     for count, target in enumerate(targets):
         row_id = name if count == 0 else f"{name}-c{count}"
         motion = target["motion"]
-        recordings = recordings_of(motion)
-        entries = [source_entry(path, plan.sources) for path in recordings]
+        recordings = list_recording_paths(motion)
+        entries = [find_source_entry(path, plan.sources) for path in recordings]
         licences = list(dict.fromkeys("" if entry is None else entry.licence for entry in entries))
-        others = [subject_of({"kind": "file", "path": path}, row_id, plan.sources) for path in recordings[1:]]
-        subject = subject_of(motion, row_id, plan.sources)
+        others = [find_subject({"kind": "file", "path": path}, row_id, plan.sources) for path in recordings[1:]]
+        subject = find_subject(motion, row_id, plan.sources)
         rows.append(
             RowSpec.model_construct(  # as checked above
                 id=row_id,
@@ -153,12 +153,12 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     return tuple(rows), targets
 
 
-def _sampler(plan: PlanConfig, number: int) -> Draw:
+def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     """Return the function that samples values of an example.
 
     Cycles turn by the number within the class, alike in every class.
     """
-    turn = class_of(plan, number)[1]
+    turn = find_class(plan, number)[1]
     return lambda value, key: resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=turn)
 
 
@@ -183,11 +183,11 @@ def resolve_example(
     ConfigError
         If a drawn value is not allowed or a motion file is missing; the message names class, example and key.
     """
-    place, within = class_of(plan, number)
+    place, within = find_class(plan, number)
     section = plan.classes[place]
-    name = example_id(section.label, within)
+    name = make_example_id(section.label, within)
     try:
-        rows, targets = rows_of(plan, number, folder)
+        rows, targets = resolve_rows(plan, number, folder)
         run = _run_spec(plan, section, number, targets, name, folder)
     except ConfigError as error:
         raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
@@ -202,7 +202,7 @@ def _run_spec(
 
     Everything but the motions and what ``dataset.leaks`` names is sampled by a rule that knows no class.
     """
-    draw = _sampler(plan, number)
+    draw = _make_sampler(plan, number)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}

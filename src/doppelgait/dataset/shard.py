@@ -16,14 +16,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core import files
-from doppelgait.core.config import FrozenModel, canonical_json, json_value
+from doppelgait.core.config import FrozenModel, convert_to_json, format_canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.interrupt import raise_if_stopped
-from doppelgait.core.worker import one_blas_thread
+from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
-from doppelgait.dataset.shard_files import Arrays, hash_contents, stored_arrays, write_shard
+from doppelgait.dataset.shard_files import Arrays, encode_arrays, hash_contents, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze, run_simulation
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -68,7 +68,7 @@ def match_tracks(
     return found
 
 
-def strongest_track(results: Sequence[Result]) -> list[Result | None]:
+def find_strongest_track(results: Sequence[Result]) -> list[Result | None]:
     """Return an empty scene's most confident track, or None."""
     tracked = [result for result in results if "track_confidence" in result.quality]
     return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
@@ -126,14 +126,14 @@ def index_rows(
             "recording": row.recording,
             "licence": row.licence,
             "motion_kind": "none" if row.source == "none" else motion["kind"],
-            "motion": "" if row.source == "none" else canonical_json(motion),
+            "motion": "" if row.source == "none" else format_canonical_json(motion),
             **scene,
             "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
-            **(truth_columns(truth) if row.source != "none" else dict.fromkeys(truth_columns(truth))),
+            **(make_truth_columns(truth) if row.source != "none" else dict.fromkeys(make_truth_columns(truth))),
             **(result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
             "warnings": ";".join(messages),
         }
-        rows.append(json_value(columns))
+        rows.append(convert_to_json(columns))
     return rows
 
 
@@ -142,7 +142,7 @@ def _format_specs(specs: Sequence[FrozenModel]) -> str:
     return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
-def truth_columns(truth: TargetTruth) -> dict[str, Any]:
+def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
     """Return the index columns of simulations only.
 
     Their names begin with ``truth_``.
@@ -162,7 +162,7 @@ def truth_columns(truth: TargetTruth) -> dict[str, Any]:
 
 
 @dataclass
-class Made:
+class ExampleData:
     """Rows, arrays and failures of one example.
 
     Parameters
@@ -180,7 +180,7 @@ class Made:
     failures: list[dict[str, str]] = field(default_factory=list)
 
 
-class Maker(Protocol):
+class ExampleMaker(Protocol):
     """Maker of examples, from a plan or recordings."""
 
     @property
@@ -193,7 +193,7 @@ class Maker(Protocol):
         """Id of the dataset."""
         ...
 
-    def make(self, entry: Any) -> Made:
+    def make(self, entry: Any) -> ExampleData:
         """Make an example.
 
         A fault of the example is a failure, not an error.
@@ -222,20 +222,22 @@ class BuildContext:
     directory: str
     identity: str = ""
 
-    def make(self, entry: PlannedExample) -> Made:
+    def make(self, entry: PlannedExample) -> ExampleData:
         """Simulate and analyse a planned example."""
         try:
             found = build_planned(entry, self)
         except Exception as error:
             try:
-                spec = canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
+                spec = format_canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
             except DoppelgaitError:
                 spec = json.dumps({"number": entry.number})
-            return Made(failures=[{"id": entry.id, "reason": failure_reason(error), "spec": spec}])
-        return Made([row for row, _ in found], [stored for _, stored in found])
+            return ExampleData(failures=[{"id": entry.id, "reason": describe_failure(error), "spec": spec}])
+        return ExampleData([row for row, _ in found], [stored for _, stored in found])
 
 
-def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None] | None = None) -> dict[str, Any]:
+def build_shard(
+    shard: Shard, maker: ExampleMaker, *, tick: Callable[[Any, ExampleData], None] | None = None
+) -> dict[str, Any]:
     """Build one shard file and its record, all or nothing.
 
     Parameters
@@ -265,13 +267,13 @@ def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None]
         if tick is not None:
             tick(entry, made)
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
-    with files.atomic_path(path, os_errors=True) as partial:
+    with files.open_atomically(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays, identity=maker.identity)
         record = {
             "dataset": maker.identity,
             "shard": shard.name,
             "contents_sha256": hash_contents(rows, arrays),
-            "sha256": files.file_sha256(partial),
+            "sha256": files.hash_file(partial),
             "bytes": partial.stat().st_size,
             "rows": rows,
             "failures": failures,
@@ -280,7 +282,7 @@ def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None]
     return record
 
 
-def failure_reason(error: Exception) -> str:
+def describe_failure(error: Exception) -> str:
     """Return an error's text for a shard's record."""
     if isinstance(error, DoppelgaitError):
         return str(error)
@@ -292,7 +294,7 @@ def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[di
     folder = Path(context.folder)
     example = resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group)
     settings = context.config.dataset
-    with one_blas_thread():
+    with limit_blas_threads():
         return build_example(example, settings.fields, folder, gate=settings.gate)
 
 
@@ -316,7 +318,7 @@ def build_example(
         found = analyze(recording, gate=gate, analysis=example.run.analysis, gate_error_m=error_m)
     results: Sequence[Result | None] = found
     if gate == "track" and example.rows[0].source == "none" and len(example.rows) == 1:
-        results = strongest_track(found)
+        results = find_strongest_track(found)
     elif gate == "track":
         results = match_tracks(found, recording.truth, recording.slow_time_s)
     messages = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
@@ -332,5 +334,5 @@ def build_example(
                 signals[name] = recording.truth[number].scatterers[variable]
             else:
                 signals[name] = getattr(result, name, None)
-        found_rows.append((row, stored_arrays(fields, signals)))
+        found_rows.append((row, encode_arrays(fields, signals)))
     return found_rows

@@ -18,11 +18,11 @@ import numpy.typing as npt
 import xarray as xr
 from deflate import zlib_compress
 
-from doppelgait.core.config import canonical_json
-from doppelgait.core.cost import cost_fault, limit_bytes
+from doppelgait.core.config import format_canonical_json
+from doppelgait.core.cost import describe_excess_memory, limit_bytes
 from doppelgait.core.errors import DatasetError
-from doppelgait.core.labels import axis
-from doppelgait.core.own_hdf5 import open_hdf5, own_member
+from doppelgait.core.labels import read_axis
+from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
 from doppelgait.dataset.config import FieldSpec
 
 Array = npt.NDArray[Any]
@@ -44,7 +44,7 @@ DB_FLOOR = -400.0
 """Stored for a power of 0."""
 
 
-def facts_of(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
+def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
     """Describe each field: dims, units, dtype, scale and hop."""
     facts: dict[str, dict[str, Any]] = {}
     for spec in specs:
@@ -80,7 +80,7 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
     return np.where(stored <= DB_FLOOR, 0.0, power).astype(np.float32)
 
 
-def axis_name(field: str, dim: str) -> str | None:
+def name_axis(field: str, dim: str) -> str | None:
     """Return the name of a field's axis in a shard.
 
     It is None for a dimension without one (``scatterer``).
@@ -88,7 +88,7 @@ def axis_name(field: str, dim: str) -> str | None:
     return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
 
 
-def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
+def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
     """Encode the arrays of one row, with their axes.
 
     Those of a target that was not found (None) are empty.
@@ -101,9 +101,9 @@ def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArra
             continue
         stored[spec.name] = encode(signal.values, spec)
         for place, dim in enumerate(FIELDS[spec.name]["dims"]):
-            name = axis_name(spec.name, dim)
+            name = name_axis(spec.name, dim)
             if name is not None:
-                values = axis(signal, dim)
+                values = read_axis(signal, dim)
                 stored[name] = values[:: spec.hop] if place == 0 else values
     return stored
 
@@ -147,7 +147,9 @@ def hash_contents(rows: Sequence[Mapping[str, Any]], arrays: Iterable[Arrays]) -
     digest = hashlib.sha256()
     for row, stored in zip(rows, arrays, strict=True):
         exact = {name: value for name, value in row.items() if isinstance(value, str | int)}
-        digest.update(canonical_json({name: exact[name] for name in exact.keys() - set(MEASURED_TEXTS)}).encode())
+        digest.update(
+            format_canonical_json({name: exact[name] for name in exact.keys() - set(MEASURED_TEXTS)}).encode()
+        )
         for name in sorted(stored):
             values = stored[name]
             digest.update(f"\n{name} {values.dtype.str} {values.shape}\n".encode())
@@ -217,29 +219,29 @@ class ShardFiles:
         DatasetError
             If the file is missing or damaged, has no such row, or takes values from another file.
         """
-        with self._faults_named(shard, name, row):
+        with self._name_faults(shard, name, row):
             found, one_row = self._find(shard, name, row)
             if found is None:
                 return None
             n_bytes = found.dtype.itemsize * math.prod(found.shape[1:] if one_row else found.shape)
-            if n_bytes > limit_bytes(size := self._path(shard).stat().st_size):
-                raise ValueError(cost_fault(n_bytes, size, "it"))
+            if n_bytes > limit_bytes(size := self._make_path(shard).stat().st_size):
+                raise ValueError(describe_excess_memory(n_bytes, size, "it"))
             return np.asarray(found[row] if one_row else found[:])
 
     def shape(self, shard: str, name: str, row: int) -> tuple[int, ...] | None:
         """Return the shape of the result of :meth:`read`."""
-        with self._faults_named(shard, name, row):
+        with self._name_faults(shard, name, row):
             found, one_row = self._find(shard, name, row)
             return None if found is None else tuple(found.shape[1:] if one_row else found.shape)
 
     @contextmanager
-    def _faults_named(self, shard: str, name: str, row: int) -> Iterator[None]:
+    def _name_faults(self, shard: str, name: str, row: int) -> Iterator[None]:
         try:
             yield
         except (OSError, LookupError, ValueError, TypeError, RuntimeError, MemoryError) as error:
             self.close()
             raise DatasetError(
-                f"{self._path(shard)}: {name} of row {row} cannot be read: {error}; check the folder with "
+                f"{self._make_path(shard)}: {name} of row {row} cannot be read: {error}; check the folder with "
                 "dataset verify, build it again to replace what is missing or damaged"
             ) from None
 
@@ -250,15 +252,15 @@ class ShardFiles:
         """
         import h5py
 
-        files = self._files()
+        files = self._get_files()
         if shard in files:
             files.move_to_end(shard)
         else:
             # An index or a link may put a shard anywhere: outside the folder it is no part of the dataset. The folder
             # of shards may be no link either; that of the whole dataset may.
-            if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
+            if self._make_path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
                 raise ValueError("it lies outside the folder of the dataset")
-            opened = open_hdf5(self._path(shard), members=False, rdcc_nbytes=0)  # a row is seldom read twice
+            opened = open_hdf5(self._make_path(shard), members=False, rdcc_nbytes=0)  # a row is seldom read twice
             files[shard] = (opened, {})
             if self.identity is not None and opened.attrs.get("dataset") != self.identity:
                 raise ValueError(f"it is of dataset {opened.attrs.get('dataset')!r}, not of {self.identity}")
@@ -266,13 +268,13 @@ class ShardFiles:
                 files.popitem(last=False)[1][0].close()
         file, known = files[shard]
         if name not in known:
-            known[name] = own_member(file, name)
+            known[name] = get_own_member(file, name)
         found = known[name]
         if found is None or isinstance(found, h5py.Dataset):
             return found, True
-        return own_member(found, str(row)), False
+        return get_own_member(found, str(row)), False
 
-    def _files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
+    def _get_files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
         """Return the files of this process and thread.
 
         After a fork the parent's files are left to the parent.
@@ -285,13 +287,13 @@ class ShardFiles:
 
     def read_row(self, shard: str, row: int) -> dict[str, Array]:
         """Read all arrays and axes of one row."""
-        with self._faults_named(shard, "list", row):
+        with self._name_faults(shard, "list", row):
             self._find(shard, "id", row)
-            names = [name for name in self._files()[shard][0] if name != "id"]
+            names = [name for name in self._get_files()[shard][0] if name != "id"]
         found = {name: self.read(shard, name, row) for name in names}
         return {name: values for name, values in found.items() if values is not None}
 
-    def _path(self, shard: str) -> Path:
+    def _make_path(self, shard: str) -> Path:
         return self.folder / f"{shard}.h5"
 
     def close(self) -> None:
@@ -299,6 +301,6 @@ class ShardFiles:
 
         Reading opens them again.
         """
-        files = self._files()
+        files = self._get_files()
         while files:
             files.popitem()[1][0].close()

@@ -14,7 +14,7 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.config import SPLITS, DatasetSection, ImportConfig
 from doppelgait.dataset.labels import LabelEntry
-from doppelgait.dataset.motions import BOTH, recordings_of
+from doppelgait.dataset.motions import BOTH, list_recording_paths
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SHOWN_NAMES = 4
 
 
-def groups_of(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
+def group_subjects(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
     """Return the group of every subject.
 
     Subjects that share a scene share a group, named after the first of them in order.
@@ -49,12 +49,12 @@ def groups_of(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
     return {name: root(name) for name in parent}
 
 
-def source_of(subject: str) -> str:
+def parse_source(subject: str) -> str:
     """Return ``model`` or ``recording``, from a subject's name."""
     return "model" if subject.startswith("model/") else "recording"
 
 
-def names_of(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
+def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
     """List what every row of an index is made of.
 
     Subjects and recordings are all that a blended motion has, each by itself; any other column has one name a row, and
@@ -85,7 +85,7 @@ def names_of(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
             if column == "subject" and text:
                 every = (name, *map(str, parse_json(text)))
             elif column == "recording" and BOTH in name and text:
-                every = recordings_of(parse_json(text)) or every
+                every = list_recording_paths(parse_json(text)) or every
         except (ValueError, KeyError, TypeError, AttributeError):
             raise DatasetError(
                 f"index: {further} {text!r} of {name!r} cannot be read; build the dataset again"
@@ -113,19 +113,20 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
         that two classes share cannot be in one split.
     """
     names = list(dict.fromkeys(name for groups in members.values() for name in groups))
-    splits = {name: s for name in names if (s := dataset.split.sources.get(source_of(name))) is not None}  # type: ignore[call-overload]
+    splits = {name: s for name in names if (s := dataset.split.sources.get(parse_source(name))) is not None}  # type: ignore[call-overload]
     named: dict[str, str] = {}
     for split, patterns in dataset.split.subjects.items():
         for pattern in patterns:
             found = [n for n in names if fnmatchcase(n.partition("/")[2], pattern) or fnmatchcase(n, pattern)]
             if not found:
                 raise DatasetError(
-                    f"dataset.split.subjects.{split}: {pattern!r} fits no subject; {_some('there are', names)}"
+                    f"dataset.split.subjects.{split}: {pattern!r} fits no subject; {_list_some('there are', names)}"
                 )
             torn = [name for name in found if named.get(name, split) != split]
             if torn:
                 raise DatasetError(
-                    f"dataset.split.subjects: {_some('in two splits', torn)}: {named[torn[0]]} and {split}; a subject "
+                    f"dataset.split.subjects: {_list_some('in two splits', torn)}: {named[torn[0]]} and {split}; a "
+                    f"subject "
                     "can be in one only"
                 )
             named |= dict.fromkeys(found, split)
@@ -174,7 +175,7 @@ def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, 
     return splits
 
 
-def _some(text: str, names: Sequence[str]) -> str:
+def _list_some(text: str, names: Sequence[str]) -> str:
     more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
     return f"{text} {', '.join(names[:SHOWN_NAMES])}{more}"
 
@@ -220,7 +221,7 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
     together: dict[str, list[str]] = {}
     for entry, subject in zip(entries, subjects, strict=True):
         together.setdefault(entry.recording, []).append(subject)
-    group_of = groups_of(together.values())
+    group_of = group_subjects(together.values())
     groups = [group_of[subject] for subject in subjects]
     wanted = config.split
     if any(entry.split for entry in entries):

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Literal
 
 from doppelgait.core.documents import parse_json
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.finish import read_description, shard_names
-from doppelgait.dataset.lock import PATTERN, read_lock, running_builds
+from doppelgait.dataset.finish import list_shard_names, read_description
+from doppelgait.dataset.lock import PATTERN, list_running_builds, read_lock
 
-__all__ = ["ShardStatus", "Status", "dataset_status", "read_description"]
+__all__ = ["ShardStatus", "Status", "read_dataset_status", "read_description"]
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Status:
         return sum(shard.n_failed for shard in self.shards)
 
 
-def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
+def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     """Report the status of a dataset.
 
     Half-written files are removed where no build is at work.
@@ -102,7 +102,7 @@ def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     """
     folder = Path(directory)
     description = read_description(folder)
-    running = running_builds(folder)
+    running = list_running_builds(folder)
     counts = description.get("shards")
     if not counts:  # from the names of the shards that are there
         found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
@@ -121,20 +121,20 @@ def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
         name=str(description.get("name")),
         complete=bool(description.get("complete")),
         planned=int(description.get("n_examples", 0)),
-        shards=tuple(_shard_status(folder, name, identity, quick=quick) for name in shard_names(counts)),
+        shards=tuple(_read_shard_status(folder, name, identity, quick=quick) for name in list_shard_names(counts)),
         running=tuple(str(holder) for holder in running),
         partial=tuple(str(path.relative_to(folder)) for path in sorted(folder.rglob("*.partial"))),
         removed=tuple(removed),
     )
 
 
-def _shard_status(folder: Path, name: str, identity: str | None, *, quick: bool) -> ShardStatus:
+def _read_shard_status(folder: Path, name: str, identity: str | None, *, quick: bool) -> ShardStatus:
     path = folder / "shards" / f"{name}.h5"
     try:
         record = parse_json(path.with_suffix(".json").read_text())
         size = os.stat(path).st_size
         whole = identity in (None, record.get("dataset")) and size == record["bytes"]
-        whole = whole and (quick or file_sha256(path) == record["sha256"])
+        whole = whole and (quick or hash_file(path) == record["sha256"])
         examples = {row["scene_id"] for row in record["rows"]}
         counts = (len(examples), len(record["rows"]), len(record["failures"]))
     except FileNotFoundError as error:

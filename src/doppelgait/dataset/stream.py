@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, warn_caller
-from doppelgait.core.worker import one_blas_thread
+from doppelgait.core.worker import limit_blas_threads
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.learning import As, picture_format
@@ -17,7 +17,7 @@ from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import build_example
-from doppelgait.dataset.shard_files import INDEX_NAMES, facts_of
+from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchStream
@@ -57,9 +57,9 @@ class ExampleStream:
     step: int = 1
 
     def __iter__(self) -> Iterator[Example]:
-        return (example for _, example in self.numbered())
+        return (example for _, example in self.iterate_numbered())
 
-    def numbered(self) -> Iterator[tuple[int, Example]]:
+    def iterate_numbered(self) -> Iterator[tuple[int, Example]]:
         """Yield examples with their numbers.
 
         A scene of several targets gives one example each.
@@ -74,11 +74,11 @@ class ExampleStream:
             If :data:`MAX_FAILURES` examples in a row fail.
         """
         settings, number, failed = self.config.dataset, self.start, 0
-        facts = facts_of(settings.fields)
+        facts = describe_fields(settings.fields)
         while True:
             try:
                 spec = resolve_example(self.config, number, self.folder)
-                with one_blas_thread():
+                with limit_blas_threads():
                     made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
                 failed = 0
             except ConfigError:
@@ -202,7 +202,7 @@ def stream_examples(
         if seed < 0:
             raise ConfigError(f"seed: {seed} is not allowed; it must be 0 or larger")
         config = config.model_copy(update={"dataset": config.dataset.model_copy(update={"seed": seed})})
-    planned = sum(config.examples_of(section) for section in config.classes)
+    planned = sum(config.count_class_examples(section) for section in config.classes)
     first = planned if start is None else start
     if first < 0:
         raise DatasetError(f"start: {first} is not allowed; it must be 0 or larger")

@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import canonical_json
-from doppelgait.core.files import atomic_path
+from doppelgait.core.config import format_canonical_json
+from doppelgait.core.files import open_atomically
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.motions import recordings_of, source_entry, subject_of
+from doppelgait.dataset.motions import find_source_entry, find_subject, list_recording_paths
 from doppelgait.dataset.plan import Plan, Shard
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
-from doppelgait.dataset.splits import source_of
+from doppelgait.dataset.splits import parse_source
 
 PILOT_EXAMPLES = 8
 ROW_BYTES = 5000
@@ -69,7 +69,7 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
     ----------
     plan : Plan
     identity : str
-        Of :func:`doppelgait.dataset.finish.dataset_id`.
+        Of :func:`doppelgait.dataset.finish.compute_dataset_id`.
     n_checked : int
         As from :func:`doppelgait.dataset.plan.check_examples`.
     pilot : int
@@ -85,7 +85,7 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
     counts = [
         {"class": section.label, **{split: of_split[number, split] for split in SPLITS}} for number, section in sections
     ]
-    different = {(e.class_number, source_of(e.subjects[0]), e.split, e.subjects[0]) for e in plan.examples}
+    different = {(e.class_number, parse_source(e.subjects[0]), e.split, e.subjects[0]) for e in plan.examples}
     of_source = Counter((number, source, split) for number, source, split, _ in different)
     subjects = [
         {"class": section.label, "source": source, **{split: of_source[number, source, split] for split in SPLITS}}
@@ -94,15 +94,15 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
         if any(of_source[number, source, split] for split in SPLITS)
     ]
     files = []
-    if any(source_of(subject) != "model" for entry in plan.examples for subject in entry.subjects):
+    if any(parse_source(subject) != "model" for entry in plan.examples for subject in entry.subjects):
         made = (
             run.scene.targets[: len(rows)]
             for run, rows in ((e.run, e.rows) for e in map(plan.example, range(len(plan.examples))))
         )
-        used = Counter(path for targets in made for target in targets for path in recordings_of(target.motion))
+        used = Counter(path for targets in made for target in targets for path in list_recording_paths(target.motion))
         for recording, count in sorted(used.items()):
-            subject = subject_of({"kind": "file", "path": recording}, "", plan.config.sources)
-            entry = source_entry(recording, plan.config.sources)
+            subject = find_subject({"kind": "file", "path": recording}, "", plan.config.sources)
+            entry = find_source_entry(recording, plan.config.sources)
             licence = entry.licence if entry is not None and entry.licence else "unknown"
             files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
     return PlanSummary(
@@ -151,6 +151,6 @@ def write_specs(plan: Plan, path: Path) -> None:
     OutputError
         If the file cannot be written; nothing is left of it then.
     """
-    with atomic_path(path) as partial, partial.open("w", encoding="utf-8") as handle:
+    with open_atomically(path) as partial, partial.open("w", encoding="utf-8") as handle:
         for number in range(len(plan.examples)):
-            handle.write(canonical_json(plan.example(number)) + "\n")
+            handle.write(format_canonical_json(plan.example(number)) + "\n")

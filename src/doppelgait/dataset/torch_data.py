@@ -30,7 +30,7 @@ Item = tuple[Any, int]
 class NumberedExamples(Protocol):
     """Interface that :class:`TorchStream` needs of :class:`doppelgait.dataset.ExampleStream`."""
 
-    def numbered(self) -> Iterator[tuple[int, Example]]:
+    def iterate_numbered(self) -> Iterator[tuple[int, Example]]:
         """Yield examples with their numbers."""
         ...
 
@@ -133,7 +133,7 @@ class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  
     def __iter__(self) -> Iterator[Item]:
         info = get_worker_info()
         stream = self.stream if info is None else self.stream.part(info.id, info.num_workers)
-        for number, example in stream.numbered():
+        for number, example in stream.iterate_numbered():
             arrays: dict[str, npt.NDArray[Any]]
             if self.patch is None:
                 arrays = {name: example.arrays[name].values for name in self.fields}

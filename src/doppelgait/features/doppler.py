@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SIGNATURE, Plain, axis, check_signal
-from doppelgait.features.measures import quantile
+from doppelgait.core.labels import SIGNATURE, Plain, check_signal, read_axis
+from doppelgait.features.measures import compute_quantile
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,17 +36,17 @@ def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[Floa
     from doppelgait.core.kernels.features import power_quantiles
 
     check_signal(signature, SIGNATURE)
-    threshold = floor_v2 * noise_quantile(max(1.0, float(signature.attrs["n_gate_bins"])))
+    threshold = floor_v2 * compute_noise_quantile(max(1.0, float(signature.attrs["n_gate_bins"])))
     low, high = np.empty((2, signature.shape[0]))
     values = np.ascontiguousarray(signature.values)
     power_quantiles(values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
-    doppler_hz = axis(signature, "doppler")
+    doppler_hz = read_axis(signature, "doppler")
     bin_hz = float(doppler_hz[1] - doppler_hz[0])
     return doppler_hz[0] + bin_hz * low, doppler_hz[0] + bin_hz * high
 
 
 @lru_cache(maxsize=256)
-def noise_quantile(n_bins: float) -> float:
+def compute_noise_quantile(n_bins: float) -> float:
     """Compute a cell's noise threshold over its mean.
 
     Noise exceeds it with the probability of 4 normal standard deviations.
@@ -82,7 +82,7 @@ def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight
         Fourth power of the range over its mean (E-28).
     """
     excess = (strongest_v2 - float(floor_v2)) * range_weight
-    return np.asarray(WIDTH_LEVEL * max(quantile(excess, 0.5), 0.0) / range_weight)
+    return np.asarray(WIDTH_LEVEL * max(compute_quantile(excess, 0.5), 0.0) / range_weight)
 
 
 def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:
@@ -91,11 +91,11 @@ def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> 
     Shape (J,). Of the mean of n exponential variables a share of 5 % exceeds nu by kappa; noise and level add as
     powers of independent fluctuations, sqrt(L^2 + kappa^2).
     """
-    return np.asarray(np.hypot(level_v2, floor_v2 * _noise_excess(n_bins)))
+    return np.asarray(np.hypot(level_v2, floor_v2 * _compute_noise_excess(n_bins)))
 
 
 @lru_cache(maxsize=256)
-def _noise_excess(n_bins: float) -> float:
+def _compute_noise_excess(n_bins: float) -> float:
     from scipy.special import gammainccinv
 
     return float(gammainccinv(n_bins, WIDTH_SHARE)) / n_bins - 1.0
@@ -133,10 +133,12 @@ def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *,
     """
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
-    return _crossing(level, doppler_hz, peak, +1, threshold) - _crossing(level, doppler_hz, peak, -1, threshold)
+    return _interpolate_crossing(level, doppler_hz, peak, +1, threshold) - _interpolate_crossing(
+        level, doppler_hz, peak, -1, threshold
+    )
 
 
-def _crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, threshold: float) -> float:
+def _interpolate_crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, threshold: float) -> float:
     k = start
     while 0 <= k + step < level.size and level[k + step] >= threshold:
         k += step

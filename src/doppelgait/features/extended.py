@@ -20,7 +20,7 @@ import numpy as np
 
 from doppelgait.core.plugins import plugin
 from doppelgait.features.feature_set import FEATURES
-from doppelgait.features.observed import TORSO_BAND_MPS, Observed, likeness_at
+from doppelgait.features.observed import TORSO_BAND_MPS, Observation, compute_autocorrelation_at
 
 UNDETERMINED = "undetermined"
 
@@ -51,7 +51,7 @@ class ExtendedFeatures:
         return tuple(f"{','.join(found)}:{reason}" for reason, found in names.items())
 
 
-def measure_extended(observed: Observed) -> ExtendedFeatures:
+def measure_extended(observed: Observation) -> ExtendedFeatures:
     """Measure a target's features beyond the set F.
 
     Parameters
@@ -67,7 +67,7 @@ def measure_extended(observed: Observed) -> ExtendedFeatures:
     for feature in FEATURES.values():
         if "set_f" in feature.facts:
             continue
-        name, reason = feature.name, observed.lacks(feature.facts.get("needs", ()))
+        name, reason = feature.name, observed.describe_missing(feature.facts.get("needs", ()))
         value = None if reason else feature.run(observed)
         values[name] = float(value) if value is not None and math.isfinite(value) else None
         if values[name] is None:
@@ -75,7 +75,7 @@ def measure_extended(observed: Observed) -> ExtendedFeatures:
     return ExtendedFeatures(values, reasons)
 
 
-def feature_table() -> list[tuple[str, str, str]]:
+def list_features() -> list[tuple[str, str, str]]:
     """List name, unit and source of every extended feature.
 
     The list is in alphabetical order.
@@ -94,7 +94,7 @@ SIDES = ("direction", "envelope")
 
 
 @plugin("feature", "doppler_bandwidth_envelope_hz", unit="Hz", source="ours: envelopes of E-35b", needs=("envelope",))
-def bandwidth_envelope_hz(observed: Observed) -> float | None:
+def bandwidth_envelope_hz(observed: Observation) -> float | None:
     """Measure the bandwidth between the envelopes.
 
     It is the 95th percentile over time of the upper envelope minus the 5th of the lower: of all that stands above the
@@ -104,43 +104,43 @@ def bandwidth_envelope_hz(observed: Observed) -> float | None:
 
 
 @plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def forward_mean_mps(observed: Observed) -> float:
+def forward_mean_mps(observed: Observation) -> float:
     """Measure the leading envelope's mean reach from the main line."""
     return observed.edges.lead_mean_mps
 
 
 @plugin("feature", "backward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def backward_mean_mps(observed: Observed) -> float:
+def backward_mean_mps(observed: Observation) -> float:
     """Measure the trailing envelope's mean reach."""
     return observed.edges.lag_mean_mps
 
 
 @plugin("feature", "forward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def forward_sd_mps(observed: Observed) -> float:
+def forward_sd_mps(observed: Observation) -> float:
     """Measure the leading envelope's standard deviation."""
     return observed.edges.lead_sd_mps
 
 
 @plugin("feature", "backward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def backward_sd_mps(observed: Observed) -> float:
+def backward_sd_mps(observed: Observation) -> float:
     """Measure the trailing envelope's standard deviation."""
     return observed.edges.lag_sd_mps
 
 
 @plugin("feature", "forward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def forward_range_mps(observed: Observed) -> float:
+def forward_range_mps(observed: Observation) -> float:
     """Measure the leading envelope's 5 to 95 % range."""
     return observed.edges.lead_high_mps - observed.edges.lead_low_mps
 
 
 @plugin("feature", "backward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
-def backward_range_mps(observed: Observed) -> float:
+def backward_range_mps(observed: Observation) -> float:
     """Measure the trailing envelope's 5 to 95 % range."""
     return observed.edges.lag_high_mps - observed.edges.lag_low_mps
 
 
 @plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35b)", needs=SIDES)
-def asymmetry(observed: Observed) -> float | None:
+def measure_asymmetry(observed: Observation) -> float | None:
     """Compare the bandwidths on both sides of the line.
 
     Their difference over their sum; 95th percentiles over time, -1 to 1.
@@ -150,13 +150,13 @@ def asymmetry(observed: Observed) -> float | None:
 
 
 @plugin("feature", "envelope_offset_mps", unit="m/s", source=KIM_LING, needs=SIDES)
-def offset_mps(observed: Observed) -> float:
+def offset_mps(observed: Observation) -> float:
     """Measure the envelopes' mean middle ahead of the main line."""
     return (observed.edges.lead_mean_mps - observed.edges.lag_mean_mps) / 2.0
 
 
 @plugin("feature", "torso_bandwidth_mps", unit="m/s", source=KIM_LING, needs=("envelope",))
-def torso_bandwidth_mps(observed: Observed) -> float:
+def torso_bandwidth_mps(observed: Observation) -> float:
     """Measure the smallest width between the envelopes.
 
     It is the 5th percentile over time: the body without its swings.
@@ -165,7 +165,7 @@ def torso_bandwidth_mps(observed: Observed) -> float:
 
 
 @plugin("feature", "strength_variation", unit="1", source=KIM_LING)
-def strength_variation(observed: Observed) -> float | None:
+def measure_strength_variation(observed: Observation) -> float | None:
     """Measure the variation of power near the main line.
 
     It is standard deviation over mean over time, with range removed (E-28).
@@ -181,7 +181,7 @@ def strength_variation(observed: Observed) -> float | None:
     source="ours: E-33 on the width between the envelopes",
     needs=("gait_frequency", "envelope"),
 )
-def periodicity(observed: Observed) -> float | None:
+def measure_periodicity(observed: Observation) -> float | None:
     """Measure the envelope width's autocorrelation at one period.
 
     Normalised, of one gait period, at most 1 (E-33).
@@ -190,11 +190,11 @@ def periodicity(observed: Observed) -> float | None:
         return None
     low_hz, high_hz = observed.envelopes_hz
     width_hz = high_hz - low_hz
-    return likeness_at(width_hz - width_hz.mean(), observed.rate_hz / observed.frequency_hz)
+    return compute_autocorrelation_at(width_hz - width_hz.mean(), observed.rate_hz / observed.frequency_hz)
 
 
 @plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35b)", needs=SIDES)
-def swing_duty(observed: Observed) -> float | None:
+def measure_swing_duty(observed: Observation) -> float | None:
     """Measure the share of time with limb spikes.
 
     The leading envelope is then beyond the middle of its range.
@@ -211,26 +211,26 @@ BAND_SOURCE = "ours: power shares by velocity about the main line"
 CADENCE_SOURCE = "moments of the cadence spectrum S (E-32); cadence-velocity features as in Björklund et al. 2015"
 
 
-def _share(power_v2: float, observed: Observed) -> float | None:
+def _share(power_v2: float, observed: Observation) -> float | None:
     total = observed.about_line[0].total_v2
     return power_v2 / total if total > 0 else None
 
 
 @plugin("feature", "torso_share", unit="1", source=BAND_SOURCE)
-def torso_share(observed: Observed) -> float | None:
+def measure_torso_share(observed: Observation) -> float | None:
     """Measure the power share within 0.4 m/s of the line."""
     return _share(observed.about_line[0].torso_v2, observed)
 
 
 @plugin("feature", "limb_share", unit="1", source=BAND_SOURCE)
-def limb_share(observed: Observed) -> float | None:
+def measure_limb_share(observed: Observation) -> float | None:
     """Measure the power share 0.4 to 1.6 m/s from the line."""
     power, _, _ = observed.about_line
     return _share(power.near_v2 - power.torso_v2, observed)
 
 
 @plugin("feature", "far_limb_share", unit="1", source=BAND_SOURCE)
-def far_limb_share(observed: Observed) -> float | None:
+def measure_far_limb_share(observed: Observation) -> float | None:
     """Measure the power share beyond 1.6 m/s from the line.
 
     It is that of feet in full swing, and of paws.
@@ -240,7 +240,7 @@ def far_limb_share(observed: Observed) -> float | None:
 
 
 @plugin("feature", "stance_share", unit="1", source="ours: power of standing feet")
-def stance_share(observed: Observed) -> float | None:
+def measure_stance_share(observed: Observation) -> float | None:
     """Measure the power share within 0.3 m/s of zero velocity.
 
     It is that of feet on the ground; None for a target as slow as they.
@@ -258,7 +258,7 @@ def stance_share(observed: Observed) -> float | None:
 
 
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
-def entropy_width_mps(observed: Observed) -> float | None:
+def entropy_width_mps(observed: Observation) -> float | None:
     """Measure the mean Doppler spectrum's entropy as a width.
 
     An even spread of power of this width has the same entropy.
@@ -275,7 +275,7 @@ def entropy_width_mps(observed: Observed) -> float | None:
 
 
 @plugin("feature", "cadence_centroid_hz", unit="Hz", source=CADENCE_SOURCE)
-def cadence_centroid_hz(observed: Observed) -> float | None:
+def cadence_centroid_hz(observed: Observation) -> float | None:
     """Compute the mean cadence from 0.5 to 20 Hz.
 
     The cadence is weighted with S.
@@ -286,7 +286,7 @@ def cadence_centroid_hz(observed: Observed) -> float | None:
 
 
 @plugin("feature", "cadence_bandwidth_hz", unit="Hz", source=CADENCE_SOURCE)
-def cadence_bandwidth_hz(observed: Observed) -> float | None:
+def cadence_bandwidth_hz(observed: Observation) -> float | None:
     """Compute the cadence's standard deviation, 0.5 to 20 Hz.
 
     The cadence is weighted with S.
@@ -298,10 +298,10 @@ def cadence_bandwidth_hz(observed: Observed) -> float | None:
     return float(np.sqrt(((cadence_hz - centroid_hz) ** 2 @ power) / power.sum()))
 
 
-def relative_harmonic(observed: Observed, *, harmonic: int) -> float | None:
+def compare_harmonic(observed: Observation, *, harmonic: int) -> float | None:
     """Compare S at a harmonic and f_mu (E-37).
 
-    Each is as in :attr:`Observed.harmonic_powers`. None beyond the end of the cadence axis.
+    Each is as in :attr:`Observation.harmonic_powers`. None beyond the end of the cadence axis.
     """
     cadence_hz, _ = observed.cadence
     frequency_hz = observed.frequency_hz
@@ -315,7 +315,7 @@ for _harmonic in (2, 3, 4):
     plugin(
         "feature", f"relative_harmonic_{_harmonic}", unit="1", source="relative harmonic powers (E-37)",
         needs=("gait_frequency",),
-    )(partial(relative_harmonic, harmonic=_harmonic))  # fmt: skip
+    )(partial(compare_harmonic, harmonic=_harmonic))  # fmt: skip
 
 
 # Torso ---------------------------------------------------------------------------------------------------------------
@@ -327,19 +327,19 @@ MIN_LIKENESS = 0.1
 
 
 @plugin("feature", "torso_ripple_mps", unit="m/s", source=TORSO_LINE, needs=("line",))
-def ripple_mps(observed: Observed) -> float:
+def ripple_mps(observed: Observation) -> float:
     """Measure the RMS torso velocity about its slow part."""
     return observed.torso_ripple_rms_mps
 
 
 @plugin("feature", "torso_ripple_gait_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
-def ripple_at_gait_mps(observed: Observed) -> float | None:
+def ripple_at_gait_mps(observed: Observation) -> float | None:
     """Measure the RMS torso swing that repeats with f_mu."""
     return _component_mps(observed, 2)
 
 
 @plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
-def ripple_at_half_mps(observed: Observed) -> float | None:
+def ripple_at_half_mps(observed: Observation) -> float | None:
     """Measure the rms torso swing at f_mu / 2.
 
     It shows sway and limp, which alternate from step to step.
@@ -349,7 +349,7 @@ def ripple_at_half_mps(observed: Observed) -> float | None:
     return _component_mps(observed, 1)
 
 
-def _component_mps(observed: Observed, number: int) -> float:
+def _component_mps(observed: Observation, number: int) -> float:
     """Measure one of the torso swing components.
 
     f/2, f, 3f/2 and 2f are fitted together, so that the leakage of one does not read as another.
@@ -358,7 +358,7 @@ def _component_mps(observed: Observed, number: int) -> float:
 
 
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))
-def alternate_likeness(observed: Observed) -> float | None:
+def alternate_likeness(observed: Observation) -> float | None:
     """Compare autocorrelations of neighbouring and alternate periods.
 
     The value is at most about 1. Near 1 where a period is a step whose mirror image looks the same to the radar; less
@@ -369,7 +369,7 @@ def alternate_likeness(observed: Observed) -> float | None:
         return None
     rows = observed.occupied_columns - observed.mean_row[observed.occupied]
     lag = observed.rate_hz / observed.frequency_hz
-    once, twice = likeness_at(rows, lag), likeness_at(rows, 2.0 * lag)
+    once, twice = compute_autocorrelation_at(rows, lag), compute_autocorrelation_at(rows, 2.0 * lag)
     if once is None or twice is None or twice < MIN_LIKENESS:
         return None
     return once / twice

@@ -15,7 +15,7 @@ from doppelgait.core.plugins import Group, Plugin
 FloatArray = npt.NDArray[np.float64]
 
 NEEDS = ("gait_frequency", "direction", "envelope", "line")
-"""What a feature can need of an :class:`doppelgait.features.observed.Observed`."""
+"""What a feature can need of an :class:`doppelgait.features.observed.Observation`."""
 
 
 def check_feature(feature: Plugin[Any]) -> None:
@@ -32,7 +32,7 @@ def check_feature(feature: Plugin[Any]) -> None:
 FEATURES: Group[Callable[[Any], float | None]] = Group(
     "feature", built_in=("doppelgait.features.gait", "doppelgait.features.extended"), check=check_feature
 )
-"""All features by name: functions of an :class:`doppelgait.features.observed.Observed`.
+"""All features by name: functions of an :class:`doppelgait.features.observed.Observation`.
 
 A function is called only where everything that it needs is known; None, or a value that is not finite, means
 undetermined. Facts of a plug-in:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.labels import Plain, axis
+from doppelgait.core.labels import Plain, read_axis
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.doppler import (
@@ -22,10 +22,10 @@ from doppelgait.features.doppler import (
     width_of_bins,
 )
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
-from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency
+from doppelgait.features.gait_frequency import GaitFrequency, estimate_gait_frequency
 from doppelgait.features.harmonics import LimbTorsoRatio, highest_cadence_hz, peak_ratio, ratio_of_rows
-from doppelgait.features.measures import quantile
-from doppelgait.features.observed import Observed
+from doppelgait.features.measures import compute_quantile
+from doppelgait.features.observed import Observation
 
 MIN_SNR_DB = 0.0
 MAX_HOP_SHARE = 0.5
@@ -50,13 +50,13 @@ def snr_mu_db(signature: Plain, floor_v2: float) -> float:
 
 
 def _snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
-    peak = quantile(strongest_v2, 0.5)
+    peak = compute_quantile(strongest_v2, 0.5)
     if peak <= floor_v2:
         return -np.inf
     return 10.0 * math.log10((peak - floor_v2) / floor_v2) if floor_v2 > 0 else np.inf
 
 
-def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, window_steepness: float) -> Extraction:
+def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, window_steepness: float) -> Extraction:
     """Extract six features from a target's signature (E-34 to E-38).
 
     Parameters
@@ -86,7 +86,7 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
         flags.append("torso_velocity,step_length:main_line_differs_from_track")
     wavelength_m = float(observed.signature.attrs["wavelength_m"])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
-    gait = gait_frequency(observed.aligned, observed.excess, observed.floor_v2, velocity_mps=velocity_mps)
+    gait = estimate_gait_frequency(observed.aligned, observed.excess, observed.floor_v2, velocity_mps=velocity_mps)
     bandwidth_hz = _measure_bandwidth_hz(observed, flags)
     full_hz = observed.envelope_width_hz
     if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
@@ -102,7 +102,7 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
     features = _add_gait(whole, observed.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
-        observed.mean_row, axis(observed.aligned, "doppler"), threshold=bandwidth_threshold
+        observed.mean_row, read_axis(observed.aligned, "doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
     quality |= {
         "periodicity": gait.periodicity,
@@ -121,12 +121,12 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
 
 
-def _measure_bandwidth_hz(observed: Observed, flags: list[str]) -> float | None:
-    if quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
+def _measure_bandwidth_hz(observed: Observation, flags: list[str]) -> float | None:
+    if compute_quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
         flags.append("doppler_bandwidth:noise_above_its_level")
         return None
     n_columns = observed.power_v2.shape[0]
-    width = width_of_bins(observed.counts_above_level(np.array([0, n_columns]))[0] / n_columns)
+    width = width_of_bins(observed.count_above_level(np.array([0, n_columns]))[0] / n_columns)
     if width is None or not observed.width_level_v2.any():
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
         return None
@@ -156,7 +156,7 @@ def _add_gait(
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
         return whole
-    cadence_hz, power = axis(spectrum, "cadence"), spectrum.values
+    cadence_hz, power = read_axis(spectrum, "cadence"), spectrum.values
     second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
     for number, value in ((2, second), (3, third)):
         if value is None:
@@ -172,7 +172,7 @@ def _add_gait(
     )
 
 
-def _set_f(observed: Observed, *, name: str) -> float | None:
+def _set_f(observed: Observation, *, name: str) -> float | None:
     """Return a feature of the set F.
 
     :func:`extract` measures the set together because each feature needs those before it.

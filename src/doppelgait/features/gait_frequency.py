@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import Plain, axis, sampling_rate_hz
-from doppelgait.features.limbs import Rows, detrended, group_size, limb_rows, slowed, summed_rows
+from doppelgait.core.labels import Plain, read_axis, sampling_rate_hz
+from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group_size, limb_rows, summed_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -129,7 +129,7 @@ class Rhythm:
     step_hz: float
 
 
-def gait_frequency(
+def estimate_gait_frequency(
     aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float, *, velocity_mps: float
 ) -> GaitFrequency:
     """Estimate f_mu, its confidence and the octaves' probabilities (E-33).
@@ -150,12 +150,12 @@ def gait_frequency(
     GaitFrequency
         Empty where the signature does not change or the record is too short for any frequency.
     """
-    rhythms = rhythms_of(aligned, excess, floor_v2)
+    rhythms = measure_target_rhythms(aligned, excess, floor_v2)
     whole, limbs = rhythms[0], rhythms[2]
     seconds = whole.likeness.size / whole.rate_hz
     if not whole.likeness.any() or GRID_HZ[-1] * seconds < LEAST_PERIODS:
         return GaitFrequency()
-    posterior = posterior_of(rhythms, velocity_mps)
+    posterior = compute_posterior(rhythms, velocity_mps)
     near = np.convolve(posterior, np.ones(2 * NEAR_STEPS + 1), "same")
     best = int(near.argmax())
     around = slice(max(best - NEAR_STEPS, 0), best + NEAR_STEPS + 1)
@@ -166,34 +166,38 @@ def gait_frequency(
         frequency_hz=frequency_hz,
         confidence=min(float(near[best]), 1.0),
         uncertainty_hz=width_hz if math.isfinite(width_hz) else None,
-        half_probability=_probability(near, 0.5 * frequency_hz),
-        double_probability=_probability(near, 2.0 * frequency_hz),
+        half_probability=_sum_posterior(near, 0.5 * frequency_hz),
+        double_probability=_sum_posterior(near, 2.0 * frequency_hz),
         second_hz=float(GRID_HZ[others.argmax()]),
-        periodicity=_likeness_near(whole, frequency_hz),
-        salience=_salience(whole, frequency_hz, seconds),
+        periodicity=_find_autocorrelation_near(whole, frequency_hz),
+        salience=_measure_salience(whole, frequency_hz, seconds),
         n_periods=frequency_hz * seconds,
     )
 
 
-def rhythms_of(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> tuple[Rhythm, ...]:
+def measure_target_rhythms(
+    aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float
+) -> tuple[Rhythm, ...]:
     """Measure four sets of rows, two of them whitened."""
-    slow = slowed(aligned)
+    slow = average_columns(aligned)
     wide = summed_rows(slow, slow.bin_hz)
-    limbs = limb_rows(slow, _cell_noise(slow, aligned, excess, floor_v2))
-    return measure_rhythms([detrended(wide.values, wide.rate_hz), limbs.values], wide.rate_hz)
+    limbs = limb_rows(slow, _compute_cell_noise(slow, aligned, excess, floor_v2))
+    return measure_rhythms([detrend_rows(wide.values, wide.rate_hz), limbs.values], wide.rate_hz)
 
 
-def _cell_noise(slow: Rows, aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> FloatArray:
+def _compute_cell_noise(
+    slow: Rows, aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float
+) -> FloatArray:
     """Compute the noise of a cell in averaged columns.
 
-    It is the standard deviation in each column of :func:`slowed`; shape (J',).
+    It is the standard deviation in each column of :func:`average_columns`; shape (J',).
 
     Columns that are averaged overlap nearly whole, so that their noise is one and the same.
     """
     from doppelgait.core.kernels.features import positive_sums
 
     cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
-    size, total_v2 = group_size(sampling_rate_hz(axis(aligned, "time"))), np.empty(slow.values.shape[0])
+    size, total_v2 = group_size(sampling_rate_hz(read_axis(aligned, "time"))), np.empty(slow.values.shape[0])
     positive_sums(np.ascontiguousarray(excess.values), size, total_v2)
     weight = slow.values.sum(axis=1)
     weight *= cell_v2 * size
@@ -229,7 +233,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 
     values, stops = np.concatenate(rows, axis=1), np.cumsum([some.shape[1] for some in rows])
     (n_columns, n_rows), n_series = values.shape, 2 * len(rows)
-    length, padded, window = _lengths(n_columns)
+    length, padded, window = _choose_lengths(n_columns)
     # two rows make one of complex numbers
     pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
     until = np.empty((n_series, n_columns + 1))
@@ -246,7 +250,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 
 
 @lru_cache(maxsize=8)
-def _lengths(n_columns: int) -> tuple[int, int, FloatArray]:
+def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
     """Return transform lengths and a Hann window over lag.
 
     The window has the shape (J,) and keeps side lobes below 2.5 %.
@@ -257,7 +261,7 @@ def _lengths(n_columns: int) -> tuple[int, int, FloatArray]:
     return length, padded, 0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns)
 
 
-def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
+def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
     """Return the log posterior's terms on the grid.
 
     Shapes (4, 9, frequency) of the rows and (5, frequency) of the prior.
@@ -275,24 +279,24 @@ def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArr
     return evidence, prior
 
 
-def posterior_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
+def compute_posterior(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
     """Compute the posterior on the grid, sum 1."""
     from doppelgait.core.kernels.periodicity import posterior
 
-    evidence, prior = terms_of(rhythms, velocity_mps)
+    evidence, prior = compute_terms(rhythms, velocity_mps)
     seconds, found = rhythms[0].likeness.size / rhythms[0].rate_hz, np.empty(GRID_HZ.size)
     first = int(np.searchsorted(GRID_HZ, LEAST_PERIODS / seconds))
     posterior(evidence.reshape(WEIGHTS.size, -1), WEIGHTS.ravel(), prior, PRIOR_WEIGHTS, first, found)
     return found
 
 
-def _probability(near: FloatArray, frequency_hz: float) -> float:
+def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
     """Return the posterior near a frequency, else 0."""
     place = round(48.0 * math.log2(frequency_hz / GRID_HZ[0]))
     return min(float(near[place]), 1.0) if 0 <= place < near.size else 0.0
 
 
-def _likeness_near(rhythm: Rhythm, frequency_hz: float) -> float:
+def _find_autocorrelation_near(rhythm: Rhythm, frequency_hz: float) -> float:
     """Return the highest autocorrelation within 5 %."""
     from doppelgait.core.kernels.periodicity import highest_between
 
@@ -300,7 +304,7 @@ def _likeness_near(rhythm: Rhythm, frequency_hz: float) -> float:
     return highest_between(rhythm.likeness, 0.95 * lag, min(1.05 * lag, last), 9) if lag <= last else 0.0
 
 
-def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
+def _measure_salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
     from doppelgait.core.kernels.periodicity import share_near_harmonics
 
     found: float = share_near_harmonics(
@@ -310,7 +314,7 @@ def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
 
 
 @lru_cache(maxsize=16)
-def _parabola(first: int, stop: int) -> FloatArray:
+def _make_parabola_matrix(first: int, stop: int) -> FloatArray:
     """Compute the matrix of a parabola's fit."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
 
@@ -350,7 +354,7 @@ def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[flo
         return frequency_hz, math.nan
     near = slice(max(best - TOP, 0), best + TOP + 1)
     step_hz = float(trial_hz[1] - trial_hz[0])
-    bend, slope, height = _parabola(near.start - best, min(near.stop, FINE_STEPS) - best) @ total[near]
+    bend, slope, height = _make_parabola_matrix(near.start - best, min(near.stop, FINE_STEPS) - best) @ total[near]
     bend, slope = bend / step_hz**2, slope / step_hz
     if bend >= 0 or height <= 0:
         return float(trial_hz[best]), math.nan

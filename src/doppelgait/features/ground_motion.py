@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, straight_chance
+from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_straight_probability_of_square
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
@@ -70,7 +70,9 @@ class GroundMotion:
     reason: str = "unknown"
 
 
-def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: float | None = None) -> GroundMotion:
+def estimate_ground_motion(
+    time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: float | None = None
+) -> GroundMotion:
     r"""Estimate straight motion from a range history.
 
     R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2 (E-34b): least squares with weights 1/R^2 and Cauchy weights against
@@ -91,14 +93,14 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     -------
     GroundMotion
         Without numbers where ranges fit straight, steady motion with a chance below 0.001
-        (:func:`doppelgait.core.straight.straight_chance`) or say too little.
+        (:func:`doppelgait.core.straight.compute_straight_probability_of_square`) or say too little.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from doppelgait.features import ground_motion
+    >>> from doppelgait.features import estimate_ground_motion
     >>> time_s = np.linspace(0.0, 4.0, 41)
-    >>> motion = ground_motion(time_s, np.hypot(3.0 - 1.2 * time_s, 1.0))
+    >>> motion = estimate_ground_motion(time_s, np.hypot(3.0 - 1.2 * time_s, 1.0))
     >>> round(motion.ground_speed_mps, 1)
     1.2
     """
@@ -115,7 +117,7 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     if not c0 > 0:  # NaN, too: of fewer than three times, or an unknown range
         return GroundMotion(reason="path_is_not_straight")
     radial_mps, sd_m = -c1 / (2.0 * math.sqrt(c0)), range_sd_m or RANGE_SD_M
-    probability = straight_chance(
+    probability = compute_straight_probability_of_square(
         square_m2, range_sd_m=sd_m, duration_s=duration_s, way_m=float(ranges.max() - ranges.min()),
         n_parameters=LINE if across_2 < 0 else PARABOLA,
     )  # fmt: skip
@@ -124,10 +126,10 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     error_m2 = sd_m**2 * times.size * ERROR_MEMORY_S / duration_s
     across_sd = math.sqrt(across_variance * error_m2 + c0 * ACCELERATION_SD_MPS2**2)
     radial_sd = math.sqrt(radial_variance * error_m2 + (SPEED_SD_SHARE * radial_mps) ** 2)
-    return _posterior(radial_mps, radial_sd, across_2, across_sd)
+    return _compute_posterior(radial_mps, radial_sd, across_2, across_sd)
 
 
-def _posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
+def _compute_posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
     """Compute means and standard deviations over the speed across."""
     from doppelgait.core.kernels.robust import speeds_across
 
@@ -144,7 +146,7 @@ def _posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: 
 
 
 @dataclass(frozen=True)
-class PieceMotion:
+class SegmentMotion:
     r"""Straight motion over ground in one segment.
 
     Parameters
@@ -161,7 +163,9 @@ class PieceMotion:
     visibility: Visibility
 
 
-def piece_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float) -> PieceMotion:
+def estimate_segment_motion(
+    time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float
+) -> SegmentMotion:
     """Estimate ground motion in a track segment (E-34b).
 
     Parameters
@@ -188,14 +192,14 @@ def piece_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: floa
         raise AnalysisError(
             f"the segment from {start_s:g} to {stop_s:g} s holds {int(inside.sum())} ranges of the track; 3 are needed"
         )
-    found = ground_motion(times[inside], ranges[inside])
-    return PieceMotion(found.ground_speed_mps, found.aspect_deg, visibility_of(found))
+    found = estimate_ground_motion(times[inside], ranges[inside])
+    return SegmentMotion(found.ground_speed_mps, found.aspect_deg, classify_visibility(found))
 
 
-def visibility_of(motion: GroundMotion) -> Visibility:
+def classify_visibility(motion: GroundMotion) -> Visibility:
     """Classify the visibility of the gait at an aspect.
 
-    The classes are those of :class:`PieceMotion`.
+    The classes are those of :class:`SegmentMotion`.
     """
     if motion.aspect_deg is None:
         return "unknown"

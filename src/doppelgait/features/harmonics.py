@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, axis, check_signal
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, check_signal, read_axis
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
     """
     check_signal(spectrum, CADENCE_SPECTRUM)
     values = np.asarray(spectrum.values, dtype=np.float64)
-    return peak_ratio(axis(spectrum, "cadence"), values, frequency_hz, harmonic)
+    return peak_ratio(read_axis(spectrum, "cadence"), values, frequency_hz, harmonic)
 
 
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
@@ -96,7 +96,7 @@ def limb_torso_ratio(
     """
     check_signal(step_doppler, CADENCE_MAP)
     values = np.ascontiguousarray(step_doppler.values[:, occupied])
-    return ratio_of_rows(axis(step_doppler, "cadence"), values, mean_spectrum[occupied], frequency_hz)
+    return ratio_of_rows(read_axis(step_doppler, "cadence"), values, mean_spectrum[occupied], frequency_hz)
 
 
 def highest_cadence_hz(frequency_hz: float) -> float:

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, axis, check_signal
+from doppelgait.core.labels import CADENCE_SPECTRUM, check_signal, read_axis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.feature_set import Extraction, GaitFeatures
-from doppelgait.features.measures import local_maxima
+from doppelgait.features.measures import find_local_maxima
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,13 +57,14 @@ def extract(
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
     width_hz = bandwidth_hz(mean_spectrum, doppler_hz, threshold)
     quality = {"torso_amplitude": torso_amplitude}
-    fundamental = _highest(spectrum, 0.0, np.inf)
+    fundamental = _find_highest(spectrum, 0.0, np.inf)
     if fundamental is None:
         features = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=width_hz)
         return Extraction(features, None, torso_hz, None, quality, ("gait_frequency:no_peak_in_the_cadence_spectrum",))
     step_hz, amplitude = fundamental
     harmonics = [
-        _highest(spectrum, h * step_hz * (1 - HARMONIC_WINDOW), h * step_hz * (1 + HARMONIC_WINDOW)) for h in (2, 3)
+        _find_highest(spectrum, h * step_hz * (1 - HARMONIC_WINDOW), h * step_hz * (1 + HARMONIC_WINDOW))
+        for h in (2, 3)
     ]
     complete = all(h is not None for h in harmonics)
     total = amplitude + sum(h[1] for h in harmonics if h is not None)
@@ -75,15 +76,15 @@ def extract(
         harmonic_ratio_3=harmonics[1][0] / step_hz if harmonics[1] else None,
         limb_torso_ratio=total / torso_amplitude if complete else None,
     )
-    seconds = 1.0 / float(axis(spectrum, "cadence")[1])
+    seconds = 1.0 / float(read_axis(spectrum, "cadence")[1])
     flags = () if complete else ("harmonics:no_peak_near_the_expected_place",)
     return Extraction(features, step_hz, torso_hz, step_hz * seconds, {**quality, "observation_s": seconds}, flags)
 
 
-def _highest(spectrum: xr.DataArray, low_hz: float, high_hz: float) -> tuple[float, float] | None:
-    cadence_hz = axis(spectrum, "cadence")
+def _find_highest(spectrum: xr.DataArray, low_hz: float, high_hz: float) -> tuple[float, float] | None:
+    cadence_hz = read_axis(spectrum, "cadence")
     values = np.asarray(spectrum.values, dtype=np.float64)
-    peaks = local_maxima(values, first=1, last=values.size - 2)
+    peaks = find_local_maxima(values, first=1, last=values.size - 2)
     peaks = peaks[(cadence_hz[peaks] >= low_hz) & (cadence_hz[peaks] <= high_hz)]
     if not peaks.size:
         return None

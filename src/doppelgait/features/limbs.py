@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import NORMALISED_SIGNATURE, Plain, axis, check_signal, sampling_rate_hz
+from doppelgait.core.labels import NORMALISED_SIGNATURE, Plain, check_signal, read_axis, sampling_rate_hz
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,23 +54,23 @@ class Rows:
         return float(self.doppler_hz[1] - self.doppler_hz[0])
 
 
-def slowed(normalised: xr.DataArray | Plain) -> Rows:
+def average_columns(normalised: xr.DataArray | Plain) -> Rows:
     """Average columns of a normalised signature in groups.
 
     No less than 40 columns a second remain.
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
-    rate_hz = sampling_rate_hz(axis(normalised, "time"))
+    rate_hz = sampling_rate_hz(read_axis(normalised, "time"))
     group = group_size(rate_hz)
-    return Rows(grouped(normalised.values, group) / group, axis(normalised, "doppler"), rate_hz / group)
+    return Rows(sum_groups(normalised.values, group) / group, read_axis(normalised, "doppler"), rate_hz / group)
 
 
 def group_size(rate_hz: float) -> int:
-    """Return the columns per group of :func:`slowed`."""
+    """Return the columns per group of :func:`average_columns`."""
     return max(1, int(rate_hz / COLUMN_RATE_HZ))
 
 
-def grouped(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
+def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
     """Sum groups of columns and of rows.
 
     Incomplete last groups are dropped.
@@ -138,16 +138,16 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     # rows that stand above the noise: as E-38, for cells that were clipped at the floor
     independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
     spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)
-    starts, stops, centre_hz = _limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
+    starts, stops, centre_hz = _make_limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
     amplitude = np.empty((noise.size, starts.size))
     limb_amplitudes(
         moved, noise, CLIPPED_MEAN * float(noise.mean()), OCCUPIED_SIGMAS * spread, starts, stops, amplitude
     )
-    return Rows(detrended(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
+    return Rows(detrend_rows(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
 
 
 @lru_cache(maxsize=8)
-def _limb_groups(
+def _make_limb_groups(
     n_rows: int, zero: int, zero_hz: float, bin_hz: float
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
     """Return limb groups of 16 Hz around the torso.
@@ -172,23 +172,23 @@ def summed_rows(rows: Rows, bin_hz: float) -> Rows:
     """Sum neighbouring rows to about 16 Hz each."""
     size = min(_group_rows(bin_hz), max(rows.values.shape[1], 1))
     doppler_hz = rows.doppler_hz[: rows.doppler_hz.size // size * size]
-    return Rows(grouped(rows.values, 1, size), doppler_hz.reshape(-1, size).mean(axis=1), rows.rate_hz)
+    return Rows(sum_groups(rows.values, 1, size), doppler_hz.reshape(-1, size).mean(axis=1), rows.rate_hz)
 
 
-def detrended(values: FloatArray, rate_hz: float) -> FloatArray:
+def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
     """Remove every row's least-squares polynomial (E-31).
 
     The order is round(1.2 T_o), 1 to 6; the values are overwritten.
     """
     from doppelgait.core.kernels.periodicity import remove_trend
 
-    basis = _orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
+    basis = _make_orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
     remove_trend(values, basis, np.empty((basis.shape[1], values.shape[1])))
     return values
 
 
 @lru_cache(maxsize=4)
-def _orthonormal_basis(n_columns: int, order: int) -> FloatArray:
+def _make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation.
 
     The result has the shape (J, order + 1) and is read only.

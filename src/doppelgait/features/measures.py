@@ -10,7 +10,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 
-def local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np.int64]:
+def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np.int64]:
     """Find local maxima of an array, never its ends.
 
     Indices i in ``first..last`` with values[i-1] < values[i] >= values[i+1].
@@ -34,7 +34,7 @@ def refine(values: FloatArray, index: int) -> tuple[float, float]:
     return index + float(offset), float(centre - 0.25 * (left - right) * offset)
 
 
-def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
+def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     """Compute quantiles of values without NaN.
 
     Equal to np.quantile at a tenth of its cost.
@@ -45,7 +45,7 @@ def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     return float(ordered[below] + (place - below) * (ordered[min(below + 1, ordered.size - 1)] - ordered[below]))
 
 
-def square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
+def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
     """Compute the rows' normalised square-difference autocorrelation (E-33).
 
     The lags are first..last, by default all.

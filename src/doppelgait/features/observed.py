@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.labels import Plain, axis, sampling_rate_hz
+from doppelgait.core.labels import Plain, read_axis, sampling_rate_hz
 from doppelgait.features.doppler import envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
-from doppelgait.features.measures import quantile, square_difference
+from doppelgait.features.measures import compute_quantile, compute_square_difference
 
 TIME_SHARES = (0.05, 0.95)
 OCCUPIED_SIGMAS = 3.0
@@ -48,7 +48,7 @@ ORDERS = np.arange(1, 5)
 """Of f_mu / 2, of which the torso's swing is made."""
 
 
-class Edges(NamedTuple):
+class Envelopes(NamedTuple):
     """Envelopes about the main line (E-35b).
 
     Of the columns with power above the noise. The leading envelope is the one in the direction of motion; low and
@@ -69,7 +69,7 @@ class Edges(NamedTuple):
     swing_share: float
 
 
-class AboutLine(NamedTuple):
+class LinePower(NamedTuple):
     """Power above noise about the main line, range removed (E-28).
 
     Sums over time within 0.4 and 1.6 m/s and of all rows, cells at the edge in part; mean and standard deviation over
@@ -84,7 +84,7 @@ class AboutLine(NamedTuple):
 
 
 @dataclass(eq=False)
-class Observed:
+class Observation:
     """Processed signature of one target, with cached intermediate results.
 
     Velocities are radial. "Forward" is the direction in which the target moves along the line of sight, so that an
@@ -138,7 +138,7 @@ class Observed:
     agreed: bool = True
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
-    def lacks(self, needs: tuple[str, ...]) -> str | None:
+    def describe_missing(self, needs: tuple[str, ...]) -> str | None:
         """Return why one of these is missing, or None.
 
         A signal is always needed.
@@ -190,7 +190,7 @@ class Observed:
         """Power above the floor for B_mu (E-35), shape (J,)."""
         return width_level_v2(self.strongest_v2, self.floor_v2, self.range_weight)
 
-    def counts_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
+    def count_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
         """Count cells above the raised level of B_mu (E-35).
 
         Blocks lie between ``edges``, in columns; shape (blocks, K).
@@ -213,9 +213,9 @@ class Observed:
     @cached_property
     def period_edges(self) -> npt.NDArray[np.int64]:
         """Ends of whole gait periods in columns, centred."""
-        return self.block_edges(1.0 / self.frequency_hz)
+        return self.compute_block_edges(1.0 / self.frequency_hz)
 
-    def block_edges(self, seconds: float) -> npt.NDArray[np.int64]:
+    def compute_block_edges(self, seconds: float) -> npt.NDArray[np.int64]:
         """Compute the ends of whole blocks in columns, centred."""
         n_columns = self.power_v2.shape[0]
         length = seconds * self.rate_hz
@@ -231,13 +231,13 @@ class Observed:
     @cached_property
     def rows(self) -> Plain:
         """Aligned normalised signature, detrended (E-31); (time, doppler)."""
-        found: Plain = self.cadence_parts.detrended()
+        found: Plain = self.cadence_parts.detrend()
         return found
 
     @cached_property
     def mean_row(self) -> FloatArray:
         """Mean aligned normalised signature, D_1; shape (K,)."""
-        return _row_means(self.aligned.values)
+        return _average_rows(self.aligned.values)
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.bool_]:
@@ -246,7 +246,7 @@ class Observed:
         Their mean power is 3 standard deviations above it; shape (K,).
         """
         spread = self.floor_v2 / np.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
-        return np.asarray(_row_means(self.excess.values) > OCCUPIED_SIGMAS * spread)
+        return np.asarray(_average_rows(self.excess.values) > OCCUPIED_SIGMAS * spread)
 
     @cached_property
     def occupied_rows(self) -> npt.NDArray[np.int64]:
@@ -270,7 +270,7 @@ class Observed:
     @cached_property
     def velocity_mps(self) -> FloatArray:
         """Velocity of every Doppler row; shape (K,)."""
-        return np.asarray(axis(self.signature, "doppler") * self.mps_per_hz)
+        return np.asarray(read_axis(self.signature, "doppler") * self.mps_per_hz)
 
     @cached_property
     def bin_mps(self) -> float:
@@ -280,7 +280,7 @@ class Observed:
     @cached_property
     def rate_hz(self) -> float:
         """Columns per second."""
-        return sampling_rate_hz(axis(self.signature, "time"))
+        return sampling_rate_hz(read_axis(self.signature, "time"))
 
     @cached_property
     def line_mps(self) -> FloatArray:
@@ -300,15 +300,15 @@ class Observed:
         return float(np.sign(mean_mps)) if abs(mean_mps) >= LEAST_SPEED_MPS else 0.0
 
     @cached_property
-    def edges(self) -> Edges:
+    def edges(self) -> Envelopes:
         """Envelopes about the main line (E-35b)."""
         from doppelgait.core.kernels.robust import edge_statistics
 
-        found, (low_hz, high_hz) = np.empty(len(Edges._fields)), self.envelopes_hz
+        found, (low_hz, high_hz) = np.empty(len(Envelopes._fields)), self.envelopes_hz
         line_hz = np.ascontiguousarray(self.main_line_hz)
         edge_statistics(low_hz, high_hz, line_hz, self.direction, *TIME_SHARES, found)
         found[1:-1] *= self.mps_per_hz
-        return Edges(*found.tolist())
+        return Envelopes(*found.tolist())
 
     @cached_property
     def edges_mps(self) -> tuple[FloatArray, FloatArray]:
@@ -354,23 +354,23 @@ class Observed:
 
         It is the fourth power of the gate's range over its mean.
         """
-        centre_m = axis(self.signature, "centre_range")
+        centre_m = read_axis(self.signature, "centre_range")
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
-    def about_line(self) -> tuple[AboutLine, FloatArray, FloatArray]:
+    def about_line(self) -> tuple[LinePower, FloatArray, FloatArray]:
         """Power about the main line.
 
         Also sum and moment of the squared power within 0.8 m/s of it, V^4 and V^4 bins; shapes (J,).
         """
         from doppelgait.core.kernels.lines import powers_about_line
 
-        sums, (square, moment) = np.empty(len(AboutLine._fields)), np.empty((2, self.power_v2.shape[0]))
+        sums, (square, moment) = np.empty(len(LinePower._fields)), np.empty((2, self.power_v2.shape[0]))
         line = (self.line_mps - self.velocity_mps[0]) / self.bin_mps
         reaches = np.array([TORSO_BAND_MPS, NEAR_REACH_MPS, TORSO_REACH_MPS]) / self.bin_mps
         values = np.ascontiguousarray(self.power_v2)
         powers_about_line(values, float(self.floor_v2), line, reaches, self.range_weight, sums, square, moment)
-        return AboutLine(*sums.tolist()), square, moment
+        return LinePower(*sums.tolist()), square, moment
 
     @cached_property
     def torso_ripple_mps(self) -> FloatArray:
@@ -382,7 +382,7 @@ class Observed:
         from doppelgait.core.kernels.lines import torso_swing
 
         _, square, moment = self.about_line
-        basis = slow_basis(square.size, 1 if self.observation_s < 1.3 else 2 if self.observation_s < 2.5 else 3)
+        basis = make_slow_basis(square.size, 1 if self.observation_s < 1.3 else 2 if self.observation_s < 2.5 else 3)
         swing = np.empty(square.size)
         torso_swing(square, moment, SEEN_SHARE, self.bin_mps, SMOOTHED_OVER_S * self.rate_hz, basis, swing)
         return swing
@@ -406,7 +406,7 @@ class Observed:
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
         """Cadence axis and power spectrum, 0.5 to 20 Hz (E-32)."""
-        cadence_hz = axis(self.spectrum, "cadence")
+        cadence_hz = read_axis(self.spectrum, "cadence")
         first, last = np.searchsorted(cadence_hz, CADENCE_HZ)
         return cadence_hz[first:last], self.spectrum.values[first:last]
 
@@ -420,7 +420,7 @@ class Observed:
         cadence_hz, power = self.cadence
         turns = cadence_hz / self.frequency_hz
         between = power[(np.abs(turns - np.floor(turns) - 0.5) <= 0.2) & (turns > 1.0) & (turns < 4.0)]
-        noise = quantile(between, 0.5) if between.size else 0.0
+        noise = compute_quantile(between, 0.5) if between.size else 0.0
         centre_hz, half_cell_hz = self.frequency_hz * ORDERS, 0.5 / self.observation_s
         first = np.searchsorted(cadence_hz, centre_hz - half_cell_hz).tolist()
         last = np.searchsorted(cadence_hz, centre_hz + half_cell_hz).tolist()
@@ -430,7 +430,7 @@ class Observed:
         return [max(value - noise, 0.0) for value in highest]
 
 
-def _row_means(values: npt.NDArray[Any]) -> FloatArray:
+def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
     from doppelgait.core.kernels.columns import row_means
 
     found = np.empty(values.shape[1])
@@ -439,7 +439,7 @@ def _row_means(values: npt.NDArray[Any]) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def slow_basis(n_columns: int, order: int) -> FloatArray:
+def make_slow_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation.
 
     The result has the shape (J, order + 1) and is read only.
@@ -450,7 +450,7 @@ def slow_basis(n_columns: int, order: int) -> FloatArray:
     return basis
 
 
-def likeness_at(rows: FloatArray, lag: float) -> float | None:
+def compute_autocorrelation_at(rows: FloatArray, lag: float) -> float | None:
     """Compute the normalised autocorrelation at a fractional lag (E-33).
 
     It is the square-difference form; None beyond the record.
@@ -465,5 +465,5 @@ def likeness_at(rows: FloatArray, lag: float) -> float | None:
     whole = int(np.floor(lag))
     if whole < 1 or whole + 1 >= rows.shape[0]:
         return None
-    values = square_difference(rows.reshape(rows.shape[0], -1), whole, whole + 1)
+    values = compute_square_difference(rows.reshape(rows.shape[0], -1), whole, whole + 1)
     return float(values[0] + (lag - whole) * (values[1] - values[0]))

@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SIGNATURE, axis, check_signal
+from doppelgait.core.labels import SIGNATURE, check_signal, read_axis
 
 NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
-"""Columns of :func:`frame_numbers`."""
+"""Columns of :func:`measure_columns`."""
 LOWER, UPPER = 0.125, 0.875
 """Shares of a frame's power below the two velocities."""
 
 
-def frame_numbers(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
+def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
     """Measure four numbers of every column of a signature.
 
     ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, velocities ascending. Lower and upper velocity
@@ -48,11 +48,11 @@ def frame_numbers(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr
     Examples
     --------
     >>> import doppelgait as dg
-    >>> from doppelgait.features import frame_numbers
+    >>> from doppelgait.features import measure_columns
     >>> walk = dg.Target(dg.motion.human_gait(speed_mps=1.2, duration_s=3.0), range_m=4.0)
     >>> recording = dg.simulate(dg.Scene(targets=[walk]), dg.Radar.preset("ti-60-burst"))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> frame_numbers(result.signature).shape[1]
+    >>> measure_columns(result.signature).shape[1]
     4
     """
     check_signal(signature, SIGNATURE)
@@ -80,17 +80,17 @@ def frame_numbers(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr
         ],
         axis=1,
     )
-    coords = {"time": axis(signature, "time"), "number": list(NUMBERS)}
+    coords = {"time": read_axis(signature, "time"), "number": list(NUMBERS)}
     return xr.DataArray(values.astype(np.float32), dims=("time", "number"), coords=coords, name="ti_frames")
 
 
-def window_statistics(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt.NDArray[np.float64]:
+def measure_windows(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt.NDArray[np.float64]:
     """Measure mean and standard deviation of frames in windows.
 
     Parameters
     ----------
     numbers : array_like, shape (T, 4)
-        As of :func:`frame_numbers`; the power is taken in dB.
+        As of :func:`measure_columns`; the power is taken in dB.
     frames : int, optional
         Frames of a window; windows follow each other, and a rest is left out. One window of all frames by default.
 
@@ -102,8 +102,8 @@ def window_statistics(numbers: npt.ArrayLike, *, frames: int | None = None) -> n
     Examples
     --------
     >>> import numpy as np
-    >>> from doppelgait.features import window_statistics
-    >>> window_statistics(np.ones((3, 20))).shape
+    >>> from doppelgait.features import measure_windows
+    >>> measure_windows(np.ones((3, 20))).shape
     (1, 40)
     """
     values = np.array(numbers, dtype=np.float64)

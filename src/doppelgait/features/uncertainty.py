@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.feature_set import Extraction, FloatArray
-from doppelgait.features.observed import Observed
+from doppelgait.features.observed import Observation
 
 CAUCHY_TUNING = 2.385
 VELOCITY_BLOCK_S = 0.5
@@ -47,7 +47,7 @@ UNCERTAIN_SHARE = {
 """A standard deviation above this share of the value is flagged."""
 
 
-def uncertainties_of(observed: Observed) -> dict[str, float | None]:
+def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
     """Estimate standard deviations of the features and gait frequency.
 
     Each has the unit of its value.
@@ -64,10 +64,10 @@ def uncertainties_of(observed: Observed) -> dict[str, float | None]:
     """
     extraction, features = observed.extraction, observed.extraction.features
     found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
-    if observed.lacks(()) is not None:
+    if observed.describe_missing(()) is not None:
         return found
     found["torso_velocity_mps"] = velocity_sd_mps(observed)
-    if observed.lacks(("gait_frequency",)) is not None:
+    if observed.describe_missing(("gait_frequency",)) is not None:
         return found
     if features.doppler_bandwidth_hz is not None:
         found["doppler_bandwidth_hz"] = bandwidth_sd_hz(observed)
@@ -80,13 +80,13 @@ def uncertainties_of(observed: Observed) -> dict[str, float | None]:
         # L_m = v_m / f_mu: relative variances add (E-36)
         found["step_length_m"] = math.hypot(velocity_sd, length_m * frequency_sd) / extraction.gait_frequency_hz
     if features.limb_torso_ratio is not None:
-        found["limb_torso_ratio"] = ratio_sd(periods)
+        found["limb_torso_ratio"] = estimate_ratio_sd(periods)
     if features.harmonic_ratio_2 is not None:
-        found["harmonic_ratio_2"] = harmonic_ratio_sd(periods, 2)
+        found["harmonic_ratio_2"] = estimate_harmonic_ratio_sd(periods, 2)
     return {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
 
 
-def uncertainty_flags(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
+def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
     """Flag features with a large standard deviation.
 
     A feature is flagged above a share of its value.
@@ -102,7 +102,7 @@ def uncertainty_flags(extraction: Extraction, sd: dict[str, float | None]) -> tu
     return tuple(flags)
 
 
-def velocity_sd_mps(observed: Observed) -> float | None:
+def velocity_sd_mps(observed: Observation) -> float | None:
     """Estimate the standard deviation of v_m (E-34).
 
     It is that of a robust mean of dependent columns.
@@ -114,7 +114,7 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     from doppelgait.core.kernels.robust import scatter_of_blocks
 
     known = observed.extraction.gait_frequency_hz
-    edges = observed.block_edges(VELOCITY_BLOCK_S) if known is None else observed.period_edges
+    edges = observed.compute_block_edges(VELOCITY_BLOCK_S) if known is None else observed.period_edges
     starts = np.concatenate([[0], edges[1:-1]])  # what is left at the ends belongs to the blocks there
     if starts.size < MIN_BLOCKS:
         return None
@@ -126,7 +126,7 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     return math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
 
 
-def bandwidth_sd_hz(observed: Observed) -> float | None:
+def bandwidth_sd_hz(observed: Observation) -> float | None:
     """Estimate the standard deviation of B_mu (E-35).
 
     It is a jackknife over groups of periods, plus the rounding to Doppler bins.
@@ -136,7 +136,7 @@ def bandwidth_sd_hz(observed: Observed) -> float | None:
         return None
     n_groups = min(edges.size - 1, GROUPS)
     edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
-    counts = observed.counts_above_level(edges)
+    counts = observed.count_above_level(edges)
     left = (edges[-1] - edges[0] - np.diff(edges))[:, None]
     widths = [width_of_bins(share) for share in (counts.sum(axis=0) - counts) / left]
     without = np.array([np.nan if width is None else width for width in widths])
@@ -177,7 +177,7 @@ class Periods:
         return imaginary, real
 
 
-def _measure_periods(observed: Observed) -> Periods | None:
+def _measure_periods(observed: Observation) -> Periods | None:
     from doppelgait.core.kernels.periodicity import period_harmonics
 
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
@@ -209,7 +209,7 @@ def frequency_sd_hz(periods: Periods) -> float:
     return periods.frequency_hz * math.hypot(share, FREQUENCY_LEAST_SHARE)
 
 
-def ratio_sd(periods: Periods) -> float:
+def estimate_ratio_sd(periods: Periods) -> float:
     """Estimate the standard deviation of rho (E-38).
 
     It is half of the scatter of the ratio of single periods, over the root of their number: neighbours are unlike.
@@ -225,7 +225,7 @@ def ratio_sd(periods: Periods) -> float:
     return math.hypot(RATIO_FACTOR * scatter, RATIO_END_SHARE * mean / ratio.size)
 
 
-def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
+def estimate_harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
     """Estimate the standard deviation of beta (E-37).
 
     It follows from how well the phases of a harmonic and of f_mu lie on straight lines.

@@ -19,7 +19,7 @@ _METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3
 _WORDS = {"mill": "mm", "cent": "cm", "mete": "m", "metr": "m", "inch": "in", "foot": "ft", "feet": "ft"}
 
 
-def metres_per_unit(name: str, *, where: str) -> float:
+def convert_unit_to_metres(name: str, *, where: str) -> float:
     """Return a length unit's factor to metres.
 
     Parameters
@@ -96,7 +96,7 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     dict
         ``up_axis`` (one of :data:`AXES`) and ``up_axis_from`` ("body parts", "file", "motion" or "assumed").
     """
-    typical = _nanmedian(position, axis=0)
+    typical = _compute_median(position, axis=0)
     # from the feet to head and torso; the mean of all points replaces the one that is unknown
     feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
     body = [i for i, part in enumerate(parts) if part in ("head", "torso", "trunk")]
@@ -105,12 +105,12 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     if feet or head:
         upper = typical[body if feet and body else head] if (feet and body) or head else typical
         lower = typical[feet] if feet else typical
-        lift = np.nan_to_num(_nanmedian(upper, axis=0) - _nanmedian(lower, axis=0))
+        lift = np.nan_to_num(_compute_median(upper, axis=0) - _compute_median(lower, axis=0))
     order = np.argsort(-np.abs(lift))
     if abs(lift[order[0]]) > 1.5 * abs(lift[order[1]]):
         return {"up_axis": _name(int(order[0]), lift[order[0]]), "up_axis_from": "body parts"}
-    extent, travel = np.nan_to_num(body_extent(position)), np.zeros(3)
-    centre = _nanmedian(position, axis=1)
+    extent, travel = np.nan_to_num(measure_body_extent(position)), np.zeros(3)
+    centre = _compute_median(position, axis=1)
     seen = centre[np.isfinite(centre).all(axis=1)]
     if seen.size:  # how far the body gets along each axis, but for the 2 % of strangest frames at either end
         travel = np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0)
@@ -120,24 +120,24 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     )
     stated = "xyz".find(declared) if declared else -1
     if stated >= 0 and not (extent[axis] > 2.0 * extent[stated] and travel[axis] <= travel[stated]):
-        return {"up_axis": _name(stated, _height_sign(position, typical, stated)), "up_axis_from": "file"}
+        return {"up_axis": _name(stated, _find_height_sign(position, typical, stated)), "up_axis_from": "file"}
     if stated < 0 and extent[axis] < 1.3 * extent[other]:
         return {"up_axis": "z", "up_axis_from": "assumed"}
-    return {"up_axis": _name(axis, _height_sign(position, typical, axis)), "up_axis_from": "motion"}
+    return {"up_axis": _name(axis, _find_height_sign(position, typical, axis)), "up_axis_from": "motion"}
 
 
 def _name(axis: int, sign: float) -> str:
     return ("" if sign >= 0 else "-") + "xyz"[axis]
 
 
-def _nanmedian(values: FloatArray, axis: int) -> FloatArray:
+def _compute_median(values: FloatArray, axis: int) -> FloatArray:
     # an all-NaN column is an answer here, not a fault
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(values, axis=axis))
 
 
-def body_extent(position: FloatArray) -> FloatArray:
+def measure_body_extent(position: FloatArray) -> FloatArray:
     """Return the body's typical extent per axis.
 
     It is the median over time of highest minus lowest point, shape (3,).
@@ -149,10 +149,10 @@ def body_extent(position: FloatArray) -> FloatArray:
     """
     low = np.where(np.isnan(position), np.inf, position).min(axis=1)
     high = np.where(np.isnan(position), -np.inf, position).max(axis=1)
-    return _nanmedian(np.where(high >= low, high - low, np.nan), axis=0)
+    return _compute_median(np.where(high >= low, high - low, np.nan), axis=0)
 
 
-def _height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
+def _find_height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
     """Return +1 for an upward or unknown axis, else -1.
 
     The floor of nearly every laboratory is at 0. Where it is not, the points that come to rest at times are feet.

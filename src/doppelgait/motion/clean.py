@@ -15,8 +15,8 @@ from doppelgait.core.errors import DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
 from doppelgait.motion.stature import measure_height
-from doppelgait.motion.suspects import find_jumps, repair_swaps, useless_points
-from doppelgait.motion.treadmill import belt_note, belt_velocity_mps
+from doppelgait.motion.suspects import find_jumps, find_useless_points, repair_swaps
+from doppelgait.motion.treadmill import belt_velocity_mps, format_belt_note
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -97,7 +97,7 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
     lengths: list[int] = []
     for p in range(position.shape[1]):
         seen = np.asarray(np.isfinite(position[:, p]).all(axis=1))
-        gaps = [(a, b) for a, b in runs(~seen) if a > 0 and b < len(seen) and b - a <= gap_limit]
+        gaps = [(a, b) for a, b in find_runs(~seen) if a > 0 and b < len(seen) and b - a <= gap_limit]
         filled[~seen, p] = np.nan
         if not gaps or seen.sum() < 4:
             continue
@@ -112,7 +112,7 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
     }
 
 
-def runs(mask: BoolArray) -> list[tuple[int, int]]:
+def find_runs(mask: BoolArray) -> list[tuple[int, int]]:
     """Return start and stop of every run of true values."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -134,7 +134,7 @@ def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
     return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
 
 
-def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
+def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
     """Low-pass positions with zero phase (E-02).
 
     The filter is a fourth-order Butterworth, forwards and backwards, with half power at the cutoff.
@@ -265,10 +265,10 @@ def clean_motion(
     swaps = repair_swaps(position, names, rate_hz=rate)
     spikes = remove_spikes(position, rate_hz=rate)
     jumps = find_jumps(position, names, rate_hz=rate)
-    dropped = useless_points(position, names, parts) | _unmoved_points(position)
+    dropped = find_useless_points(position, names, parts) | _find_unmoved_points(position)
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
-    first, stop, complete = _best_segment(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
+    first, stop, complete = _find_best_segment(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
     dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
     duration_s = (stop - first) / rate
@@ -282,23 +282,23 @@ def clean_motion(
     dropped_names = {reason: list(points) for reason, points in motion.report.get("dropped", {}).items()}
     for i in sorted(dropped):
         dropped_names.setdefault(dropped[i], []).append(names[i])
-    smooth = lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if can_lowpass(rate, lowpass_hz) else filled
+    smooth = filter_lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if can_lowpass(rate, lowpass_hz) else filled
     kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
-    floor_m = floor_height(smooth, kept_parts) if floor else 0.0
+    floor_m = find_floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
     facts, size_note = motion.facts, ""
     if not math.isfinite(facts.height_m):
         height_m, size_note = math.nan, ""
         if whole is not None:
-            height_m, size_note = _height_of(whole, gap_limit_s, lowpass_hz, floor)
+            height_m, size_note = _measure_height(whole, gap_limit_s, lowpass_hz, floor)
         if not math.isfinite(height_m):
             height_m, size_note = measure_height(smooth, kept_names, kept_parts)
         facts = replace(facts, height_m=height_m)
     belt = belt_velocity_mps(smooth, kept_parts, rate_hz=rate)
-    sides = _side_notes(smooth, kept_parts, rate_hz=rate, belt_mps=belt)
+    sides = _check_sides(smooth, kept_parts, rate_hz=rate, belt_mps=belt)
     for note in (note for note in sides if note.endswith(EXCHANGED)):
         warn_caller(f"{where}: {note}; the gait measured from them is that of the exchanged names.")
-    notes = [*sides, *([] if belt is None else [belt_note(belt)]), *([size_note] if size_note else [])]
+    notes = [*sides, *([] if belt is None else [format_belt_note(belt)]), *([size_note] if size_note else [])]
     report = {
         **motion.report,
         **fill_facts,
@@ -308,7 +308,7 @@ def clean_motion(
         "notes": [*motion.report.get("notes", []), *notes],
         "dropped": dropped_names,
         "points_kept": len(kept),
-        "parts": known_parts(kept_parts),
+        "parts": describe_known_parts(kept_parts),
         "unknown_parts": [name for name, part in zip(kept_names, kept_parts, strict=True) if not part],
         "kept_from_s": first / rate,
         "kept_to_s": (stop - 1) / rate,
@@ -319,7 +319,7 @@ def clean_motion(
     return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts, report=report)
 
 
-def _height_of(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
+def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
     """Measure the height in a recording after cleaning.
 
     It is NaN where cleaning refuses the recording.
@@ -333,7 +333,7 @@ def _height_of(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floo
     return measure_height(cleaned.position_m, cleaned.markers, cleaned.parts)
 
 
-def known_parts(parts: Sequence[str]) -> str:
+def describe_known_parts(parts: Sequence[str]) -> str:
     """Describe how many points have a known body part.
 
     The text is "known", "k of n known" (with ": equal split" where no trunk is) or "unknown: equal split".
@@ -355,7 +355,7 @@ WRONG_SIDE = 0.25
 """A pair of parts is exchanged if it is apart the wrong way by more than this part of the widest pair."""
 
 
-def _side_notes(
+def _check_sides(
     position: FloatArray, parts: Sequence[str], *, rate_hz: float, belt_mps: FloatArray | None = None
 ) -> list[str]:
     """Return a note if left parts are on the right.
@@ -392,19 +392,19 @@ def _side_notes(
     return [f"left_{name} and right_{name} are on each other's side: {EXCHANGED}" for name in wrong]
 
 
-def _unmoved_points(position: FloatArray) -> dict[int, str]:
+def _find_unmoved_points(position: FloatArray) -> dict[int, str]:
     """Find points never seen or left behind."""
     seen = np.isfinite(position).all(axis=2)
     reasons = {int(i): "never seen" for i in np.flatnonzero(~seen.any(axis=0))}
-    still = stationary_points(position)
-    centre = body_centre(position)
+    still = find_stationary_points(position)
+    centre = find_body_centre(position)
     path = centre[np.isfinite(centre).all(axis=1), :2]
     if path.size and float(np.linalg.norm(np.ptp(path, axis=0))) > MOVING_BODY_M:
         reasons |= {int(i): "stands still while the body moves" for i in np.flatnonzero(still) if int(i) not in reasons}
     return reasons
 
 
-def stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
+def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
     """Find the points that hardly move, shape (P,).
 
     Their total excursion, the diagonal of the box that holds them, stays below a limit.
@@ -423,7 +423,7 @@ def stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) ->
     return np.asarray(np.isfinite(excursion) & (excursion < limit_m))
 
 
-def body_centre(position: FloatArray) -> FloatArray:
+def find_body_centre(position: FloatArray) -> FloatArray:
     """Return the path of the body centre.
 
     It is the mean of the points that move and are seen in at least 40 % of the frames, with gaps filled linearly.
@@ -436,7 +436,7 @@ def body_centre(position: FloatArray) -> FloatArray:
     if not len(position):
         return np.empty((0, 3))
     missing = np.isnan(position).any(axis=2).mean(axis=0)
-    moving = ~stationary_points(position)
+    moving = ~find_stationary_points(position)
     chosen = moving & (missing <= MAX_MISSING)
     for fallback in (moving & (missing < 1.0), missing < 1.0):
         chosen = chosen if chosen.any() else fallback
@@ -445,7 +445,7 @@ def body_centre(position: FloatArray) -> FloatArray:
     return np.asarray(fill_linear(position[:, chosen]).mean(axis=1))
 
 
-def _best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
+def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
     """Find the gap-free segment and points with most samples.
 
     Samples are frames times points.
@@ -457,7 +457,7 @@ def _best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, Bool
     order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
     for given_up in range(max(1, len(order) - MIN_MARKERS + 1)):
         rest = order[given_up:]
-        whole = runs(np.asarray(seen[:, rest].all(axis=1))) if rest.size else []
+        whole = find_runs(np.asarray(seen[:, rest].all(axis=1))) if rest.size else []
         a, b = max(whole, key=lambda run: run[1] - run[0], default=(0, 0))
         if (b - a) * len(rest) > score:
             best, score = (a, b), (b - a) * len(rest)
@@ -466,7 +466,7 @@ def _best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, Bool
     return first, stop, complete
 
 
-def floor_height(position: FloatArray, parts: Sequence[str]) -> float:
+def find_floor_height(position: FloatArray, parts: Sequence[str]) -> float:
     """Return the height of the floor in m (E-01).
 
     It is the 1st percentile of the feet's z, or of the z of the three lowest points.

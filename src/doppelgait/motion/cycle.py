@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.gait import add_gait_facts
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import Spline, fit_spline
 
@@ -70,7 +70,7 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
     where = motion.label
     if not np.isfinite(motion.position_m).all():
         raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
-    known = with_gait_facts(motion)
+    known = add_gait_facts(motion)
     rate = motion.rate_hz
     period = rate / known.facts.stride_frequency_hz
     overlap = OVERLAP_STRIDES * period
@@ -84,14 +84,14 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
             f"{where}: lasts {(motion.n_frames - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
             f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
         )
-    seam, usual = _best_seam(motion, period, overlap)
+    seam, usual = _find_best_seam(motion, period, overlap)
     fitted = known, _close_cycle(motion, seam, overlap), usual
     if not motion.position_m.flags.writeable:  # a clip that many examples of a dataset take
         _fitted[motion] = fitted
     return fitted
 
 
-def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
+def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
     """Find the longest usual cut and the median seam.
 
     The cut has as many strides as it can with a mismatch no larger than usual; the median seam is that after one
@@ -112,7 +112,7 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
         b.reshape(frames.size, *motion.positions.shape[1:]) - a.reshape(frames.size, *motion.positions.shape[1:])
         for a, b in zip(before, after, strict=True)
     )
-    stride_m, stride_mps = _apart(stride_moved, stride_change, min(width, frames.size))
+    stride_m, stride_mps = _measure_mismatch(stride_moved, stride_change, min(width, frames.size))
     usual = Seam(0.0, period, 1, float(np.median(stride_m)), float(np.median(stride_mps)))
     best: list[Seam] = []
     for strides in range(1, min(MOST_STRIDES, max(1, int((len(position) - width) // stride))) + 1):
@@ -121,22 +121,22 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
         for lag in (n for n in lags if n + width <= len(position)):
             until = len(position) - lag
             moved, change = position[lag:] - position[:until], velocity[lag:] - velocity[:until]
-            apart_m, apart_mps = _apart(moved, change, width)
+            apart_m, apart_mps = _measure_mismatch(moved, change, width)
             n = int(np.argmin(np.hypot(apart_m, weight_s * apart_mps)))
             seams.append(Seam(float(n), float(lag), strides, float(apart_m[n]), float(apart_mps[n])))
         if seams:
-            cut = min(seams, key=lambda seam: _cost(seam, weight_s))
+            cut = min(seams, key=lambda seam: _combine_mismatch(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
-            best.append(_between_frames(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
+            best.append(_refine_seam(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
     # neither pose nor velocity may differ more than is usual between neighbouring strides
     most_m, most_mps = max(usual.position_m, UNSEEN_M), max(usual.velocity_mps, UNSEEN_M / weight_s)
     fitting = [seam for seam in best if seam.position_m <= most_m and seam.velocity_mps <= most_mps]
     if fitting:
         return max(fitting, key=lambda seam: seam.strides), usual
-    return min(best, key=lambda seam: _cost(seam, weight_s)), usual
+    return min(best, key=lambda seam: _combine_mismatch(seam, weight_s)), usual
 
 
-def _cost(seam: Seam, weight_s: float) -> float:
+def _combine_mismatch(seam: Seam, weight_s: float) -> float:
     """Combine position and velocity mismatch in m.
 
     A velocity weighs like the position of a swing at the stride rate.
@@ -144,22 +144,22 @@ def _cost(seam: Seam, weight_s: float) -> float:
     return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
 
 
-def _apart(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
+def _measure_mismatch(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
     """Return rms mismatches of position and velocity per first frame.
 
     It is taken over points and ``width`` frames, of displacements less their ground advance and of changes in velocity.
     """
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
-    advance = _running_mean(moved[..., :2].mean(axis=1), width)
-    squared = _running_mean((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
-    return np.sqrt(np.maximum(squared, 0.0)), np.sqrt(_running_mean((change**2).sum(axis=2).mean(axis=1), width))
+    advance = _average_running(moved[..., :2].mean(axis=1), width)
+    squared = _average_running((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
+    return np.sqrt(np.maximum(squared, 0.0)), np.sqrt(_average_running((change**2).sum(axis=2).mean(axis=1), width))
 
 
-def _running_mean(values: FloatArray, width: int) -> FloatArray:
+def _average_running(values: FloatArray, width: int) -> FloatArray:
     return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width, axis=0).mean(axis=-1))
 
 
-def _between_frames(
+def _refine_seam(
     curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
 ) -> Seam:
     """Refine the length of a cut below one frame."""
@@ -179,12 +179,12 @@ def _between_frames(
     latest = shape[0] - 1 - float(frames[-1])
     bounds = (seam.lag - step, min(seam.lag + step, latest))
     found = minimize_scalar(
-        lambda lag: _cost(at(float(lag)), weight_s),
+        lambda lag: _combine_mismatch(at(float(lag)), weight_s),
         bounds=bounds,
         method="bounded",
         options={"xatol": PRECISION_FRAMES},
     )
-    return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _cost(cut, weight_s))
+    return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _combine_mismatch(cut, weight_s))
 
 
 @dataclass(frozen=True)
@@ -213,10 +213,10 @@ class Cycle:
         """
         chosen = list(range(self.shape[1])) if points is None else points
         numbers = np.array(chosen)
-        curve = _some_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
+        curve = _select_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
         lag, turns = self.seam.lag, np.floor(total / self.seam.lag)
         into = total - turns * lag
-        travel = _some_columns(self.travel, np.concatenate([numbers, self.shape[1] + numbers]))
+        travel = _select_columns(self.travel, np.concatenate([numbers, self.shape[1] + numbers]))
         astray = self.astray[chosen]
 
         def once(frames: FloatArray) -> FloatArray:
@@ -234,18 +234,18 @@ class Cycle:
         position[fading] = weight * position[fading] + (1.0 - weight) * follows
         return np.asarray(position)
 
-    def strides_gone(self, total: FloatArray, points: list[int]) -> FloatArray:
+    def count_strides(self, total: FloatArray, points: list[int]) -> FloatArray:
         """Count strides since time 0, shape (I, P).
 
         They are about the same for all points.
         """
         turns = np.floor(total / self.seam.lag)
-        travel = _some_columns(self.travel, np.array(points))
+        travel = _select_columns(self.travel, np.array(points))
         share = travel.at(total - turns * self.seam.lag)[0] + 0.5
         return np.asarray((turns[:, np.newaxis] + share) * self.seam.strides)
 
 
-def _some_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
+def _select_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
     values, moments = (np.ascontiguousarray(part[:, columns]) for part in (curve.values, curve.moments))
     return Spline(values, moments, curve.step_s)
 

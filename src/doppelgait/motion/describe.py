@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.clean import clean_motion, fill_linear, stationary_points
-from doppelgait.motion.gait import smooth_path, stride_facts, travel_facts
+from doppelgait.motion.clean import clean_motion, fill_linear, find_stationary_points
+from doppelgait.motion.gait import measure_stride, measure_travel, smooth_path
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import check_types, cut_part, read, take_part
 from doppelgait.motion.segments import Segment, find_segments
@@ -83,7 +83,7 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
     rate = motion.rate_hz
     report: Mapping[str, Any] = motion.report
     missing = np.isnan(position).any(axis=2)
-    still = stationary_points(position)
+    still = find_stationary_points(position)
     z = fill_linear(position[:, ~still])[:, :, 2]
     z = z[:, np.isfinite(z).all(axis=0)]
     facts = {
@@ -100,16 +100,16 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
         "height_m": float(np.median(np.ptp(z, axis=1))) if z.size else None,
         "lowest_point_m": float(z.min()) if z.size else None,
         "stature_m": motion.facts.height_m,
-        **travel_facts(position, rate_hz=rate),
-        **stride_facts(position, rate_hz=rate),
+        **measure_travel(position, rate_hz=rate),
+        **measure_stride(position, rate_hz=rate),
         "points": motion.markers,
         "points_dropped": {str(k): list(v) for k, v in report.get("dropped", {}).items()},
-        "segments": [_segment_facts(segment, motion.facts.file_time_s) for segment in find_segments(motion)],
+        "segments": [_describe_segment(segment, motion.facts.file_time_s) for segment in find_segments(motion)],
     }
-    return {key: _plain(value) for key, value in facts.items()}
+    return {key: _convert_to_plain(value) for key, value in facts.items()}
 
 
-def _segment_facts(segment: Segment, starts_s: float) -> dict[str, Any]:
+def _describe_segment(segment: Segment, starts_s: float) -> dict[str, Any]:
     """Return plain facts of a segment.
 
     Times count from the first frame of the file, as ``start_s`` and ``stop_s`` of read do.
@@ -132,10 +132,10 @@ def _segment_facts(segment: Segment, starts_s: float) -> dict[str, Any]:
         "footfalls": {foot: [starts_s + t for t in times] for foot, times in gait.footfalls.items()},
         "stride_from": gait.measured_from,
     }
-    return {key: _plain(value) for key, value in facts.items()}
+    return {key: _convert_to_plain(value) for key, value in facts.items()}
 
 
-def _plain(value: Any) -> Any:
+def _convert_to_plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

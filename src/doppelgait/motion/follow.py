@@ -15,19 +15,19 @@ from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, make_motion, require_motion
 from doppelgait.motion.paths import (
     Curve,
+    CurveElement,
     Layout,
     Pace,
     Path,
-    Piece,
     Stop,
+    compute_stillness,
     distance_m,
+    find_points,
     first_time_s,
     join,
-    layout_of,
-    point_at,
+    lay_out,
     smooth_heading_rad,
     spot_turn_rad,
-    stillness,
 )
 from doppelgait.motion.retime import STILL_BELOW_M, Spline, fit_centre, fit_spline
 from doppelgait.motion.skeleton import FOOT_PARTS
@@ -153,14 +153,14 @@ def follow(
     2.0
     """
     require_motion(motion)
-    gait, layout = _straight_gait(motion), layout_of(path)
-    pace = _pace(gait, path, layout)
+    gait, layout = _rotate_to_x(motion), lay_out(path)
+    pace = _find_pace(gait, path, layout)
     # the curve in the world frame; a turn on the spot divides its line where the body comes to rest
     start_heading_rad = math.radians(heading_deg)
     pieces = list(layout.pieces)
     if any(stop.turn_rad for stop in pace.stops):
         stop = pace.stops[0]
-        pieces = [Piece(stop.at_m), Piece(math.inf, turn_rad=stop.turn_rad)]
+        pieces = [CurveElement(stop.at_m), CurveElement(math.inf, turn_rad=stop.turn_rad)]
     x, y = layout.start_m
     cosine, sine = math.cos(start_heading_rad), math.sin(start_heading_rad)
     start_m = (start_position_m[0] + x * cosine - y * sine, start_position_m[1] + x * sine + y * cosine)
@@ -171,24 +171,24 @@ def follow(
             _check_speed(pace.speed_mps * (1 - bend * path.side_m), gait, what)
     course = Course(curve, pace, path.side_m, path.ahead_m, gait.speed_mps)
     rate_hz = motion.rate_hz
-    frames = _frame_count(course, gait, path, duration_s, rate_hz)
+    frames = _count_frames(course, gait, path, duration_s, rate_hz)
     times_s = np.arange(frames) / rate_hz
     position = np.empty((frames, len(motion.markers), 3))
     for first in range(0, frames, BLOCK_FRAMES):
         part = slice(first, first + BLOCK_FRAMES)
-        _lay(course, gait, times_s[part], position[part])
+        _place_points(course, gait, times_s[part], position[part])
     return make_motion(
         position,
         rate_hz=rate_hz,
         markers=motion.markers,
         parts=motion.parts,
         start_s=float(motion.time_s[0]),
-        facts=(facts := _facts(course, gait, path, times_s)),
+        facts=(facts := _make_facts(course, gait, path, times_s)),
         report={**motion.report, "path": asdict(facts.path) if facts.path else None},
     )
 
 
-def _lay(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
+def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
     """Put the motion's points at some times on the path (E-02b).
 
     The result is written into ``position``.
@@ -197,14 +197,14 @@ def _lay(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) 
     heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
     offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
     for number in range(len(course.pace.stops)):
-        still = stillness(course.pace, number, times_s)[:, None, None]
+        still = compute_stillness(course.pace, number, times_s)[:, None, None]
         # the standing posture: mean of the frozen one and of that half a stride away
         frozen_s, half_s = course.pace.stops[number].at_m / gait.speed_mps, 0.5 / gait.motion.facts.stride_frequency_hz
         other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
         standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
         offset += still * (standing_m - offset)
     offset[..., 1] += course.side_m
-    origin = point_at(course.curve, along_m)
+    origin = find_points(course.curve, along_m)
     cosines, sines = np.cos(heading)[:, None], np.sin(heading)[:, None]
     position[..., 0] = origin[:, :1] + cosines * offset[..., 0] - sines * offset[..., 1]
     position[..., 1] = origin[:, 1:] + sines * offset[..., 0] + cosines * offset[..., 1]
@@ -221,10 +221,10 @@ def steady_speed_mps(motion: Motion) -> float:
     MotionError
         If the motion does not travel straight and steadily.
     """
-    return _straight_gait(motion).speed_mps
+    return _rotate_to_x(motion).speed_mps
 
 
-def _straight_gait(motion: Motion) -> Gait:
+def _rotate_to_x(motion: Motion) -> Gait:
     """Rotate a straight motion to +x through the origin.
 
     A :class:`MotionError` if it is not straight.
@@ -264,7 +264,7 @@ def _straight_gait(motion: Motion) -> Gait:
     return gait
 
 
-def _pace(gait: Gait, path: Path, layout: Layout) -> Pace:
+def _find_pace(gait: Gait, path: Path, layout: Layout) -> Pace:
     """Return the pace on a path, with stops."""
     speed_mps = path.speed_mps or gait.speed_mps
     _check_speed(speed_mps, gait, "speed_mps")
@@ -318,7 +318,7 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
     return max(float(times_s[support + moving.argmin()]), 0.0)
 
 
-def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
+def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
     """Return the number of frames for the wanted time.
 
     By default until the path or the motion ends.
@@ -344,7 +344,7 @@ def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None,
     return last + 1
 
 
-def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> MotionFacts:
+def _make_facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> MotionFacts:
     last_s = float(times_s[-1])
     rests_s = [course.pace.rest_s(n) for n in range(len(course.pace.stops))]
     stops = course.pace.stops

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.motion.clean import body_centre, fill_linear, runs, stationary_points
+from doppelgait.motion.clean import fill_linear, find_body_centre, find_runs, find_stationary_points
 from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.repetition import mirrored_repetition_hz, repetition_hz
 from doppelgait.motion.skeleton import FOOT_PARTS
@@ -36,7 +36,7 @@ def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SM
     smoothing_s : float
         Length of the average in s, 0 or more.
     """
-    return _smooth(body_centre(position)[:, :2], rate_hz=rate_hz, smoothing_s=smoothing_s)
+    return _smooth(find_body_centre(position)[:, :2], rate_hz=rate_hz, smoothing_s=smoothing_s)
 
 
 def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArray:
@@ -52,7 +52,7 @@ def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArr
     return np.asarray(uniform_filter1d(longer, width, axis=0, mode="nearest")[edge : edge + len(path)])
 
 
-def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
+def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure displacement, path length, straightness and mean speed.
 
     Over the longest segment in which half of the points are seen: a body that has not entered yet does not stand.
@@ -64,13 +64,13 @@ def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     rate_hz : float
         Frames per second.
     """
-    path = _smooth(_seen_path(_seen_frames(position)), rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
+    path = _smooth(_find_seen_path(_find_seen_frames(position)), rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
     if len(path) < 2 or not np.isfinite(path).all():
         return {}
     step = np.diff(path, axis=0)
     net = path[-1] - path[0]
     length = float(np.linalg.norm(step, axis=1).sum())
-    along = principal_direction(path)
+    along = find_principal_direction(path)
     offset = path - path.mean(axis=0)
     lateral = offset - np.outer(offset @ along, along)
     speed = step @ along * rate_hz
@@ -86,17 +86,17 @@ def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     }
 
 
-def _seen_path(position: FloatArray) -> FloatArray:
+def _find_seen_path(position: FloatArray) -> FloatArray:
     """Return the path of the body centre.
 
     It adds the steps of the points that are seen.
 
     A point that was not seen yet, or no more, does not hold the centre back.
     """
-    path = body_centre(position)[:, :2]
+    path = find_body_centre(position)[:, :2]
     if len(path) < 2 or not np.isfinite(path).all():
         return path
-    steps = np.diff(position[:, ~stationary_points(position), :2], axis=0)
+    steps = np.diff(position[:, ~find_stationary_points(position), :2], axis=0)
     seen = np.asarray(np.isfinite(steps).all(axis=2))
     count = seen.sum(axis=1)
     total = np.where(seen[..., np.newaxis], steps, 0.0).sum(axis=1)
@@ -104,17 +104,17 @@ def _seen_path(position: FloatArray) -> FloatArray:
     return np.asarray(path[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(mean, axis=0)]))
 
 
-def _seen_frames(position: FloatArray) -> FloatArray:
+def _find_seen_frames(position: FloatArray) -> FloatArray:
     """Return the longest segment with half of the points seen."""
     seen = np.asarray(np.isfinite(position).all(axis=2))
     seen = seen[:, seen.any(axis=0)]
     if not seen.size:
         return position
-    first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
+    first, stop = max(find_runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
     return position[first:stop]
 
 
-def principal_direction(path: FloatArray) -> FloatArray:
+def find_principal_direction(path: FloatArray) -> FloatArray:
     """Return the unit vector of a path's largest spread.
 
     It points in the direction of travel.
@@ -124,7 +124,7 @@ def principal_direction(path: FloatArray) -> FloatArray:
     return np.asarray(-along if (path[-1] - path[0]) @ along < 0 else along)
 
 
-def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
+def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure stride and step frequency from the limbs' swing.
 
     The fore-aft motion of all points about the centre is used; None for a standing body.
@@ -140,7 +140,7 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
         Frames per second.
     """
     none = {"stride_hz": None, "step_hz": None}
-    position = _seen_frames(position)
+    position = _find_seen_frames(position)
     if len(position) < rate_hz * 0.8:
         return none
     path = smooth_path(position, rate_hz=rate_hz)
@@ -149,9 +149,9 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     from scipy.signal import detrend
 
     filled = fill_linear(position)
-    filled = filled[:, np.isfinite(filled).all(axis=(0, 2)) & ~stationary_points(position)]
-    centre = body_centre(position)
-    swing = (filled[:, :, :2] - centre[:, np.newaxis, :2]) @ principal_direction(path)
+    filled = filled[:, np.isfinite(filled).all(axis=(0, 2)) & ~find_stationary_points(position)]
+    centre = find_body_centre(position)
+    swing = (filled[:, :, :2] - centre[:, np.newaxis, :2]) @ find_principal_direction(path)
     swing = detrend(swing, axis=0) * np.hanning(len(swing))[:, np.newaxis]
     n_fft = 1 << math.ceil(math.log2(len(swing) * 16))
     power = (np.abs(np.fft.rfft(swing, n_fft, axis=0)) ** 2).sum(axis=1)
@@ -224,7 +224,7 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
         return {}
     ahead = path[-1] - path[0]
     # comparisons with a point that was never seen are false: it is no foot
-    offset = np.median(position[:, :, :2] - body_centre(position)[:, np.newaxis, :2], axis=0)
+    offset = np.median(position[:, :, :2] - find_body_centre(position)[:, np.newaxis, :2], axis=0)
     left = offset @ np.array([-ahead[1], ahead[0]]) > 0
     hind = offset @ ahead < 0
     low = np.percentile(position[:, :, 2], 5, axis=0)
@@ -273,7 +273,7 @@ def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> d
             # swings of the foot, and where it lands after each
             speed, slowest = forward.mean(axis=1), forward.min(axis=1)
             touchdown, overtaken, peaks = [], [], []
-            for first, stop in runs(speed > body_mps):
+            for first, stop in find_runs(speed > body_mps):
                 peak = first + int(np.argmax(speed[first:stop]))
                 if speed[peak] < SWING_PEAK * body_mps[peak] or stop - first < SHORTEST_SWING_S * rate:
                     continue
@@ -371,7 +371,7 @@ def measure_gait(motion: Motion) -> GaitFacts:
     require_motion(motion)
     steps = find_steps(motion)
     footfalls = {foot: [float(t) for t in step.touchdown_s] for foot, step in steps.items()}
-    stride_hz, source = _beat([step.overtaken_s for step in steps.values()]), "footfalls"
+    stride_hz, source = _fit_beat_hz([step.overtaken_s for step in steps.values()]), "footfalls"
     if not math.isfinite(stride_hz):
         stride_hz, source = _limbs_hz(motion), "autocorrelation"
     if not math.isfinite(stride_hz):
@@ -387,12 +387,12 @@ def measure_gait(motion: Motion) -> GaitFacts:
     duties = [step.duty_factor for step in steps.values() if math.isfinite(step.duty_factor)]
     duty = float(np.mean(duties)) if duties else NAN
     gait = name_quadruped_gait(phases) if is_quadruped(motion) else _name_human_gait(motion, phases, duty)
-    if gait in ASYMMETRICAL and not _lands_low(motion, footfalls):
+    if gait in ASYMMETRICAL and not _has_low_paws(motion, footfalls):
         gait = ""
     return GaitFacts(gait, stride_hz, *step_and_gait_frequency_hz(gait, stride_hz), footfalls, phases, duty, source)
 
 
-def _lands_low(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
+def _has_low_paws(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
     """Return True if the paws land low.
 
     In a leap they stop in the air.
@@ -414,8 +414,8 @@ def _limbs_hz(motion: Motion) -> float:
     if len(path) < 3 or not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
         return NAN
     seen = np.asarray(np.isfinite(position).all(axis=2).any(axis=0))
-    relative = fill_linear(position[:, seen]) - body_centre(position)[:, np.newaxis]
-    swing = np.stack([relative[:, :, :2] @ principal_direction(path), relative[:, :, 2]], axis=2)
+    relative = fill_linear(position[:, seen]) - find_body_centre(position)[:, np.newaxis]
+    swing = np.stack([relative[:, :, :2] @ find_principal_direction(path), relative[:, :, 2]], axis=2)
     whole_hz = repetition_hz(swing, rate_hz=rate)
     if math.isfinite(whole_hz):
         return whole_hz
@@ -423,7 +423,7 @@ def _limbs_hz(motion: Motion) -> float:
     return mirrored_repetition_hz(swing, parts, rate_hz=rate)
 
 
-def with_gait_facts(motion: Motion) -> Motion:
+def add_gait_facts(motion: Motion) -> Motion:
     """Fill in missing gait facts by measurement.
 
     Facts that it already states stay.
@@ -488,11 +488,11 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     """
     if not {"lh_lf", "lh_rh", "lf_rf"} <= set(phases):
         return ""
-    hind, fore, side = (_about_zero(phases[name]) for name in ("lh_rh", "lf_rf", "lh_lf"))
+    hind, fore, side = (_wrap_about_zero(phases[name]) for name in ("lh_rh", "lf_rf", "lh_lf"))
     apart = [abs(abs(lag) - 0.5) <= HALF_STRIDE for lag in (hind, fore)]
     if all(apart):
         # mean of the left and the right side
-        lag = abs(_about_zero(side + _about_zero(fore - hind) / 2))
+        lag = abs(_wrap_about_zero(side + _wrap_about_zero(fore - hind) / 2))
         if lag < QUARTER:
             return "pace"
         return "trot" if lag > 0.5 - QUARTER else "walk"
@@ -505,7 +505,7 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     # the later limb of the hind pair leads, the earlier one of the fore pair trails
     leading_hind = max(hind, 0.0)
     trailing_fore = side + min(fore, 0.0)
-    return "canter" if abs(_about_zero(trailing_fore - leading_hind)) < QUARTER else "transverse_gallop"
+    return "canter" if abs(_wrap_about_zero(trailing_fore - leading_hind)) < QUARTER else "transverse_gallop"
 
 
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
@@ -518,14 +518,14 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
     # 2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s
     rate = motion.rate_hz
     half = max(1, round(0.05 * rate))
-    z = body_centre(motion.position_m)[:, 2]
+    z = find_body_centre(motion.position_m)[:, 2]
     if duty >= 0.5 or len(z) <= 2 * half:
         return "walk"
     lowest_mps2 = np.percentile((z[2 * half :] - 2 * z[half:-half] + z[: -2 * half]) * (rate / half) ** 2, 2)
     return "run" if lowest_mps2 < FLIGHT_ACCELERATION_MPS2 else "walk"
 
 
-def _beat(landings: list[FloatArray]) -> float:
+def _fit_beat_hz(landings: list[FloatArray]) -> float:
     """Fit an even beat to all footfalls, Hz.
 
     NaN where there is none.
@@ -546,6 +546,6 @@ def _beat(landings: list[FloatArray]) -> float:
     return 1.0 / fitted if scatter < LARGEST_SCATTER * fitted else NAN
 
 
-def _about_zero(lag: float) -> float:
+def _wrap_about_zero(lag: float) -> float:
     """Wrap a lag to -0.5 to 0.5."""
     return lag - math.floor(lag + 0.5)

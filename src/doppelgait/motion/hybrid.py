@@ -21,16 +21,16 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.cycle import Cycle, fit_cycle
 from doppelgait.motion.gait import (
+    add_gait_facts,
     is_quadruped,
     step_and_gait_frequency_hz,
-    with_gait_facts,
 )
 from doppelgait.motion.hybrid_checks import check_hybrid
-from doppelgait.motion.loop import foot_weights
+from doppelgait.motion.loop import weigh_feet
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps
-from doppelgait.motion.rigid import bones_of, pair_lengths, restore_lengths, rigid_pairs
-from doppelgait.motion.skeleton import bare_name
+from doppelgait.motion.rigid import find_bones, find_rigid_pairs, measure_pair_lengths, restore_lengths
+from doppelgait.motion.skeleton import strip_subject
 from doppelgait.motion.stature import LEG_SHARE
 
 FloatArray = npt.NDArray[np.float64]
@@ -193,12 +193,12 @@ def _retarget(
     known: Motion, sources: Sequence[Motion], speed_factor: float, size_factor: float, stride_factor: float
 ) -> Motion:
     """Retarget a motion whose joints bend as in its sources."""
-    law = speed_law(known)
+    law = find_speed_law(known)
     _check_factor(known, "speed_factor", speed_factor, FACTOR)
     _check_factor(known, "size_factor", size_factor, FACTOR)
-    _check_factor(known, "stride_factor", stride_factor, stride_limits(law))
-    now = dimensionless_speed(known)
-    low, high = speed_limits(known)
+    _check_factor(known, "stride_factor", stride_factor, find_stride_limits(law))
+    now = compute_dimensionless_speed(known)
+    low, high = find_speed_limits(known)
     if not low - ROUNDED <= speed_factor <= high + ROUNDED:
         raise MotionError(
             f"{known.label}: speed_factor = {speed_factor:g} is not allowed: the {known.facts.gait} would have the "
@@ -208,7 +208,7 @@ def _retarget(
     longer = speed_factor**law.exponent * stride_factor
     slower = math.sqrt(size_factor) * stride_factor * speed_factor ** (law.exponent - 1.0)
     position = np.asarray(known.position_m, dtype=np.float64)
-    wanted_pairs = rigid_pairs(position)
+    wanted_pairs = find_rigid_pairs(position)
     heading = travel_heading_rad(known)
     ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
     forward = position @ ahead
@@ -220,8 +220,8 @@ def _retarget(
     stretched = position + ((longer - 1.0) * (forward - place))[..., np.newaxis] * ahead
     anchor = np.array([*stretched[0].mean(axis=0)[:2], 0.0])
     scaled = anchor + size_factor * (stretched - anchor)
-    wanted = size_factor * pair_lengths(position, wanted_pairs)
-    restored = restore_lengths(scaled, wanted_pairs, wanted, foot_weights(known), ridge=RIDGE, steps=STEPS)
+    wanted = size_factor * measure_pair_lengths(position, wanted_pairs)
+    restored = restore_lengths(scaled, wanted_pairs, wanted, weigh_feet(known), ridge=RIDGE, steps=STEPS)
     facts = known.facts.with_frequencies(lambda hz: hz / slower)
     times = known.time_s
     facts = replace(
@@ -286,7 +286,7 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     if not (_is_number(share) and 0.0 <= share <= 1.0):
         raise MotionError(f"share: {share!r} is not allowed: must be a number from 0 to 1")
     one, other = _require_gait(first), _require_gait(second)
-    points, parts, markers = _common_points(one, other)
+    points, parts, markers = _find_common_points(one, other)
     where = f"{one.label} and {other.label}"
     kinds = [(motion.facts.species, motion.facts.gait) for motion in (one, other)]
     if kinds[0] != kinds[1] or not kinds[0][1]:
@@ -296,8 +296,8 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
         )
     (one, cycle, _), (other, second_cycle, _) = fit_cycle(one), fit_cycle(other)
     chosen = [np.asarray(m.position_m[:, own], dtype=np.float64) for m, own in zip((one, other), points, strict=True)]
-    bones = bones_of(chosen[0])
-    sizes = [float(np.median(pair_lengths(position, bones), axis=0).sum()) for position in chosen]
+    bones = find_bones(chosen[0])
+    sizes = [float(np.median(measure_pair_lengths(position, bones), axis=0).sum()) for position in chosen]
     ratio = sizes[0] / sizes[1]
     speeds = [float(np.hypot(*c.advance[:2])) / c.seam.lag * c.rate_hz for c in (cycle, second_cycle)]
     faster = speeds[1] * math.sqrt(ratio) / speeds[0]
@@ -308,7 +308,7 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
             f"{low:.2g} to {high:.2g}; retarget one of them first"
         )
     scales = (1.0, ratio)
-    cycles = [_in_body(*each) for each in zip((cycle, second_cycle), points, scales, strict=True)]
+    cycles = [_find_body_cycle(*each) for each in zip((cycle, second_cycle), points, scales, strict=True)]
     shift, likeness, offset = _align(*(mean for mean, _ in cycles))
     if likeness < LIKE:
         raise MotionError(
@@ -322,12 +322,12 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     phase = np.arange(count) / one.rate_hz / period_s
     here, there = cycles[0][1](phase), cycles[1][1](phase + shift) + offset
     there = there - shift * _stride_m(second_cycle) * ratio * np.array([1.0, 0.0, 0.0])
-    pairs = rigid_pairs(chosen[0])
-    wanted = (1.0 - share) * pair_lengths(here, pairs) + share * pair_lengths(there, pairs)
+    pairs = find_rigid_pairs(chosen[0])
+    wanted = (1.0 - share) * measure_pair_lengths(here, pairs) + share * measure_pair_lengths(there, pairs)
     mixed = (1.0 - share) * here + share * there
-    facts = _blended_facts(one, other, share, ratio, 1.0 / period_s)
+    facts = _blend_facts(one, other, share, ratio, 1.0 / period_s)
     made = make_motion(mixed, rate_hz=one.rate_hz, markers=markers, parts=parts, facts=facts)
-    restored = restore_lengths(mixed, pairs, wanted, foot_weights(made), ridge=RIDGE, steps=STEPS)
+    restored = restore_lengths(mixed, pairs, wanted, weigh_feet(made), ridge=RIDGE, steps=STEPS)
     turned = _turn(restored, math.atan2(cycle.advance[1], cycle.advance[0]))
     result = made.with_positions(turned).with_report(first=dict(one.report), second=dict(other.report))
     entries = {
@@ -338,28 +338,28 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     return check_hybrid(result, both, pairs, wanted, mixed, entries), both
 
 
-def speed_law(motion: Motion) -> SpeedLaw:
+def find_speed_law(motion: Motion) -> SpeedLaw:
     """Return the law of speed and stride of a gait."""
     if is_quadruped(motion):
         return QUADRUPED
     return RUN if motion.facts.gait == "run" else WALK
 
 
-def dimensionless_speed(motion: Motion) -> float:
+def compute_dimensionless_speed(motion: Motion) -> float:
     """Return V / sqrt(g l), NaN for unknown height."""
     length_m = motion.facts.height_m * (1.0 if is_quadruped(motion) else LEG_SHARE)
     return travel_speed_mps(motion) / math.sqrt(GRAVITY_MPS2 * length_m) if length_m > 0 else math.nan
 
 
-def speed_limits(motion: Motion) -> tuple[float, float]:
+def find_speed_limits(motion: Motion) -> tuple[float, float]:
     """Return the allowed range of ``speed_factor``, which contains 1."""
-    now, law = dimensionless_speed(motion), speed_law(motion)
+    now, law = compute_dimensionless_speed(motion), find_speed_law(motion)
     if not now > 0:
         return FACTOR
     return min(1.0, max(FACTOR[0], law.speed[0] / now)), max(1.0, min(FACTOR[1], law.speed[1] / now))
 
 
-def stride_limits(law: SpeedLaw) -> tuple[float, float]:
+def find_stride_limits(law: SpeedLaw) -> tuple[float, float]:
     """Return the allowed range of ``stride_factor``."""
     return math.exp(-SPREADS * law.spread), math.exp(SPREADS * law.spread)
 
@@ -373,7 +373,7 @@ def _require_gait(motion: Motion) -> Motion:
         return before
     if not np.isfinite(motion.position_m).all():
         raise MotionError(f"{motion.label}: has gaps, so it cannot be retargeted or blended; clean it first")
-    known = with_gait_facts(motion)
+    known = add_gait_facts(motion)
     if not motion.n_frames - 1 >= motion.rate_hz / known.facts.stride_frequency_hz:
         raise MotionError(
             f"{motion.label}: shows no whole stride, so it cannot be retargeted or blended; give a longer part in "
@@ -396,12 +396,12 @@ def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, 
         )
 
 
-def _common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
+def _find_common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
     """Find the points that two motions share.
 
     Returns their numbers in both, their parts and their names.
     """
-    names = [[bare_name(marker).upper() for marker in motion.markers] for motion in (one, other)]
+    names = [[strip_subject(marker).upper() for marker in motion.markers] for motion in (one, other)]
     shared = [name for name in names[0] if name in names[1]]
     numbers = ([names[0].index(name) for name in shared], [names[1].index(name) for name in shared])
     parts = [one.parts[n] for n in numbers[0]]
@@ -425,7 +425,7 @@ def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
     return np.stack([x * cos - y * sin, x * sin + y * cos, position[..., 2]], axis=-1)
 
 
-def _in_body(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
+def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
     """Return mean stride and cycle, facing +x.
 
     The stride is without its advance; the cycle takes a phase in strides.
@@ -455,15 +455,15 @@ def _align(one: FloatArray, other: FloatArray) -> tuple[float, float, FloatArray
     return (best / likeness.size + 0.5) % 1.0 - 0.5, float(likeness[best]), offset
 
 
-def _blended_facts(one: Motion, other: Motion, share: float, ratio: float, stride_hz: float) -> Mapping[str, Any]:
+def _blend_facts(one: Motion, other: Motion, share: float, ratio: float, stride_hz: float) -> Mapping[str, Any]:
     facts, further = one.facts, other.facts
     step_hz, gait_hz = step_and_gait_frequency_hz(facts.gait, stride_hz)
     heights = [facts.height_m, ratio * further.height_m]
     return {
-        "source": _both(facts.source, further.source),
+        "source": _join_marks(facts.source, further.source),
         "kind": facts.kind,
-        "subject": _both(facts.subject, further.subject),
-        "licence": _both(facts.licence, further.licence, " AND ") if facts.licence and further.licence else "",
+        "subject": _join_marks(facts.subject, further.subject),
+        "licence": _join_marks(facts.licence, further.licence, " AND ") if facts.licence and further.licence else "",
         "species": facts.species,
         "gait": facts.gait,
         "height_m": (1.0 - share) * heights[0] + share * heights[1],
@@ -476,5 +476,5 @@ def _blended_facts(one: Motion, other: Motion, share: float, ratio: float, strid
     }
 
 
-def _both(one: str, other: str, mark: str = " + ") -> str:
+def _join_marks(one: str, other: str, mark: str = " + ") -> str:
     return mark.join(dict.fromkeys(filter(None, (one, other))))

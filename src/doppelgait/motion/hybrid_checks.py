@@ -13,7 +13,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.motion.gait import STANCE_SPEED, find_feet
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import bones_of, pair_lengths
+from doppelgait.motion.rigid import find_bones, measure_pair_lengths
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
@@ -34,7 +34,7 @@ BENDS_DEG = 14.0
 angle of a joint between recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""
 
 
-def foot_slide(motion: Motion) -> float:
+def measure_foot_slide(motion: Motion) -> float:
     """Measure how fast feet slide while they bear weight.
 
     It is relative to the speed of the body: the mean, over all feet and the frames in which the slowest point of a foot
@@ -63,7 +63,7 @@ def check_hybrid(
     The report is added to the motion. ``loose`` has its positions before the lengths were restored.
     """
     position = made.position_m
-    error = np.abs(pair_lengths(position, pairs) - wanted)
+    error = np.abs(measure_pair_lengths(position, pairs) - wanted)
     beyond_m = error - np.maximum(LONGER_M, LONGER * wanted)
     worst = np.unravel_index(int(np.argmax(beyond_m)), error.shape)
     if beyond_m[worst] > 0:
@@ -78,7 +78,7 @@ def check_hybrid(
             f"{made.label}: cannot be made: to keep its lengths the body would accelerate {jerks[0] / jerks[1]:.1f} "
             f"times as much; allowed are {JERKS:g}; change less"
         )
-    slides, recorded = foot_slide(made), [foot_slide(source) for source in sources]
+    slides, recorded = measure_foot_slide(made), [measure_foot_slide(source) for source in sources]
     before = max(filter(math.isfinite, recorded), default=math.nan)
     if math.isfinite(before) and not math.isfinite(slides):
         raise MotionError(
@@ -90,7 +90,7 @@ def check_hybrid(
             f"recordings; allowed are {SLIDES:g} more; change less"
         )
     free = [n for n, part in enumerate(made.parts) if part in FREE_PARTS]
-    joints = _joints(pairs, sources[0].position_m)
+    joints = _find_joints(pairs, sources[0].position_m)
     joints = joints[~np.isin(joints, free).any(axis=1)]
     angles = [_angles_deg(motion.position_m, joints) for motion in (made, *sources)]
     if joints.size:
@@ -115,12 +115,12 @@ def check_hybrid(
     return made.with_report(hybrid=report)
 
 
-def _joints(pairs: IntArray, position: FloatArray) -> IntArray:
+def _find_joints(pairs: IntArray, position: FloatArray) -> IntArray:
     """Find the joints of a body, shape (J, 3).
 
     They are points a, b, c with bones a-b and b-c that are no part of one rigid segment.
     """
-    bones = {(int(a), int(b)) for a, b in bones_of(position)}
+    bones = {(int(a), int(b)) for a, b in find_bones(position)}
     rigid = {(int(a), int(b)) for a, b in pairs}
     by_end: dict[int, list[int]] = {}
     for a, b in bones:

@@ -16,10 +16,10 @@ from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.rng import RandomSource, Streams, as_generator
 from doppelgait.motion.cycle import Cycle, fit_cycle
 from doppelgait.motion.gait import find_feet, find_steps, is_quadruped
-from doppelgait.motion.models.strides import autoregressive, cubic_spline
+from doppelgait.motion.models.strides import fit_cubic_spline, sample_autoregressive
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.motion.rigid import pair_lengths, restore_lengths, rigid_pairs
+from doppelgait.motion.rigid import find_rigid_pairs, measure_pair_lengths, restore_lengths
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -154,12 +154,12 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     spread = QUADRUPED if is_quadruped(known) else PERSON
     share = variation / math.sqrt(seam.strides)
     cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
-    speed_mps = cycle_mps * _speed_ratio(cycle, known)
+    speed_mps = cycle_mps * _compute_speed_ratio(cycle, known)
     position, clocks, stretch = _vary(cycle, known, count, speed_mps, spread, share, source)
     if share:  # limbs that vary on their own would leave their joints
-        pairs = rigid_pairs(np.asarray(motion.position_m, dtype=np.float64))
-        wanted_m = pair_lengths(cycle.at(clocks[""]), pairs)
-        position = restore_lengths(position, pairs, wanted_m, foot_weights(motion), ridge=RIDGE, steps=STEPS)
+        pairs = find_rigid_pairs(np.asarray(motion.position_m, dtype=np.float64))
+        wanted_m = measure_pair_lengths(cycle.at(clocks[""]), pairs)
+        position = restore_lengths(position, pairs, wanted_m, weigh_feet(motion), ridge=RIDGE, steps=STEPS)
     stride_hz = seam.strides * rate / seam.lag
     has_strides = (motion.n_frames - 1) / period
     if has_strides < FEW_STRIDES:
@@ -211,14 +211,14 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     turns = range(-1, math.floor(until_s / every_s) + 2)
     footfalls = {}
     for foot, once in touchdowns.items():
-        clock_s = clocks.get(_limb_of(foot), clocks[""]) / rate
+        clock_s = clocks.get(_find_limb(foot), clocks[""]) / rate
         due_s = np.array([t + turn * every_s for turn in turns for t in once])
         due_s = due_s[(due_s >= clock_s[0] - 1e-12) & (due_s <= clock_s[-1] + 1e-12)]
         footfalls[foot] = [float(t) for t in np.interp(due_s, clock_s, np.arange(count) / rate)]
     return looped.with_facts(footfalls=footfalls)
 
 
-def foot_weights(motion: Motion) -> FloatArray:
+def weigh_feet(motion: Motion) -> FloatArray:
     """Return weights of points for :func:`~doppelgait.motion.rigid.restore_lengths`: feet are held."""
     weights = np.ones(len(motion.markers))
     for points in find_feet(motion).values():
@@ -226,7 +226,7 @@ def foot_weights(motion: Motion) -> FloatArray:
     return weights
 
 
-def _limb_of(part: str) -> str:
+def _find_limb(part: str) -> str:
     """Return the limb of a body part or foot.
 
     An arm, a leg, head or tail; ``""`` for the trunk and unknown points.
@@ -240,7 +240,7 @@ def _limb_of(part: str) -> str:
     return f"{side}_{'leg' if end in ('foot', 'shank', 'thigh') else 'arm'}"
 
 
-def _speed_ratio(cycle: Cycle, motion: Motion) -> float:
+def _compute_speed_ratio(cycle: Cycle, motion: Motion) -> float:
     """Return the speed ratio of a clip to its cycle.
 
     Both are net travels of the body centre from the first to the last frame of the clip, that is between the same two
@@ -274,20 +274,20 @@ def _vary(
     frames = np.arange(count, dtype=np.float64)
     strides = math.ceil((count - 1) / stride * 1.5) + 2 * KNOT_MARGIN + 2
     number = np.arange(strides) - KNOT_MARGIN
-    shorter = autoregressive(strides, rng)
+    shorter = sample_autoregressive(strides, rng)
     # time of the cycle against that of the motion; over all frames they agree
     starts = np.cumsum(stride * (1.0 + share * spread.time * shorter))
     starts -= starts[KNOT_MARGIN]
-    clock = cubic_spline(starts, number * stride)
+    clock = fit_cubic_spline(starts, number * stride)
     ends = float(clock.where(float(count - 1))) if share else float(count - 1)
     body = clock(frames * (ends / (count - 1)))
 
     def series(sd: float, values: FloatArray | None = None) -> FloatArray:
-        drawn = autoregressive(strides, rng) if values is None else values
-        return np.asarray(cubic_spline(number * stride, share * sd * drawn)(body))
+        drawn = sample_autoregressive(strides, rng) if values is None else values
+        return np.asarray(fit_cubic_spline(number * stride, share * sd * drawn)(body))
 
     common = spread.length_with_time
-    longer = common * shorter + math.sqrt(1.0 - common**2) * autoregressive(strides, rng)
+    longer = common * shorter + math.sqrt(1.0 - common**2) * sample_autoregressive(strides, rng)
     length = 1.0 + series(spread.length, longer)
     # speed: the stride length takes up what the cut cycle lacks
     per_frame = cycle.advance / seam.lag
@@ -299,7 +299,7 @@ def _vary(
     grid = np.linspace(0.0, seam.lag, max(64, math.ceil(seam.lag)), endpoint=False)
     limbs: dict[str, list[int]] = {}
     for point, part in enumerate(motion.parts):
-        limbs.setdefault(_limb_of(part), []).append(point)
+        limbs.setdefault(_find_limb(part), []).append(point)
     swings = {"head": spread.head, "tail": spread.tail, "": spread.trunk}
     aside = np.array([-ahead[1], ahead[0], 0.0])
     stride_m = stretch * float(np.hypot(*per_frame[:2])) * stride
@@ -322,9 +322,9 @@ def _vary(
         kind = limb.rpartition("_")[2] or "trunk"
         sds = spread.pose.get("leg" if kind in ("fore", "hind") else kind, (0.0, 0.0, 0.0))
         # counted along the travel of each point: a foot on the ground keeps its place
-        step = cycle.strides_gone(at, points)
+        step = cycle.count_strides(at, points)
         for sd, direction in zip(sds, (ahead, aside, np.array([0.0, 0.0, 1.0])), strict=True):
-            pose = cubic_spline(knots, share * sd * stride_m * autoregressive(poses, rng))(step)
+            pose = fit_cubic_spline(knots, share * sd * stride_m * sample_autoregressive(poses, rng))(step)
             moved += np.where(known, pose[..., np.newaxis], 0.0) * direction
         position[:, points] = moved + stretch * np.multiply.outer(way, per_frame)[:, np.newaxis]
     return position, clocks, stretch

@@ -12,7 +12,15 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, SPACE, axis, check_signal, make_array, sampling_rate_hz, with_values
+from doppelgait.core.labels import (
+    MOTION,
+    SPACE,
+    check_signal,
+    make_array,
+    read_axis,
+    replace_array_values,
+    sampling_rate_hz,
+)
 from doppelgait.core.notebook import show_text
 
 FloatArray = npt.NDArray[np.float64]
@@ -158,7 +166,7 @@ class Motion:
     @property
     def time_s(self) -> FloatArray:
         """Times of the frames, shape (T,)."""
-        return axis(self.positions, "time")
+        return read_axis(self.positions, "time")
 
     def __repr__(self) -> str:
         facts = self.facts
@@ -192,12 +200,12 @@ class Motion:
     @property
     def markers(self) -> list[str]:
         """Names of the points."""
-        return [str(name) for name in axis(self.positions, "marker")]
+        return [str(name) for name in read_axis(self.positions, "marker")]
 
     @property
     def parts(self) -> list[str]:
         """Body part of each point, ``""`` when unknown."""
-        return [str(part) for part in axis(self.positions, "part")]
+        return [str(part) for part in read_axis(self.positions, "part")]
 
     @property
     def label(self) -> str:
@@ -206,7 +214,7 @@ class Motion:
 
     def with_positions(self, position_m: npt.NDArray[Any]) -> Motion:
         """Return the motion with other point positions."""
-        return replace(self, positions=with_values(self.positions, position_m))
+        return replace(self, positions=replace_array_values(self.positions, position_m))
 
     def with_facts(self, **facts: Any) -> Motion:
         """Return the motion with some facts replaced."""
@@ -310,12 +318,12 @@ def make_motion(
         facts = MotionFacts(**(facts or {}))
     values = np.asarray(position_m, dtype=np.float64)
     rate_hz = float(rate_hz)
-    labels = _labels(tuple(markers), tuple(parts), values.shape[0], rate_hz, float(start_s))
-    return Motion(with_values(labels, values), facts, dict(report or {}))
+    labels = _make_labels(tuple(markers), tuple(parts), values.shape[0], rate_hz, float(start_s))
+    return Motion(replace_array_values(labels, values), facts, dict(report or {}))
 
 
 @lru_cache(maxsize=16)
-def _labels(
+def _make_labels(
     markers: tuple[str, ...], parts: tuple[str, ...], frames: int, rate_hz: float, start_s: float
 ) -> xr.DataArray:
     """Cache the coordinates of a motion without values.

@@ -29,7 +29,7 @@ _HALVINGS = 80
 
 
 @dataclass(frozen=True)
-class Piece:
+class CurveElement:
     """A line or an arc of a curve.
 
     Parameters
@@ -72,7 +72,7 @@ class Curve:
     spot_rad: FloatArray
     length_m: float
 
-    def pieces_at(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    def locate_elements(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """Return the piece at each distance, and the remainder.
 
         The first and the last piece continue without end.
@@ -81,7 +81,7 @@ class Curve:
         return number, distance_m - self.start_m[number]
 
 
-def join(pieces: Sequence[Piece], *, start_m: tuple[float, float], heading_rad: float) -> Curve:
+def join(pieces: Sequence[CurveElement], *, start_m: tuple[float, float], heading_rad: float) -> Curve:
     """Join pieces to a curve from a start and heading."""
     lengths = np.array([piece.length_m for piece in pieces])
     bends = np.array([piece.curvature_per_m for piece in pieces])
@@ -111,9 +111,9 @@ def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_
     return np.stack([chord * np.cos(middle), chord * np.sin(middle)], axis=-1)
 
 
-def point_at(curve: Curve, distance_m: FloatArray) -> FloatArray:
+def find_points(curve: Curve, distance_m: FloatArray) -> FloatArray:
     """Return points of the curve, shape (n, 2)."""
-    number, gone_m = curve.pieces_at(distance_m)
+    number, gone_m = curve.locate_elements(distance_m)
     tangent = curve.heading_rad[number] + curve.spot_rad[number]
     return np.asarray(curve.point_m[number] + _chord_m(gone_m, tangent, curve.curvature_per_m[number]))
 
@@ -127,15 +127,15 @@ def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
     itself wherever the window lies in one piece.
     """
     half_m = HEADING_WINDOW_M / 2
-    whole = _heading_integral(curve, distance_m + half_m) - _heading_integral(curve, distance_m - half_m)
+    whole = _integrate_heading(curve, distance_m + half_m) - _integrate_heading(curve, distance_m - half_m)
     return np.asarray(whole / HEADING_WINDOW_M)
 
 
-def _heading_integral(curve: Curve, distance_m: FloatArray) -> FloatArray:
+def _integrate_heading(curve: Curve, distance_m: FloatArray) -> FloatArray:
     lengths = np.diff(curve.start_m)
     per_piece = curve.heading_rad[:-1] * lengths + curve.curvature_per_m[:-1] * lengths**2 / 2
     before = np.concatenate([[0.0], np.cumsum(per_piece)])
-    number, gone_m = curve.pieces_at(distance_m)
+    number, gone_m = curve.locate_elements(distance_m)
     return np.asarray(
         before[number] + curve.heading_rad[number] * gone_m + curve.curvature_per_m[number] * gone_m**2 / 2
     )
@@ -187,14 +187,14 @@ def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
     lost_s = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
         rest_s = pace.rest_s(number)
-        lost_s += _ramp_up(time_s - rest_s + pace.ramp_s, pace.ramp_s)
+        lost_s += _integrate_ramp(time_s - rest_s + pace.ramp_s, pace.ramp_s)
         lost_s += np.clip(time_s - rest_s, 0.0, stop.pause_s)
         after_s = time_s - rest_s - stop.pause_s
-        lost_s += np.clip(after_s, 0.0, pace.ramp_s) - _ramp_up(after_s, pace.ramp_s)
+        lost_s += np.clip(after_s, 0.0, pace.ramp_s) - _integrate_ramp(after_s, pace.ramp_s)
     return np.asarray(pace.speed_mps * (time_s - lost_s))
 
 
-def _ramp_up(time_s: FloatArray, ramp_s: float) -> FloatArray:
+def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
     """Return the integral of a half-cosine ramp.
 
     The share is (1 - cos(pi t / T)) / 2; outside the ramp the integral is constant.
@@ -212,11 +212,11 @@ def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
     for number, stop in enumerate(pace.stops):
         settle_s = _settle_s(stop)
         first_s, lasts_s = pace.rest_s(number) + settle_s, max(stop.pause_s - 2 * settle_s, 1e-9)
-        turned += stop.turn_rad * _half_cosine((time_s - first_s) / lasts_s)
+        turned += stop.turn_rad * _ramp_half_cosine((time_s - first_s) / lasts_s)
     return turned
 
 
-def stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
+def compute_stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
     """Return the share of standing posture at a stop.
 
     0 is the frozen stride, 1 the standing body.
@@ -227,8 +227,8 @@ def stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
     settle_s = _settle_s(stop)
     if settle_s <= 0:
         return np.zeros_like(time_s)
-    rise = _half_cosine((time_s - rest_s) / settle_s)
-    fall = _half_cosine((time_s - rest_s - stop.pause_s + settle_s) / settle_s)
+    rise = _ramp_half_cosine((time_s - rest_s) / settle_s)
+    fall = _ramp_half_cosine((time_s - rest_s - stop.pause_s + settle_s) / settle_s)
     return np.asarray(settle_s / SETTLE_S * (rise - fall))
 
 
@@ -236,7 +236,7 @@ def _settle_s(stop: Stop) -> float:
     return min(SETTLE_S, stop.pause_s / 2)
 
 
-def _half_cosine(share: FloatArray) -> FloatArray:
+def _ramp_half_cosine(share: FloatArray) -> FloatArray:
     return np.asarray((1 - np.cos(np.pi * np.clip(share, 0.0, 1.0))) / 2)
 
 
@@ -254,22 +254,22 @@ def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.Array
     return high
 
 
-def arc(radius_m: float, turn_rad: float) -> Piece:
+def make_arc(radius_m: float, turn_rad: float) -> CurveElement:
     """Return an arc; positive turns go left."""
-    return Piece(radius_m * abs(turn_rad), math.copysign(1 / radius_m, turn_rad))
+    return CurveElement(radius_m * abs(turn_rad), math.copysign(1 / radius_m, turn_rad))
 
 
 TURN_S, ACCELERATION_MPS2 = 2.0, 1.0
 """Usual time of a half turn on the spot, and highest acceleration where a walker stops or sets off; assumed."""
 _SHORTEST_M = 1e-3
-ENDLESS = Piece(math.inf)
+ENDLESS = CurveElement(math.inf)
 
 
 @dataclass(frozen=True)
 class Layout:
     """Geometry of a path: pieces, stops, acceleration and start."""
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[CurveElement, ...]
     stops: tuple[Stop, ...] = ()
     acceleration_mps2: float = ACCELERATION_MPS2
     start_m: tuple[float, float] = (0.0, 0.0)
@@ -317,7 +317,7 @@ class ArcPath(Path):
 
     @field_validator("turn_deg")
     @classmethod
-    def _turns(cls, turn_deg: float) -> float:
+    def _check_turn(cls, turn_deg: float) -> float:
         if turn_deg == 0:
             raise ValueError('must not be 0; for a line take kind = "straight"')
         return turn_deg
@@ -339,8 +339,8 @@ class PolylinePath(Path):
     corner_radius_m: float = Field(default=0.5, ge=0.1, le=1e4)
 
     @model_validator(mode="after")
-    def _corners_fit(self) -> PolylinePath:
-        lay_polyline(self)
+    def _check_corners(self) -> PolylinePath:
+        lay_out_polyline(self)
         return self
 
 
@@ -368,7 +368,7 @@ class StopAndGoPath(Path):
 
     @field_validator("stops")
     @classmethod
-    def _in_order(cls, stops: tuple[StopSpec, ...]) -> tuple[StopSpec, ...]:
+    def _check_order(cls, stops: tuple[StopSpec, ...]) -> tuple[StopSpec, ...]:
         for one, other in pairwise(stops):
             if other.at_m <= one.at_m:
                 raise ValueError(f"at_m must rise from stop to stop, not go from {one.at_m:g} to {other.at_m:g}")
@@ -399,7 +399,7 @@ class TurnAroundPath(Path):
     acceleration_mps2: float | None = Field(default=None, ge=0.1, le=20)
 
     @model_validator(mode="after")
-    def _one_way_to_turn(self) -> TurnAroundPath:
+    def _check_turn(self) -> TurnAroundPath:
         on_the_spot = self.turn_s is not None or self.acceleration_mps2 is not None
         if self.radius_m is not None and on_the_spot:
             raise ValueError("turn_s and acceleration_mps2 belong to a turn on the spot: leave them or radius_m out")
@@ -409,38 +409,38 @@ class TurnAroundPath(Path):
 
 
 @plugin("path", parameters=StraightPath)
-def lay_straight(path: StraightPath) -> Layout:
+def lay_out_straight(path: StraightPath) -> Layout:
     """Return a straight line without end."""
     return Layout((ENDLESS,))
 
 
 @plugin("path", parameters=ArcPath)
-def lay_arc(path: ArcPath) -> Layout:
+def lay_out_arc(path: ArcPath) -> Layout:
     """Return a part of a circle."""
-    return Layout((arc(path.radius_m, math.radians(path.turn_deg)),))
+    return Layout((make_arc(path.radius_m, math.radians(path.turn_deg)),))
 
 
 @plugin("path", parameters=StopAndGoPath)
-def lay_stops(path: StopAndGoPath) -> Layout:
+def lay_out_stops(path: StopAndGoPath) -> Layout:
     """Return a straight line with stops."""
     stops = tuple(Stop(stop.at_m, stop.pause_s) for stop in path.stops)
     return Layout((ENDLESS,), stops, path.acceleration_mps2)
 
 
 @plugin("path", parameters=TurnAroundPath)
-def lay_turn(path: TurnAroundPath) -> Layout:
+def lay_out_turn(path: TurnAroundPath) -> Layout:
     """Return a path out, a turn and the path back.
 
     The turn is a U or on the spot.
     """
     if path.radius_m is not None:
-        return Layout((Piece(path.out_m), arc(path.radius_m, math.pi), ENDLESS))
+        return Layout((CurveElement(path.out_m), make_arc(path.radius_m, math.pi), ENDLESS))
     stop = Stop(path.out_m, 2 * SETTLE_S + (path.turn_s or TURN_S), math.pi)
     return Layout((ENDLESS,), (stop,), path.acceleration_mps2 or ACCELERATION_MPS2)
 
 
 @plugin("path", parameters=PolylinePath)
-def lay_polyline(path: PolylinePath) -> Layout:
+def lay_out_polyline(path: PolylinePath) -> Layout:
     """Return legs and corner arcs of a polyline.
 
     A ValueError where they do not fit.
@@ -465,9 +465,9 @@ def lay_polyline(path: PolylinePath) -> Layout:
         )
     pieces = []
     for number, length in enumerate(left):
-        pieces += [Piece(float(length))] if length > 1e-9 else []
+        pieces += [CurveElement(float(length))] if length > 1e-9 else []
         bends = number < turns.size and abs(turns[number]) > 1e-9
-        pieces += [arc(path.corner_radius_m, float(turns[number]))] if bends else []
+        pieces += [make_arc(path.corner_radius_m, float(turns[number]))] if bends else []
     return Layout(tuple(pieces), start_m=path.points_m[0], heading_rad=float(headings[0]))
 
 
@@ -495,7 +495,7 @@ def make_path(table: Mapping[str, Any] | Path) -> Path:
     return path
 
 
-def layout_of(path: Path) -> Layout:
+def lay_out(path: Path) -> Layout:
     """Return the layout of a path.
 
     Turns on the spot are in its stops alone.

@@ -25,16 +25,16 @@ def body_centre_m(motion: Motion) -> FloatArray:
 
     In m; of all points where no torso or trunk is known.
     """
-    return _mean_of(motion.position_m, _central_points(motion))
+    return _average_points(motion.position_m, _find_central_points(motion))
 
 
-def _central_points(motion: Motion) -> npt.NDArray[np.int64]:
+def _find_central_points(motion: Motion) -> npt.NDArray[np.int64]:
     """Return the torso or trunk point numbers, or all."""
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
     return np.array(central or range(motion.positions.shape[1]), dtype=np.int64)
 
 
-def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
+def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
     total = np.array(values[:, points[0]], dtype=np.float64)
     for point in points[1:]:
         total += values[:, point]
@@ -46,7 +46,7 @@ def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
 
     From the first to another frame, by default the last.
     """
-    before, after = _mean_of(motion.position_m[[0, last]], _central_points(motion))[:, :2]
+    before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
     return np.asarray(after - before)
 
 
@@ -112,7 +112,7 @@ def scale_to_height(
             "facts.height_m of the motion, or give recorded_height_m to scale_to_height"
         )
     factor = height_m / recorded
-    anchor = np.array([*_centre_at(motion, 0.0)[:2], 0.0])
+    anchor = np.array([*_interpolate_centre(motion, 0.0)[:2], 0.0])
     position_m = motion.position_m.copy(order="K")
     if mode == "z_only":
         position_m[..., 2] *= factor
@@ -151,7 +151,7 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     from doppelgait.core.kernels.spline import turn_and_move
 
-    pivot, points = _centre_at(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
+    pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
     turn_and_move(
         points.reshape(-1, 3), math.cos(turn), math.sin(turn), float(pivot[0]), float(pivot[1]), float(position_m[0]),
@@ -160,7 +160,7 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     return motion.with_positions(moved)
 
 
-def _centre_at(motion: Motion, at_s: float) -> FloatArray:
+def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
     """Interpolate the body centre at a time, shape (3,).
 
     The time counts from the first frame; the interpolation is linear.
@@ -169,8 +169,8 @@ def _centre_at(motion: Motion, at_s: float) -> FloatArray:
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
     if share == 0.0:  # a gap in the next frame does not matter then
-        return np.asarray(_mean_of(motion.position_m[before : before + 1], _central_points(motion))[0])
-    first, second = _mean_of(motion.position_m[before : before + 2], _central_points(motion))
+        return np.asarray(_average_points(motion.position_m[before : before + 1], _find_central_points(motion))[0])
+    first, second = _average_points(motion.position_m[before : before + 2], _find_central_points(motion))
     return np.asarray(first + share * (second - first))
 
 
@@ -232,7 +232,7 @@ def fit_spline(motion: Motion) -> Spline:
     MotionError
         If the motion has gaps or fewer than 4 frames.
     """
-    return _spline_through(motion, motion.position_m.reshape(motion.positions.shape[0], -1))
+    return _fit_motion_spline(motion, motion.position_m.reshape(motion.positions.shape[0], -1))
 
 
 def fit_centre(motion: Motion) -> Spline:
@@ -240,10 +240,10 @@ def fit_centre(motion: Motion) -> Spline:
 
     As :func:`fit_spline`, to :func:`body_centre_m`.
     """
-    return _spline_through(motion, body_centre_m(motion))
+    return _fit_motion_spline(motion, body_centre_m(motion))
 
 
-def _spline_through(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
+def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
     from doppelgait.core.kernels.spline import spline_moments
 
     if columns.shape[0] < 4 or not np.isfinite(columns).all():

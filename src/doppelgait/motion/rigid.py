@@ -25,7 +25,7 @@ RESTING, SWINGING = 0.35, 1.5
 MIN_TRAVEL_M = 1.0
 
 
-def rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
+def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
     """Group points whose mutual distances all stay constant.
 
     The spread of a distance is 1.4826 times its median absolute deviation from its median. Groups grow by complete
@@ -50,7 +50,7 @@ def rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> li
     position = np.asarray(position_m, dtype=np.float64)
     if position.shape[1] < 2:
         return []
-    spread = distance_spread(position)
+    spread = measure_distance_spread(position)
     far = 2.0 * float(np.max(spread[np.isfinite(spread)], initial=limit_m))
     tree = linkage(squareform(np.where(np.isfinite(spread), spread, far), checks=False), method="complete")
     labels = fcluster(tree, limit_m, criterion="distance")
@@ -61,7 +61,7 @@ def rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> li
 def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
     """Propose rigid segments and the two feet without names.
 
-    A cluster (:func:`rigid_clusters`) is a foot if it lies in the lowest 15 % of the body's height, rests at times
+    A cluster (:func:`find_rigid_clusters`) is a foot if it lies in the lowest 15 % of the body's height, rests at times
     (below 0.35 of the body's speed) and swings at others (above 1.5 of it). If there are just two of them and the body
     travels by 1 m or more, the one on the left of its path is the left foot. Head, torso and the others are not
     distinguished: heads and trunks are rigid together in many recordings.
@@ -80,8 +80,8 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
         point that is rigid with no other.
     """
     position = np.asarray(position_m, dtype=np.float64)
-    groups = rigid_clusters(position)
-    feet = _feet(position, groups, rate_hz)
+    groups = find_rigid_clusters(position)
+    feet = _find_feet(position, groups, rate_hz)
     parts = [""] * position.shape[1]
     for number, group in enumerate((g for n, g in enumerate(groups) if n not in feet), start=1):
         for i in group:
@@ -92,7 +92,7 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
     return parts
 
 
-def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
+def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
     """Name the two groups that behave like feet.
 
     Keys are group indices; empty unless just two groups behave so.
@@ -122,7 +122,7 @@ def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict
     )
 
 
-def distance_spread(position: FloatArray) -> FloatArray:
+def measure_distance_spread(position: FloatArray) -> FloatArray:
     """Return the robust spread of all point distances.
 
     It is a robust standard deviation over time, in m.
@@ -154,7 +154,7 @@ TIES = 9
 """Costs and lengths are compared to this many digits, in m."""
 
 
-def bones_of(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
+def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     """Return the bones of a moving body.
 
     They are the tree through all of its points whose branches are short and keep their length.
@@ -194,12 +194,12 @@ NEAR_POINTS = 2
 """So many rigid neighbours of each point keep their distances, next to the bones."""
 
 
-def rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
+def find_rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
     """Return point pairs of constant distance.
 
     These are bones, and near points of one segment; shape (B, 2).
     """
-    bones = bones_of(position)
+    bones = find_bones(position)
     some = position[:: max(1, len(position) // MOST_FRAMES)]
     distance = np.linalg.norm(some[:, :, np.newaxis] - some[:, np.newaxis], axis=-1)
     near = np.where(np.round(distance.std(axis=0), TIES) < RIGID_M, np.round(distance.mean(axis=0), TIES), np.inf)
@@ -256,6 +256,6 @@ def restore_lengths(
     return position
 
 
-def pair_lengths(position: FloatArray, pairs: npt.NDArray[np.int32]) -> FloatArray:
+def measure_pair_lengths(position: FloatArray, pairs: npt.NDArray[np.int32]) -> FloatArray:
     """Return the distances of point pairs over time."""
     return np.asarray(np.linalg.norm(position[:, pairs[:, 0]] - position[:, pairs[:, 1]], axis=2))

@@ -72,7 +72,7 @@ _ANIMAL_STARTS = {
 _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 
 
-def _words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
+def _list_words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
     """Return body parts by plain word.
 
     Every sided word has each spelling of its side before it; the words of the midline follow.
@@ -87,17 +87,17 @@ def _words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, st
     return table
 
 
-PERSON_WORDS = _words(_PERSON_MIDLINE, _PERSON_SIDED)
-ANIMAL_WORDS = _words(_ANIMAL_MIDLINE, _ANIMAL_SIDED) | _HOOVES
-PERSON_STARTS = _words({}, _PERSON_STARTS)
-ANIMAL_STARTS = _words({}, _ANIMAL_STARTS)
+PERSON_WORDS = _list_words(_PERSON_MIDLINE, _PERSON_SIDED)
+ANIMAL_WORDS = _list_words(_ANIMAL_MIDLINE, _ANIMAL_SIDED) | _HOOVES
+PERSON_STARTS = _list_words({}, _PERSON_STARTS)
+ANIMAL_STARTS = _list_words({}, _ANIMAL_STARTS)
 
 _RIG_PREFIX = re.compile(r"^(b_+|bip\d+[ _]+|mixamorig_?)(?=.)", re.IGNORECASE)
 _SIDE_BEHIND = re.compile(r"^(.*[A-Za-z0-9])[_. -]([LlRr])(\d*)$|^(.*[a-z])([LR])(\d*)$")
 _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 
-def plain_word(name: str) -> str:
+def reduce_word(name: str) -> str:
     """Reduce a name to small letters and digits.
 
     A rig's prefix is removed: ``"UpperLeg_L"`` is "lupperleg".
@@ -123,12 +123,12 @@ def look_up(word: str, table: Mapping[str, str]) -> str:
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
 
 
-def without_end(word: str) -> str:
+def strip_end(word: str) -> str:
     """Return the bone of a free end (``"lefthandend"``), else ``""``."""
     return word.removesuffix("end") if word.endswith("end") else ""
 
 
-def starts_bones(words: set[str]) -> bool:
+def name_bones(words: set[str]) -> bool:
     """Return whether joints carry the names of bones.
 
     BVH files do so: there is an upper leg.
@@ -197,15 +197,15 @@ KNOWN_SETS: Mapping[str, frozenset[str]] = {
 """Physical markers of whole-body sets, without subject prefix."""
 
 
-def bare_name(marker: str) -> str:
+def strip_subject(marker: str) -> str:
     """Return a marker name without its subject: ``"liu:LFIN"`` is ``"LFIN"``."""
     return marker.rsplit(":", 1)[-1].strip()
 
 
-def part_of(name: str, species: Species = "human") -> str:
+def find_part(name: str, species: Species = "human") -> str:
     """Return a marker or joint name's body part.
 
-    :func:`parts_of` knows more, because it sees the whole set.
+    :func:`find_parts` knows more, because it sees the whole set.
 
     Parameters
     ----------
@@ -220,13 +220,13 @@ def part_of(name: str, species: Species = "human") -> str:
     str
         One of :data:`HUMAN_PARTS` or :data:`DOG_PARTS`, or ``""`` when the name is not known.
     """
-    return _find(plain_word(bare_name(name)), species, starts=False)
+    return _find(reduce_word(strip_subject(name)), species, starts=False)
 
 
 def _find(word: str, species: Species, *, starts: bool) -> str:
     words, bones = _PART_OF[species]
     first, second = (bones, words) if starts else (words, bones)
-    return look_up(word, first) or look_up(word, second) or look_up(without_end(word), words)
+    return look_up(word, first) or look_up(word, second) or look_up(strip_end(word), words)
 
 
 def guess_species(names: Iterable[str]) -> Species | Literal[""]:
@@ -244,12 +244,12 @@ def guess_species(names: Iterable[str]) -> Species | Literal[""]:
         All marker or joint names of one body.
     """
     names = list(names)
-    if any(_ONLY_ANIMALS.search(plain_word(bare_name(name))) for name in names):
+    if any(_ONLY_ANIMALS.search(reduce_word(strip_subject(name))) for name in names):
         return "dog"
-    return "human" if len(set(_parts(names, "human")) - {""}) >= MIN_HUMAN_PARTS else ""
+    return "human" if len(set(_find_species_parts(names, "human")) - {""}) >= MIN_HUMAN_PARTS else ""
 
 
-def parts_of(names: Iterable[str]) -> list[str]:
+def find_parts(names: Iterable[str]) -> list[str]:
     """Return the body parts of one body's names.
 
     ``""`` where a name is not known.
@@ -265,19 +265,19 @@ def parts_of(names: Iterable[str]) -> list[str]:
         All marker or joint names of one body, with or without a common prefix (``"Skeleton_LThigh1"``).
     """
     names = list(names)
-    return _parts(names, guess_species(names) or "human")
+    return _find_species_parts(names, guess_species(names) or "human")
 
 
-def _parts(names: Sequence[str], species: Species) -> list[str]:
-    names = [bare_name(name) for name in names]
+def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
+    names = [strip_subject(name) for name in names]
     if len(names) > 1:  # a prefix that all names share, up to a mark, is none of theirs
         first, last = min(names), max(names)
         apart = (i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b)
         same = next(apart, min(len(first), len(last)))
         start = max(first.rfind(mark, 0, same) for mark in "_ .-") + 1
         names = [name[start:] for name in names]
-    words = [plain_word(name) for name in names]
-    starts = starts_bones(set(words))
+    words = [reduce_word(name) for name in names]
+    starts = name_bones(set(words))
     return [_find(word, species, starts=starts) for word in words]
 
 
@@ -291,6 +291,6 @@ def complete_set(markers: Iterable[str]) -> frozenset[str]:
     markers : iterable of str
         Marker names, with or without subject prefix.
     """
-    names = {bare_name(marker).upper() for marker in markers}
+    names = {strip_subject(marker).upper() for marker in markers}
     found = [known for known in KNOWN_SETS.values() if len(known & names) >= 0.9 * len(known)]
     return max(found, key=lambda known: len(known & names), default=frozenset())

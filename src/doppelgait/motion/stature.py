@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.motion.skeleton import bare_name, plain_word, starts_bones
+from doppelgait.motion.skeleton import name_bones, reduce_word, strip_subject
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,13 +57,13 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     """
     z = position[:, :, 2]
     if "trunk" in parts:
-        return _withers(z, names, parts), ""
+        return _measure_withers(z, names, parts), ""
     head = [i for i, part in enumerate(parts) if part == "head"]
-    leg_m, hip_m = leg_length(position, names)
+    leg_m, hip_m = measure_leg_length(position, names)
     height_m = leg_m / LEG_SHARE
     if head:
         top_m = float(np.median(z[:, head].max(axis=1)))
-        is_skeleton = starts_bones({plain_word(bare_name(name)) for name in names})
+        is_skeleton = name_bones({reduce_word(strip_subject(name)) for name in names})
         if not (is_skeleton and top_m < SKULL_SHARE * height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m):
             return top_m, ""
         return height_m, (
@@ -78,7 +78,7 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     return float("nan"), "no head among the points, and no hips, knees and ankles: the height is unknown"
 
 
-def leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
+def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
     """Measure leg length and hip height, m.
 
     The leg is from hip over knee to ankle.
@@ -92,8 +92,8 @@ def leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float
     names : sequence of str, length P
         Point names.
     """
-    words = [plain_word(bare_name(name)) for name in names]
-    joints = JOINTS_OF_BONES if starts_bones(set(words)) else MARKERS_OF_JOINTS
+    words = [reduce_word(strip_subject(name)) for name in names]
+    joints = JOINTS_OF_BONES if name_bones(set(words)) else MARKERS_OF_JOINTS
     words = [word.rstrip("0123456789") for word in words]
     lengths, hips = [], []
     for side in ("left", "right"):
@@ -107,7 +107,7 @@ def leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float
     return (float(np.mean(lengths)), float(np.mean(hips))) if lengths else (float("nan"), float("nan"))
 
 
-def _withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
+def _measure_withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
     """Return the withers height above the lower fore paw.
 
     The median over the frames in which the animal stands. Without a point of that name the highest point of the trunk
@@ -115,7 +115,7 @@ def _withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float
     nothing.
     """
     trunk = [i for i, part in enumerate(parts) if part == "trunk"]
-    named = [i for i in trunk if "withers" in plain_word(bare_name(names[i]))]
+    named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]
     fore = [i for i, part in enumerate(parts) if part.endswith("_fore_paw")]
     above = z[:, named or trunk].max(axis=1) - (z[:, fore].min(axis=1) if fore else 0.0)
     return float(np.median(above[above >= UPRIGHT * np.percentile(above, 95)]))

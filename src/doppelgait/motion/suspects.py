@@ -53,7 +53,7 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3)
     frame = 0
     while len(swaps) < MAX_SWAPS:
-        pair, frame = _next_swap(position, step, limit, first=frame, rate_hz=rate_hz)
+        pair, frame = _find_next_swap(position, step, limit, first=frame, rate_hz=rate_hz)
         if not pair:
             break
         position[frame:, pair] = position[frame:, pair[::-1]]
@@ -64,7 +64,7 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
     return swaps
 
 
-def _next_swap(
+def _find_next_swap(
     position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
 ) -> tuple[list[int], int]:
     """Find the next swap and its frame.
@@ -77,7 +77,7 @@ def _next_swap(
         # step [i, j] that is left if from this frame on the path of point i continues as that of point j
         start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
         near = position[start : frame + 2, points]
-        last, arriving, leaving, gap = (values[frame - start] for values in _paths(near, rate_hz))
+        last, arriving, leaving, gap = (values[frame - start] for values in _find_paths(near, rate_hz))
         predicted = last[:, np.newaxis] + gap[:, np.newaxis, np.newaxis] * (arriving[:, np.newaxis] + leaving) / 2
         rest, before = np.linalg.norm(near[frame - start] - predicted, axis=2), step[frame, points]
         least = np.minimum(before[:, np.newaxis], before)
@@ -146,12 +146,12 @@ def find_steps(
     limit : ndarray, shape (T, P)
         ``max(floor_m, jerk_mps3 t^3 / 2)``, t the time since the sample before.
     """
-    last, before, after, gap = _paths(position, rate_hz)
+    last, before, after, gap = _find_paths(position, rate_hz)
     step = np.linalg.norm(position - last - gap[..., np.newaxis] * (before + after) / 2, axis=2)
     return step, np.maximum(floor_m, jerk_mps3 * (gap / rate_hz) ** 3 / 2)
 
 
-def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return each point's last sample, velocity and gap.
 
     Velocities are per frame, there and from here on; the gap is in frames.
@@ -168,7 +168,7 @@ def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray
     return position[previous, point], velocity[previous, point], velocity[1:], gap
 
 
-def useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
+def find_useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
     """Find recorded points off the body.
 
     Unknown points that live short (seen in less than a fifth of the frames in which points of this recording usually

@@ -99,11 +99,11 @@ def move_over_ground(motion: Motion) -> Motion:
     elapsed_s = np.arange(len(position))[:, np.newaxis] / rate
     moved = position.copy()
     moved[:, :, :2] -= (elapsed_s * belt)[:, np.newaxis]
-    notes = [note for note in motion.report.get("notes", []) if note != belt_note(belt)]
+    notes = [note for note in motion.report.get("notes", []) if note != format_belt_note(belt)]
     return motion.with_positions(moved).with_report(belt_speed_mps=math.hypot(*belt), notes=notes)
 
 
-def belt_note(belt: FloatArray) -> str:
+def format_belt_note(belt: FloatArray) -> str:
     """Return the note that a motion is from a treadmill."""
     return (
         f"walks on a treadmill: the feet on the belt move back at {math.hypot(*belt):.2f} m/s while the body keeps its "

@@ -111,7 +111,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     times_s = np.arange(math.floor(lasts_s * motion.rate_hz + 1e-6) + 1) / motion.rate_hz
     new_hz = stride_hz * variation.pace
     turns = 2.0 * np.pi * rng.random(6)
-    limb_s = _clock(times_s, new_hz, variation, turns[0], rng) / stride_hz + margin_s
+    limb_s = _make_clock(times_s, new_hz, variation, turns[0], rng) / stride_hz + margin_s
     trunk_s = limb_s - variation.swing_timing * np.sin(2 * np.pi * new_hz * times_s + turns[0]) / stride_hz
     # the way: even, from the first to the last place of the centre
     centre_m, old_s = body_centre_m(motion), motion.time_s - motion.time_s[0]
@@ -146,7 +146,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
         (variation.yaw_deg, 1, turns[4], np.array([0.0, 0.0, 1.0])),
     ):
         angle_rad = math.radians(degrees) * np.sin(2.0 * np.pi * times * new_hz * times_s + turn)
-        body_m[:, upper] = _rotated(body_m[:, upper], pivot, angle_rad[:, None, None])
+        body_m[:, upper] = _rotate_points(body_m[:, upper], pivot, angle_rad[:, None, None])
     mean_m = ripple_m.mean(axis=0)
     ripple_m = mean_m + variation.trunk_ripple * (ripple_m - mean_m)
     for times, size_m, turn in ((1, variation.ripple_once_m, turns[1]), (2, variation.ripple_twice_m, turns[2])):
@@ -165,7 +165,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     return replace(motion, positions=positions, facts=replace(facts, footfalls=kept))
 
 
-def _clock(
+def _make_clock(
     times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
 ) -> FloatArray:
     """Return strides gone by, with timing and noise.
@@ -178,7 +178,7 @@ def _clock(
     return np.asarray(strides + variation.swing_timing * np.sin(2.0 * np.pi * strides + turn) + noise)
 
 
-def _rotated(points_m: FloatArray, pivot: FloatArray, angle_rad: FloatArray) -> FloatArray:
+def _rotate_points(points_m: FloatArray, pivot: FloatArray, angle_rad: FloatArray) -> FloatArray:
     """Rotate points about an axis through the origin (Rodrigues)."""
     across = np.cross(np.broadcast_to(pivot, points_m.shape), points_m)
     along = (points_m @ pivot)[..., None] * pivot

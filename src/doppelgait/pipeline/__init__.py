@@ -5,11 +5,24 @@ from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.pipeline.radar_table import parse_radar
 from doppelgait.pipeline.result import Result, Results, TargetList, describe_results, read_results, write_results
 from doppelgait.pipeline.run import Run, parse_run, run_simulation
-from doppelgait.pipeline.simulate import simulate, with_lowest_prf
+from doppelgait.pipeline.simulate import choose_lowest_prf, simulate
 from doppelgait.pipeline.tracking import Tracking
 
 __all__ = [
-    "Conditions", "Noise", "Result", "Results", "Run", "TargetList", "Tracking", "analyze",
-    "describe_results", "parse_radar", "parse_run", "read_results", "run_simulation", "simulate", "with_lowest_prf",
+    "Conditions",
+    "Noise",
+    "Result",
+    "Results",
+    "Run",
+    "TargetList",
+    "Tracking",
+    "analyze",
+    "choose_lowest_prf",
+    "describe_results",
+    "parse_radar",
+    "parse_run",
+    "read_results",
+    "run_simulation",
+    "simulate",
     "write_results",
 ]  # fmt: skip

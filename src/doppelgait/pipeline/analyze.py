@@ -15,17 +15,17 @@ from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.lazy import LONG_PULSES
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import analyze_signature, with_parts
+from doppelgait.pipeline.target import add_body_parts, analyze_signature
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
-from doppelgait.processing.signature import cut_out, signature_in_tiles, signature_of_planes
+from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, cut_out
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
 
-__all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_signatures"]
+__all__ = ["Result", "analyze", "analyze_signature", "compute_gated_signatures", "flag_overlaps"]
 
 
 def analyze(
@@ -89,14 +89,14 @@ def analyze(
         found = track_targets(recording, settings, tracking or Tracking())
         return TargetList(flag_overlaps(found), reason=found.reason)
     gates, labels = _choose_gates(recording, gate, settings, gate_error_m)
-    signatures = gated_signatures(recording, gates, settings)
+    signatures = compute_gated_signatures(recording, gates, settings)
     results = [
         analyze_signature(mu, own_gate, settings, label=label)
         for mu, own_gate, label in zip(signatures, gates, labels, strict=True)
     ]
     if settings.parts:
         baseband = processing.remove_clutter(recording.baseband, settings)
-        results = [with_parts(result, baseband) for result in results]
+        results = [add_body_parts(result, baseband) for result in results]
     return TargetList(flag_overlaps(results))
 
 
@@ -121,7 +121,7 @@ def _choose_gates(
     return gates, [truth.label or None for truth in recording.truth]
 
 
-def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
+def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
     """Compute clutter-free micro-Doppler signatures of several gates.
 
     Only the samples that the gates need are read.
@@ -137,16 +137,18 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
     analysis = analysis.resolved(None)
     if recording.n_pulses > LONG_PULSES:
         if analysis.clutter == "none":
-            return [signature_in_tiles(recording.samples.read_tile, cut, wavelength_m=wavelength_m) for cut in cuts]
+            return [
+                compute_tiled_signature(recording.samples.read_tile, cut, wavelength_m=wavelength_m) for cut in cuts
+            ]
         clean = processing.remove_clutter(recording.baseband, analysis)
         return [processing.signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
-    spans = np.stack([cut.needed_pulses() for cut in cuts])
+    spans = np.stack([cut.find_needed_pulses() for cut in cuts])
     spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
     if analysis.clutter != "none":  # looks at the whole recording
         spans[spans[:, 0] < spans[:, 1]] = (0, recording.n_pulses)
     planes, first_bin = recording.samples.read(spans, cuts[0].margin_pulses)
     planes = remove_from_planes(planes, recording.n_pulses, analysis, prf_hz=cuts[0].prf_hz)
-    return [signature_of_planes(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m) for cut in cuts]
+    return [compute_plane_signature(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m) for cut in cuts]
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

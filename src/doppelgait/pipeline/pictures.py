@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
 from doppelgait.core.units import carrier_to_wavelength_m, velocity_to_doppler_hz
-from doppelgait.pipeline.spectrogram import MIN_COLUMNS, MIN_ROWS, signature_of_levels
+from doppelgait.pipeline.spectrogram import MIN_COLUMNS, MIN_ROWS, convert_levels_to_signature
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 SETTINGS_NAME = "picture.toml"
@@ -73,7 +73,7 @@ class PictureSettings(FrozenModel):
     blank_below_mps: float = Field(default=0.0, ge=0, le=10)
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _check_axes(self) -> Self:
         if (self.velocity_mps is None) == (self.doppler_hz is None):
             raise ValueError(
                 "velocity_mps or doppler_hz: one of the two is needed, lower and upper edge of the picture"
@@ -98,7 +98,7 @@ def is_picture(path: str | Path) -> bool:
     return str(path).lower().endswith(SUFFIXES)
 
 
-def settings_of(path: Path) -> Path | None:
+def find_settings_file(path: Path) -> Path | None:
     """Return a picture's settings file, if it exists.
 
     It has the stem of the picture, or is ``picture.toml`` in its folder or one of the three above.
@@ -125,13 +125,13 @@ def read_picture(
         PNG or JPEG.
     settings : PictureSettings, optional
     config : path-like, optional
-        TOML file of the settings, also from the folder of ``path``; by default that of :func:`settings_of`.
+        TOML file of the settings, also from the folder of ``path``; by default that of :func:`find_settings_file`.
 
     Returns
     -------
     DataArray (time, doppler)
-        As of :func:`doppelgait.pipeline.spectrogram.signature_of_levels`. The attribute ``picture`` (JSON) has the
-        colour map, the share of pixels that are none of its colours, and the step of a level, dB.
+        As of :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`. The attribute ``picture`` (JSON) has
+        the colour map, the share of pixels that are none of its colours, and the step of a level, dB.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def read_picture(
         settings = _read_settings(file, None if config is None else Path(config))
     from scipy.spatial import KDTree
 
-    colours = KDTree(_colours(file, settings.colormap))
+    colours = KDTree(_find_colours(file, settings.colormap))
     if any(abs(one - other) > SAME_LEVEL for one, other in colours.query_pairs(SAME_COLOUR)):
         raise RecordingError(
             f"{file}: colormap = {settings.colormap!r} shows several levels in one colour, so that they cannot be read"
@@ -183,7 +183,7 @@ def read_picture(
     part = (place - left)[:, None]
     level_db = (1.0 - part) * level_db[left] + part * level_db[left + 1]
     try:
-        mu = signature_of_levels(
+        mu = convert_levels_to_signature(
             level_db, time_s=times_s, wavelength_m=wavelength_m, prf_hz=prf_hz, hop=hop,
             cpi_pulses=max(1, round(settings.cpi_s * prf_hz)), range_m=settings.range_m,
             floor_db=low_db, ceiling_db=high_db, blank_below_mps=settings.blank_below_mps,
@@ -197,7 +197,7 @@ def read_picture(
 
 
 def _read_settings(file: Path, config: Path | None) -> PictureSettings:
-    found = settings_of(file) if config is None else config if config.is_file() else file.parent / config
+    found = find_settings_file(file) if config is None else config if config.is_file() else file.parent / config
     if found is None or not found.is_file():
         name = f"{file.stem}.toml or {SETTINGS_NAME}" if config is None else str(config)
         raise RecordingError(
@@ -211,7 +211,7 @@ def _read_settings(file: Path, config: Path | None) -> PictureSettings:
         raise RecordingError(str(error)) from None
 
 
-def _colours(file: Path, name: str) -> npt.NDArray[np.float64]:
+def _find_colours(file: Path, name: str) -> npt.NDArray[np.float64]:
     """Return the colours of a map, shape (256, 3)."""
     from matplotlib import colormaps
 

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import line_note, validate
+from doppelgait.core.config import format_line_note, validate
 from doppelgait.core.draws import CYCLE, DISTRIBUTIONS, resolve
 from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.presets import changed_preset, read_preset
+from doppelgait.radar.presets import change_preset, read_preset
 
 AUTO_PRF_START_HZ = 1000.0
 FITTED_KEYS = ("environment", "impairments")
@@ -50,10 +50,10 @@ def parse_radar(
                 source = str((folder or Path()) / source)
             found = resolve(read_preset(source), seed=seed, example=example, key="preset")
             _check_preset(found)
-            values = changed_preset(source, values, sampled=found)
+            values = change_preset(source, values, sampled=found)
             lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
         except ConfigError as error:
-            place = f"{where + ': ' if where else ''}radar.preset {preset}{line_note(text, ['radar', 'preset'])}"
+            place = f"{where + ': ' if where else ''}radar.preset {preset}{format_line_note(text, ['radar', 'preset'])}"
             raise ConfigError(f"{place}: {str(error).removeprefix('preset.')}") from None
     radar = validate(Radar, values, where=where, text=text, section=("radar",))
     return {"radar": radar, "auto_prf": auto_prf, **lists}

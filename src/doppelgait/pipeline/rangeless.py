@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_gated
-from doppelgait.processing import Analysis, Gate, burst_pulses_of, burst_signature, noise_floor_v2
+from doppelgait.processing import Analysis, Gate, burst_signature, get_burst_pulses, noise_floor_v2
 from doppelgait.processing.detect import Detector
-from doppelgait.processing.detect.maps import maps_of, noise_factor
-from doppelgait.processing.pieces import Piece, PieceSettings, find_pieces
+from doppelgait.processing.detect.maps import compute_maps, noise_factor
+from doppelgait.processing.pieces import SegmentationSettings, TrackSegment, find_track_segments
 from doppelgait.processing.track import Tracker
 
 FloatArray = npt.NDArray[np.float64]
@@ -61,7 +61,7 @@ class Motion:
         return np.array([np.median(peaks[np.abs(self.time_s - t) <= half + 1e-9]) for t in self.time_s])
 
 
-def motion_of(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
+def transform_motion(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
     """Transform a one-bin recording, in bursts or not.
 
     Parameters
@@ -76,10 +76,10 @@ def motion_of(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -
     AnalysisError
         If the recording is too short or too slow for a processing interval.
     """
-    if burst_pulses_of(clean) is not None:
+    if get_burst_pulses(clean) is not None:
         mu = burst_signature(clean, None, Analysis(), wavelength_m=wavelength_m)
-        return Motion(axis(mu, "time"), axis(mu, "velocity"), mu.values, noise_floor_v2(mu))
-    blocks = list(maps_of(clean, detector, wavelength_m=wavelength_m))
+        return Motion(read_axis(mu, "time"), read_axis(mu, "velocity"), mu.values, noise_floor_v2(mu))
+    blocks = list(compute_maps(clean, detector, wavelength_m=wavelength_m))
     return Motion(
         np.concatenate([maps.time_s for maps in blocks]),
         blocks[0].velocity_mps,
@@ -116,7 +116,7 @@ def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tu
     return found
 
 
-def goes_both_ways(motion: Motion, start_s: float, stop_s: float) -> bool:
+def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
     """Return True where bodies approach and recede at once.
 
     For most of a second or more there is power on both sides of 0.5 m/s, above the noise and within 10 dB. A walker's
@@ -148,7 +148,9 @@ def goes_both_ways(motion: Motion, start_s: float, stop_s: float) -> bool:
     return bool(np.convolve(both, np.ones(length) / length, mode="valid").max() >= OPPOSITE_SHARE)
 
 
-def steady_pieces(motion: Motion, start_s: float, stop_s: float, settings: PieceSettings) -> tuple[Piece, ...]:
+def find_steady_segments(
+    motion: Motion, start_s: float, stop_s: float, settings: SegmentationSettings
+) -> tuple[TrackSegment, ...]:
     """Cut a time of motion where its velocity changes.
 
     The strongest Doppler, summed up, is a path far from the radar, which is cut like a range track.
@@ -156,12 +158,12 @@ def steady_pieces(motion: Motion, start_s: float, stop_s: float, settings: Piece
     inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
     times_s, velocity_mps = motion.time_s[inside], motion.peaks_mps()[inside]
     way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
-    return find_pieces(times_s, FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0), settings=settings)
+    return find_track_segments(times_s, FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0), settings=settings)
 
 
 def analyze_motion(
     clean: xr.DataArray, motion: Motion, times: list[tuple[float, float]], analysis: Analysis,
-    settings: PieceSettings, *, wavelength_m: float,
+    settings: SegmentationSettings, *, wavelength_m: float,
 ) -> Result:  # fmt: skip
     """Analyse all that moves in a recording without range.
 
@@ -181,20 +183,20 @@ def analyze_motion(
     Result
         Of the longest steady segment, with all of them. ``more_than_one_body`` where some approach while others recede.
     """
-    pieces = [piece for start_s, stop_s in times for piece in steady_pieces(motion, start_s, stop_s, settings)]
+    pieces = [piece for start_s, stop_s in times for piece in find_steady_segments(motion, start_s, stop_s, settings)]
     usable = [piece for piece in pieces if piece.usable]
     flags: tuple[str, ...] = ()
-    if any(goes_both_ways(motion, *span) for span in times):
+    if any(has_both_directions(motion, *span) for span in times):
         flags = ("more_than_one_body:some_approach_while_others_recede",)
     spans = [(piece.start_s, piece.stop_s) for piece in usable]
     if not usable:
         reasons = sorted({piece.reason for piece in pieces}) or ["too_short"]
         flags += tuple(f"no_steady_piece:{reason}" for reason in reasons)
         spans = [max(times, key=lambda span: span[1] - span[0])]
-    gate = _whole_gate(clean, times[0][0], times[-1][1])
+    gate = _make_whole_gate(clean, times[0][0], times[-1][1])
     results = []
     for start_s, stop_s in spans:
-        part = _whole_gate(clean, start_s, stop_s)
+        part = _make_whole_gate(clean, start_s, stop_s)
         result = analyze_gated(part.crop(clean), wavelength_m, part, analysis, None)
         quality = {**result.quality, "start_s": part.start_s, "stop_s": part.stop_s}
         results.append(replace(result, quality=quality, flags=(*result.flags, *flags)))
@@ -205,10 +207,10 @@ def analyze_motion(
     )  # fmt: skip
 
 
-def _whole_gate(clean: xr.DataArray, start_s: float, stop_s: float) -> Gate:
+def _make_whole_gate(clean: xr.DataArray, start_s: float, stop_s: float) -> Gate:
     """Make a gate over one bin, keeping bursts whole."""
-    times_s, range_m = axis(clean, "slow_time"), float(axis(clean, "range")[0])
-    pulses = burst_pulses_of(clean) or 1
+    times_s, range_m = read_axis(clean, "slow_time"), float(read_axis(clean, "range")[0])
+    pulses = get_burst_pulses(clean) or 1
     edges = np.arange(0, times_s.size + 1, pulses)
     first = max(int(np.searchsorted(times_s[edges[:-1]], start_s, side="right")) - 1, 0)
     last = min(int(np.searchsorted(times_s[edges[1:] - 1], stop_s)), edges.size - 2)

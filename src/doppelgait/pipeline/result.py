@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import canonical_json, json_value, validate
+from doppelgait.core.config import convert_to_json, format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
@@ -32,8 +32,8 @@ from doppelgait.core.labels import (
     check_signal,
 )
 from doppelgait.core.notebook import plot, show_html
-from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, stated_format
-from doppelgait.features import FEATURE_UNITS, GaitFeatures, frame_numbers
+from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, read_stated_format
+from doppelgait.features import FEATURE_UNITS, GaitFeatures, measure_columns
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.parts import measure_parts
 from doppelgait.radar import Radar
@@ -243,7 +243,7 @@ class Result:
 
     # Arrays ----------------------------------------------------------------------------------------------------------
 
-    def _array(self, name: str) -> Any:
+    def _get_array(self, name: str) -> Any:
         if name not in self.arrays:
             raise AnalysisError(f"this result holds no {name}; it was read from a table row that does not store it")
         return self.arrays[name]
@@ -261,15 +261,15 @@ class Result:
     @property
     def signature(self) -> xr.DataArray:
         """Signature (time, doppler), V^2, with the analysis hop."""
-        return self._array("signature")  # type: ignore[no-any-return]
+        return self._get_array("signature")  # type: ignore[no-any-return]
 
     @property
     def ti_frames(self) -> xr.DataArray:
         """Four numbers per column, as TI's xWRL6432 classifies with.
 
-        :func:`doppelgait.features.frame_numbers` of the signature above its noise floor.
+        :func:`doppelgait.features.measure_columns` of the signature above its noise floor.
         """
-        return frame_numbers(self.signature, noise_floor_v2=float(self.quality.get("noise_floor_v2") or 0.0))
+        return measure_columns(self.signature, noise_floor_v2=float(self.quality.get("noise_floor_v2") or 0.0))
 
     @property
     def normalised_signature(self) -> xr.DataArray:
@@ -277,7 +277,7 @@ class Result:
 
         It has every n-th column where the hop is finer.
         """
-        return self._array("normalised_signature")  # type: ignore[no-any-return]
+        return self._get_array("normalised_signature")  # type: ignore[no-any-return]
 
     @property
     def cadence_map(self) -> xr.DataArray:
@@ -285,22 +285,22 @@ class Result:
 
         With the attribute ``aligned``, Doppler is measured from the main line.
         """
-        return self._array("cadence_map")  # type: ignore[no-any-return]
+        return self._get_array("cadence_map")  # type: ignore[no-any-return]
 
     @property
     def cadence_spectrum(self) -> xr.DataArray:
         """Cadence spectrum (cadence)."""
-        return self._array("cadence_spectrum")  # type: ignore[no-any-return]
+        return self._get_array("cadence_spectrum")  # type: ignore[no-any-return]
 
     @property
     def mean_doppler_spectrum(self) -> npt.NDArray[np.float64]:
         """D_1 of the normalised signature, shape (K,)."""
-        return self._array("mean_doppler_spectrum")  # type: ignore[no-any-return]
+        return self._get_array("mean_doppler_spectrum")  # type: ignore[no-any-return]
 
     @property
     def main_line_hz(self) -> npt.NDArray[np.float64]:
         """Straight main line at the signature's columns, (J,)."""
-        return self._array("main_line_hz")  # type: ignore[no-any-return]
+        return self._get_array("main_line_hz")  # type: ignore[no-any-return]
 
     @property
     def parts(self) -> xr.Dataset | None:
@@ -318,7 +318,7 @@ class Result:
 
         Only of an analysis with ``extended``.
         """
-        return self._array("torso_velocity_mps")  # type: ignore[no-any-return]
+        return self._get_array("torso_velocity_mps")  # type: ignore[no-any-return]
 
     # JSON ------------------------------------------------------------------------------------------------------------
 
@@ -340,12 +340,12 @@ class Result:
         plain = {
             "label": self.label,
             "gate": self.gate_source,
-            "features": _plain(self.features.as_dict()),
-            **{name: _plain(getattr(self, name)) for name in NUMBERS},
-            "quality": _plain(self.quality),
+            "features": _convert_to_plain(self.features.as_dict()),
+            **{name: _convert_to_plain(getattr(self, name)) for name in NUMBERS},
+            "quality": _convert_to_plain(self.quality),
             "flags": list(self.flags),
-            "standard_deviation": _plain(self.standard_deviation),
-            "extended": _plain(self.extended),
+            "standard_deviation": _convert_to_plain(self.standard_deviation),
+            "extended": _convert_to_plain(self.extended),
         }
         if self.segments:
             plain["segments"] = [segment.to_json(arrays=arrays) for segment in self.segments]
@@ -354,18 +354,25 @@ class Result:
             plain["analysis"] = self.analysis.model_dump(mode="json")
             stored: dict[str, Any] = {}
             for name, array in self.arrays.items():
-                stored[name] = _values_to_json(np.asarray(array))
+                stored[name] = _convert_values_to_json(np.asarray(array))
                 if isinstance(array, xr.DataArray):
                     coords = {
-                        str(key): {**_values_to_json(one.values), "dims": list(one.dims), "attrs": _plain(one.attrs)}
+                        str(key): {
+                            **_convert_values_to_json(one.values),
+                            "dims": list(one.dims),
+                            "attrs": _convert_to_plain(one.attrs),
+                        }
                         for key, one in array.coords.items()
                     }
                     stored[name] |= {
-                        "dims": list(array.dims), "name": array.name, "attrs": _plain(array.attrs), "coords": coords,
-                    }  # fmt: skip
+                        "dims": list(array.dims),
+                        "name": array.name,
+                        "attrs": _convert_to_plain(array.attrs),
+                        "coords": coords,
+                    }
             plain["arrays"] = stored
             plain["gate_limits"] = None if gate is None else {
-                "time_s": _values_to_json(gate.time_s), "centre_m": _values_to_json(gate.centre_m),
+                "time_s": _convert_values_to_json(gate.time_s), "centre_m": _convert_values_to_json(gate.centre_m),
                 "span_m": gate.span_m, "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
                 "source": gate.source,
             }  # fmt: skip
@@ -385,12 +392,12 @@ class Result:
         gate = plain["gate_limits"]
         arrays: dict[str, Any] = {}
         for name, stored in plain["arrays"].items():
-            arrays[name] = _values_from_json(stored)
+            arrays[name] = _parse_values(stored)
             if "dims" in stored:
                 axes = stored["coords"].items()
                 arrays[name] = xr.DataArray(
                     arrays[name], dims=stored["dims"], name=stored["name"], attrs=stored["attrs"],
-                    coords={key: (one["dims"], _values_from_json(one), one["attrs"]) for key, one in axes},
+                    coords={key: (one["dims"], _parse_values(one), one["attrs"]) for key, one in axes},
                 )  # fmt: skip
         return cls(
             analysis=validate(Analysis, plain["analysis"], where="analysis"),
@@ -401,7 +408,7 @@ class Result:
             flags=tuple(plain["flags"]),
             arrays=arrays,
             gate_limits=None if gate is None else Gate(
-                _values_from_json(gate["time_s"]), _values_from_json(gate["centre_m"]), gate["span_m"],
+                _parse_values(gate["time_s"]), _parse_values(gate["centre_m"]), gate["span_m"],
                 None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"]), gate["source"],
             ),
             segments=tuple(cls.from_json(segment) for segment in plain.get("segments", ())),
@@ -474,23 +481,23 @@ def _check_keys(stored: Any, needed: Sequence[str], noun: str, remedy: str) -> N
         raise AnalysisError(f"this {noun} of a result has no {', '.join(missing[:3])}; {remedy}")
 
 
-def _plain(value: Any) -> Any:
+def _convert_to_plain(value: Any) -> Any:
     """Convert NumPy scalars to Python scalars."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
+        return {str(key): _convert_to_plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
+        return [_convert_to_plain(inner) for inner in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _values_to_json(values: npt.NDArray[Any]) -> dict[str, Any]:
+def _convert_values_to_json(values: npt.NDArray[Any]) -> dict[str, Any]:
     values = np.ascontiguousarray(values)
     return {
         "dtype": values.dtype.str, "shape": list(values.shape), "base64": base64.b64encode(values.tobytes()).decode(),
     }  # fmt: skip
 
 
-def _values_from_json(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
+def _parse_values(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
     data = np.frombuffer(base64.b64decode(plain["base64"]), dtype=np.dtype(plain["dtype"]))
     return data.reshape(plain["shape"]).copy()
 
@@ -577,7 +584,7 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
     reason = {"reason": results.reason} if isinstance(results, TargetList) and not results else {}
     targets = [result.to_json(arrays=False) for result in results]
     n_bodies = sum(result.is_body for result in results)
-    document: dict[str, Any] = json_value({"recording": facts, "n_bodies": n_bodies, "targets": targets, **reason})
+    document: dict[str, Any] = convert_to_json({"recording": facts, "n_bodies": n_bodies, "targets": targets, **reason})
     return document
 
 
@@ -612,9 +619,9 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
         raise ConfigError(
             "write_results takes a list of results; write one as write_results(path, recording, [result])"
         )
-    with atomic_path(path) as partial, h5py.File(partial, "w", track_order=True) as file:
+    with open_atomically(path) as partial, h5py.File(partial, "w", track_order=True) as file:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, source=recording.source)
-        file.attrs["radar"] = canonical_json(recording.radar)
+        file.attrs["radar"] = format_canonical_json(recording.radar)
         file.create_group("targets", track_order=True)
         for number, result in enumerate(results):
             _write_result(file.create_group(f"targets/{number}", track_order=True), result, {})
@@ -630,17 +637,24 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
     group.attrs["gate"] = result.gate_source
     for name in ("flags", *GROUPS):
         group.attrs[name] = json.dumps(plain[name])
-    group.attrs["analysis"] = canonical_json(result.analysis)
+    group.attrs["analysis"] = format_canonical_json(result.analysis)
     group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing one is found
     for name, array in result.arrays.items():
         if not isinstance(array, xr.DataArray):
             _write_values(group, name, array, {}, written)
             continue
-        facts = {"dims": array.dims, "name": array.name, "attrs": _plain(array.attrs), "units": array.attrs["units"]}
+        facts = {
+            "dims": array.dims,
+            "name": array.name,
+            "attrs": _convert_to_plain(array.attrs),
+            "units": array.attrs["units"],
+        }
         _write_values(group, name, array.values, facts, written)
         axes = group.create_group(f"axes/{name}", track_order=True)
         for key, one in array.coords.items():
-            _write_values(axes, str(key), one.values, {"dims": one.dims, "attrs": _plain(one.attrs)}, written)
+            _write_values(
+                axes, str(key), one.values, {"dims": one.dims, "attrs": _convert_to_plain(one.attrs)}, written
+            )
     for name, axis in PLAIN_AXES.items():  # for readers without this package, under names with their units
         if axis in group:
             group[name] = group[axis]
@@ -674,7 +688,7 @@ def _write_values(
 
 def is_result_file(path: str | Path) -> bool:
     """Return True for an HDF5 file of results."""
-    return stated_format(path) == FORMAT
+    return read_stated_format(path) == FORMAT
 
 
 def read_results(path: str | Path) -> Results:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.labels import axis, label_table
+from doppelgait.core.labels import label_table, read_axis
 from doppelgait.motion.retime import Spline, fit_spline
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.environment import ENVIRONMENT
@@ -38,7 +38,7 @@ MAX_CHANGE = 0.25
 """Change of an amplitude from look to look, at most, of its largest value: more is a jump."""
 
 
-def through_room(
+def apply_room(
     table: xr.Dataset,
     placed: PlacedScene,
     bodies: Sequence[Scatterers],
@@ -68,7 +68,7 @@ def through_room(
     smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)
     if not smooth or placed.scene.receiver_position_m is not None or not bodies:
         return None
-    times_s = axis(table, "slow_time")
+    times_s = read_axis(table, "slow_time")
     looks = _look(placed, bodies, times_s)
     if looks is None:
         return None
@@ -80,27 +80,27 @@ def through_room(
     mirrors: tuple[Mirror, ...] = after.attrs.get("mirrors", ())
     n_rows, n_own = after.sizes["scatterer"], table.sizes["scatterer"]
     splines = [fit_spline(body.motion) for body in bodies] if mirrors else []
-    range_m, velocity_mps = _with_images(table, splines, placed, times_s, mirrors, n_rows)
-    geometric_m, _ = _with_images(before, splines, placed, looks_s, mirrors, n_rows)
+    range_m, velocity_mps = _compute_images(table, splines, placed, times_s, mirrors, n_rows)
+    geometric_m, _ = _compute_images(before, splines, placed, looks_s, mirrors, n_rows)
     delay_m = after["range"].values - geometric_m
     if np.abs(delay_m).max(initial=0.0) > 1e-9:  # a wall, and no rounding
-        range_m += _between(delay_m, looks_s, times_s)
-        velocity_mps -= _between(np.gradient(delay_m, looks_s, axis=0, edge_order=2), looks_s, times_s)
-    amplitude = _between(amplitude, looks_s, times_s)
+        range_m += _interpolate_table(delay_m, looks_s, times_s)
+        velocity_mps -= _interpolate_table(np.gradient(delay_m, looks_s, axis=0, edge_order=2), looks_s, times_s)
+    amplitude = _interpolate_table(amplitude, looks_s, times_s)
     sources = np.arange(n_rows)
     for mirror in mirrors:
         sources[mirror.first : mirror.first + 2 * len(mirror.sources)] = 2 * mirror.sources
     values = {
         "range": range_m,
         "radial_velocity": velocity_mps,
-        "rcs": _of_sources(table["rcs"].values, sources),
-        "path_gain": _of_sources(table["path_gain"].values, sources) * np.square(amplitude),
+        "rcs": _take_sources(table["rcs"].values, sources),
+        "path_gain": _take_sources(table["path_gain"].values, sources) * np.square(amplitude),
     }
     if "path_phase" in after:
         phase_rad = after["path_phase"].values
         if np.abs(np.diff(phase_rad, axis=0)).max(initial=0.0) > np.pi:
             phase_rad = np.unwrap(phase_rad, axis=0)
-        values["path_phase"] = _between(phase_rad, looks_s, times_s)
+        values["path_phase"] = _interpolate_table(phase_rad, looks_s, times_s)
     for name in ("azimuth", "elevation", "aspect"):
         if name in table:
             values[name] = np.full((times_s.size, n_rows), np.nan)
@@ -128,7 +128,7 @@ def _look(
     return None
 
 
-def _with_images(
+def _compute_images(
     table: xr.Dataset, splines: Sequence[Spline], placed: PlacedScene, times_s: FloatArray,
     mirrors: Sequence[Mirror], n_rows: int,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
@@ -161,7 +161,7 @@ def _with_images(
     return range_m, velocity_mps
 
 
-def _between(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> FloatArray:
+def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> FloatArray:
     """Interpolate the columns of a table by cubic splines."""
     from doppelgait.core.kernels.spline import spline_moments, values_between
 
@@ -173,7 +173,7 @@ def _between(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> Fl
     return out
 
 
-def _of_sources(values: FloatArray, sources: npt.NDArray[np.intp]) -> FloatArray:
+def _take_sources(values: FloatArray, sources: npt.NDArray[np.intp]) -> FloatArray:
     """Take columns of a table; a repeated row stays one."""
     if values.strides[0] == 0:
         return np.broadcast_to(values[:1, sources], (values.shape[0], sources.size))

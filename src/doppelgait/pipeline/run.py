@@ -12,7 +12,7 @@ from doppelgait.core.config import (
     FrozenModel,
     apply_overrides,
     as_table,
-    line_note,
+    format_line_note,
     read_toml,
     validate,
     write_toml,
@@ -21,14 +21,14 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.pipeline.radar_table import FITTED_KEYS, parse_radar
-from doppelgait.pipeline.simulate import simulate, with_lowest_prf
+from doppelgait.pipeline.simulate import choose_lowest_prf, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene, place
 from doppelgait.scene.environment import Environment
-from doppelgait.scene.scene import with_file_paths
+from doppelgait.scene.scene import resolve_file_paths
 
 
 class Run(FrozenModel):
@@ -106,7 +106,7 @@ class Run(FrozenModel):
         table, text = read_toml(path)
         folder = Path(path).parent
         run = parse_run(apply_overrides(table, overrides), where=str(path), text=text, folder=folder)
-        return run.model_copy(update={"scene": with_file_paths(run.scene, folder.resolve())})
+        return run.model_copy(update={"scene": resolve_file_paths(run.scene, folder.resolve())})
 
     def to_toml(self) -> str:
         """Write the run as a scene file that :meth:`from_toml` reads back.
@@ -166,7 +166,7 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     """
     unknown = sorted(set(table) - set(SECTIONS))
     if unknown:
-        places = ", ".join(key + line_note(text, [key]) for key in unknown)
+        places = ", ".join(key + format_line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
     known = {key: table[key] for key in ("seed", "example") if isinstance(table.get(key), int) and table[key] >= 0}
     radar = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder, **known)
@@ -199,5 +199,5 @@ def run_simulation(
     """
     scene, radar = place(run.scene, run.streams, folder=folder), run.radar
     if run.auto_prf:
-        radar = with_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
+        radar = choose_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
     return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions, in_tiles=in_tiles)

@@ -12,7 +12,7 @@ import xarray as xr
 
 from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis, label_axis, label_table, select_scatterers
+from doppelgait.core.labels import label_axis, label_table, read_axis, select_scatterers
 from doppelgait.core.lazy import LONG_PULSES
 from doppelgait.core.rng import Streams
 from doppelgait.core.samples import Factor, Matrix, Samples
@@ -20,10 +20,10 @@ from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.radar_table import read_radar
-from doppelgait.pipeline.room import through_room
+from doppelgait.pipeline.room import apply_room
 from doppelgait.radar.antenna import apply_antenna
-from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, pulse_times
-from doppelgait.radar.link import noise_taps
+from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, shift_pulse_times
+from doppelgait.radar.link import make_noise_taps
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
@@ -38,7 +38,7 @@ from doppelgait.radar.simulate import (
     synthesise_planes,
     warn_of_limits,
 )
-from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at, body_track
+from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, compute_body_track, place_body_at
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
 from doppelgait.scene.observe import make_scatterers, tabulate, tabulate_later
 from doppelgait.scene.placement import as_placed
@@ -154,7 +154,7 @@ def simulate(
         noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
     noise: NoiseLevel | None = None
     if rng is not None and noise_v2 > 0 and not thermal:
-        noise = draw_key(rng.generator("noise")), noise_v2 / radar.waveform.noise_gain(radar), noise_taps(radar)
+        noise = draw_key(rng.generator("noise")), noise_v2 / radar.waveform.noise_gain(radar), make_noise_taps(radar)
     if later:
         rows = partial(_rows, scatterers, radar, noise)
         samples = Samples.stored((slow_time_s.size, radar.range_axis_m().size), rows)
@@ -164,7 +164,7 @@ def simulate(
             samples += compress_samples(silent.with_noise(*noise), radar)
         elif noise is not None:
             samples = samples.with_noise(*noise)
-        _, samples_rng = _impairment_generators(rng)
+        _, samples_rng = _make_impairment_generators(rng)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
     # the bodies in the truth are for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
@@ -174,7 +174,7 @@ def simulate(
         slow_time_s,
         radar.range_axis_m(),
         truth=[
-            target_truth(target, placed.observation_s, scatterers, track, shown_s=shown_s)
+            build_target_truth(target, placed.observation_s, scatterers, track, shown_s=shown_s)
             for target, track in zip(placed.observed, tracks, strict=True)
         ],
         noise_power_v2=noise_v2,
@@ -192,7 +192,7 @@ NoiseLevel = tuple[np.uint64, float, Factor]
 ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
 
 
-def _pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
+def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
     """Return the echo inputs of some pulses, in memory."""
     names = [name for name in ECHO_VARIABLES if name in scatterers]
     values = {name: scatterers[name].variable[first:stop].values for name in names}
@@ -204,7 +204,7 @@ def _signal_in_tiles_v2(scatterers: xr.Dataset, radar: Radar) -> float:
     """Return :func:`frame_power_v2` of a long recording's targets."""
     strongest = []
     for first in range(0, scatterers.sizes["slow_time"], LONG_PULSES):
-        targets, _ = split_targets(_pulses(scatterers, first, first + LONG_PULSES))
+        targets, _ = split_targets(_read_pulses(scatterers, first, first + LONG_PULSES))
         strongest.append(strongest_powers_v2(_bins(targets, radar)))
     return float(np.concatenate(strongest).mean(dtype=np.float64))
 
@@ -216,7 +216,7 @@ def _bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
 
 def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first: int, stop: int) -> Matrix:
     """Make some pulses of a recording, (stop - first, bins)."""
-    targets, others = split_targets(_pulses(scatterers, first, stop))
+    targets, others = split_targets(_read_pulses(scatterers, first, stop))
     samples = _bins(targets, radar)
     if others is not None:
         samples += _bins(others, radar)
@@ -277,13 +277,13 @@ def observe_scene(
     """
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
-        timing_rng, _ = _impairment_generators(streams)
-        times_s = pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
+        timing_rng, _ = _make_impairment_generators(streams)
+        times_s = shift_pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
     patterned = radar.antenna.kind != "isotropic"
     directions = patterned or needs_angles(conditions.environment)
     scene_rng = None if streams is None else streams.generator("scene")
     room = placed.scene
-    tracks = [body_track(target, room, times_s) for target in placed.observed]
+    tracks = [compute_body_track(target, room, times_s) for target in placed.observed]
     setting = Setting(radar.wavelength_m, room.radar_position_m, math.radians(room.radar_azimuth_deg))
 
     def through(table: xr.Dataset) -> xr.Dataset:
@@ -301,7 +301,7 @@ def observe_scene(
     if later and not conditions.environment and not patterned and room.receiver_position_m is None:
         return tabulate_later(placed, bodies, times_s, wanted), tracks
     table = tabulate(placed, bodies, times_s, wanted)
-    scatterers = through_room(table, placed, bodies, conditions.environment, through) if directions else through(table)
+    scatterers = apply_room(table, placed, bodies, conditions.environment, through) if directions else through(table)
     if scatterers is None:
         scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
     if times_s is not slow_time_s:
@@ -309,7 +309,7 @@ def observe_scene(
     return scatterers, tracks
 
 
-def _impairment_generators(streams: Streams) -> tuple[np.random.Generator, np.random.Generator]:
+def _make_impairment_generators(streams: Streams) -> tuple[np.random.Generator, np.random.Generator]:
     """Return random sources for frame times and impairments."""
     timing, samples = streams.generator("impairments").spawn(2)
     return timing, samples
@@ -317,7 +317,7 @@ def _impairment_generators(streams: Streams) -> tuple[np.random.Generator, np.ra
 
 def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:
     """Separate targets from ghosts and background bodies."""
-    own = axis(scatterers, "target") >= 0
+    own = read_axis(scatterers, "target") >= 0
     if own.all():
         return scatterers, None
     return select_scatterers(scatterers, own), select_scatterers(scatterers, ~own)
@@ -340,7 +340,7 @@ def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
     return slow_time_s
 
 
-def target_truth(
+def build_target_truth(
     placed: PlacedTarget, observation_s: float, scatterers: xr.Dataset, centre: LineOfSight,
     *, shown_s: FloatArray | None = None,
 ) -> TargetTruth:  # fmt: skip
@@ -349,7 +349,7 @@ def target_truth(
     Stride, step and gait frequency are those of the observation, from the touchdowns; NaN where nothing is known. The
     body is included at the times ``shown_s``, if there are any.
     """
-    own = axis(scatterers, "target") == placed.number
+    own = read_axis(scatterers, "target") == placed.number
     rows = scatterers if own.all() else select_scatterers(scatterers, own, copy=True)
     facts = placed.motion.facts
     frequencies_hz = {key: getattr(facts, key) for key in FREQUENCIES}
@@ -377,11 +377,11 @@ def target_truth(
         motion=facts.source,
         height_m=facts.height_m,
         **frequencies_hz,
-        body=None if shown_s is None else body_at(placed, shown_s),
+        body=None if shown_s is None else place_body_at(placed, shown_s),
     )
 
 
-def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
+def choose_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
     """Return the radar at the lowest unaliased frame rate (E-06).
 
     Only for reproducing the report: chosen per recording, the frame rate reveals the speed.
@@ -390,8 +390,8 @@ def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> from doppelgait.pipeline import with_lowest_prf
-    >>> with_lowest_prf(scene, dg.Radar.preset("x4"), cpi_s=0.1).prf_hz > 100.0
+    >>> from doppelgait.pipeline import choose_lowest_prf
+    >>> choose_lowest_prf(scene, dg.Radar.preset("x4"), cpi_s=0.1).prf_hz > 100.0
     True
     """
     placed = as_placed(scene)

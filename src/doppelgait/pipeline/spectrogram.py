@@ -12,7 +12,7 @@ import xarray as xr
 
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import SIGNATURE, axis, make_array
+from doppelgait.core.labels import SIGNATURE, make_array, read_axis
 from doppelgait.core.units import db_to_power, doppler_to_velocity_mps, velocity_to_doppler_hz
 from doppelgait.processing import Gate
 
@@ -28,7 +28,7 @@ With a Hann window a line is 3 dB down at 0.72 cells: 3 / 0.72^2 = 5.8.
 """
 
 
-def signature_of_levels(
+def convert_levels_to_signature(
     level_db: npt.ArrayLike, *, time_s: npt.ArrayLike, doppler_hz: npt.ArrayLike | None = None,
     velocity_mps: npt.ArrayLike | None = None, wavelength_m: float, prf_hz: float, cpi_pulses: int, hop: int,
     range_m: tuple[float, float], floor_db: float | None = None, ceiling_db: float | None = None,
@@ -112,7 +112,7 @@ def signature_of_levels(
             f"time_s has a column every {1e3 * column_s:.4g} ms, but hop {hop} at prf_hz {prf_hz:.6g} is "
             f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and with it every frequency of the gait"
         )
-    level, clipped = _unclip(
+    level, clipped = _rebuild_clipped_peaks(
         level, floor_db, ceiling_db, highest_db,
         rows_per_cell=prf_hz / cpi_pulses / float(rows_hz[1] - rows_hz[0]),
     )  # fmt: skip
@@ -139,9 +139,9 @@ def signature_of_levels(
     return make_array(SIGNATURE, power, coords, attrs)
 
 
-def gate_of_levels(signature: xr.DataArray) -> Gate:
-    """Return the fixed gate of a signature from :func:`signature_of_levels`."""
-    times_s, centre_m = axis(signature, "time"), float(axis(signature, "centre_range")[0])
+def make_level_gate(signature: xr.DataArray) -> Gate:
+    """Return the fixed gate of a signature from :func:`convert_levels_to_signature`."""
+    times_s, centre_m = read_axis(signature, "time"), float(read_axis(signature, "centre_range")[0])
     half_m = parse_json(signature.attrs["gate"])["span_m"] / 2.0
     return Gate.fixed(centre_m - half_m, centre_m + half_m, time_s=times_s)
 
@@ -157,7 +157,7 @@ def _check_uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
     return array
 
 
-def _unclip(
+def _rebuild_clipped_peaks(
     level: FloatArray, floor_db: float | None, ceiling_db: float | None, highest_db: float | None, *,
     rows_per_cell: float,
 ) -> tuple[FloatArray, dict[str, Any]]:  # fmt: skip

@@ -13,11 +13,11 @@ import xarray as xr
 
 from doppelgait import features as feature_layer
 from doppelgait import processing
-from doppelgait.core.labels import SIGNATURE, Plain, axis, with_values
-from doppelgait.features import Extraction, Observed, liland2018
+from doppelgait.core.labels import SIGNATURE, Plain, read_axis, replace_array_values
+from doppelgait.features import Extraction, Observation, liland2018
 from doppelgait.features.extended import measure_extended
-from doppelgait.features.ground_motion import GroundMotion, ground_motion
-from doppelgait.features.uncertainty import uncertainties_of, uncertainty_flags
+from doppelgait.features.ground_motion import GroundMotion, estimate_ground_motion
+from doppelgait.features.uncertainty import estimate_uncertainties, flag_uncertain_features
 from doppelgait.pipeline.result import LateArrays, Result
 from doppelgait.processing import Analysis, Gate, main_line
 from doppelgait.processing.cadence import CadenceParts
@@ -48,14 +48,14 @@ def analyze_gated(
     label : str or None
         Only passed on.
     """
-    in_bursts = processing.burst_pulses_of(baseband) is not None
+    in_bursts = processing.get_burst_pulses(baseband) is not None
     make_signature = processing.burst_signature if in_bursts else processing.signature
     mu = make_signature(baseband, gate, analysis, wavelength_m=wavelength_m)
     result = analyze_signature(mu, gate, analysis, label=label)
-    return with_parts(result, baseband) if analysis.parts else result
+    return add_body_parts(result, baseband) if analysis.parts else result
 
 
-def with_parts(result: Result, baseband: xr.DataArray) -> Result:
+def add_body_parts(result: Result, baseband: xr.DataArray) -> Result:
     """Add a body's parts, or a flag (E-40).
 
     Parameters
@@ -65,7 +65,7 @@ def with_parts(result: Result, baseband: xr.DataArray) -> Result:
         Clutter-free; the gate and the columns of the signature lie in it.
     """
     mask, reason = None, "recorded_in_bursts"
-    if processing.burst_pulses_of(baseband) is None:
+    if processing.get_burst_pulses(baseband) is None:
         mask, reason = locate_parts(baseband, result.signature, result.gate, result.analysis)
     if mask is None:
         return replace(result, flags=(*result.flags, f"parts:{reason}"))
@@ -92,10 +92,10 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     liland = analysis.method == "liland2018"
     usable: xr.DataArray | Plain
     if liland:
-        usable, share = processing.within_frame(mu)
+        usable, share = processing.crop_to_frame(mu)
     else:
-        usable, share = processing.within_frame(processing.thin(Plain.of(mu, SIGNATURE)))
-    shown = processing.within_frame(mu)[0]
+        usable, share = processing.crop_to_frame(processing.decimate(Plain.of(mu, SIGNATURE)))
+    shown = processing.crop_to_frame(mu)[0]
     thinned = usable.attrs["hop"] != mu.attrs["hop"]
     further: dict[str, Any] = {}
     over_time: dict[str, Any] = {}
@@ -106,7 +106,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
         spectrum = processing.cadence_spectrum(cadence_map, power=False)
         extraction = liland2018.extract(
-            processing.mean_doppler_spectrum(normalised), axis(usable, "doppler"), spectrum,
+            processing.mean_doppler_spectrum(normalised), read_axis(usable, "doppler"), spectrum,
             wavelength_m=float(usable.attrs["wavelength_m"]), threshold=analysis.bandwidth_threshold,
         )  # fmt: skip
         line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
@@ -119,19 +119,21 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         extraction, line_hz = observed.extraction, observed.main_line_hz
         aligned = observed.aligned is not plain
         late = LateArrays(
-            normalised_signature=plain.labelled,
-            cadence_map=partial(_labelled_map, observed, aligned),
-            cadence_spectrum=observed.spectrum.labelled,
+            normalised_signature=plain.add_labels,
+            cadence_map=partial(_label_cadence_map, observed, aligned),
+            cadence_spectrum=observed.spectrum.add_labels,
             mean_doppler_spectrum=partial(processing.mean_doppler_spectrum, plain),
         )
         if analysis.extended:
             torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
             if thinned:
-                torso_mps = np.interp(axis(shown, "time"), axis(observed.signature, "time"), torso_mps)
+                torso_mps = np.interp(read_axis(shown, "time"), read_axis(observed.signature, "time"), torso_mps)
             over_time["torso_velocity_mps"] = torso_mps
-            deviations = uncertainties_of(observed)
+            deviations = estimate_uncertainties(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
-            extraction = replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, deviations)))
+            extraction = replace(
+                extraction, flags=(*extraction.flags, *flag_uncertain_features(extraction, deviations))
+            )
     motion, ground_sd, flags = _measure_ground_motion(usable, gate, extraction, further.get("standard_deviation", {}))
     further["standard_deviation"] = {**further.get("standard_deviation", {}), **ground_sd}
     if share < 1.0:
@@ -150,15 +152,15 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         arrays=LateArrays(
             late,
             signature=shown,
-            main_line_hz=main_line.straight_at(line_hz, usable, shown) if thinned else line_hz,
+            main_line_hz=main_line.extrapolate_line(line_hz, usable, shown) if thinned else line_hz,
             **over_time,
         ),
         **further,
     )
 
 
-def _labelled_map(observed: Observed, aligned: bool) -> xr.DataArray:
-    found = processing.cadence_map(observed.rows).labelled()
+def _label_cadence_map(observed: Observation, aligned: bool) -> xr.DataArray:
+    found = processing.cadence_map(observed.rows).add_labels()
     found.attrs[ALIGNED] = aligned
     return found
 
@@ -170,9 +172,13 @@ def _measure_ground_motion(
 
     Also returns their standard deviations and the flags.
     """
-    centre_m = axis(mu, "centre_range")
+    centre_m = read_axis(mu, "centre_range")
     follows = np.ptp(centre_m) > 0  # a fixed gate follows no one
-    motion = ground_motion(axis(mu, "time"), centre_m, range_sd_m=gate.range_sd_m) if follows else GroundMotion()
+    motion = (
+        estimate_ground_motion(read_axis(mu, "time"), centre_m, range_sd_m=gate.range_sd_m)
+        if follows
+        else GroundMotion()
+    )
     step_m = step_sd_m = None
     frequency_hz, frequency_sd_hz = extraction.gait_frequency_hz, deviations.get("gait_frequency_hz")
     if motion.ground_speed_mps is not None and frequency_hz is not None:
@@ -193,7 +199,7 @@ def _measure_ground_motion(
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
-def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observed, Plain]:
+def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observation, Plain]:
     """Observe what features need in a signature (E-28 to E-38).
 
     Parameters
@@ -211,28 +217,28 @@ def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observed,
     """
     mu = usable if isinstance(usable, Plain) else Plain.of(usable, SIGNATURE)
     floor_v2 = processing.noise_floor_v2(mu)
-    mu.attrs["n_gate_bins"] = processing.independent_bins(mu, floor_v2)
+    mu.attrs["n_gate_bins"] = processing.count_independent_bins(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
-    (strongest_v2, peaks_hz), bin_hz = main_line.column_peaks(mu), main_line.bin_width_hz(mu)  # once for all
-    straight = main_line.line_through(peaks_hz, bin_hz, order=1, tapered=True)
+    (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # once for all
+    straight = main_line.fit_line(peaks_hz, bin_hz, order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
-    if np.ptp(axis(mu, "centre_range")) > 0:  # a fixed gate follows no one
-        track = main_line.track_velocity(axis(mu, "time"), axis(mu, "centre_range"))
+    if np.ptp(read_axis(mu, "centre_range")) > 0:  # a fixed gate follows no one
+        track = main_line.track_velocity(read_axis(mu, "time"), read_axis(mu, "centre_range"))
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
         straight, agreed = main_line.settle_velocity(mu, floor_v2, straight, track_hz)
-    excess = with_values(mu, mu.values - mu.values.dtype.type(floor_v2))
+    excess = replace_array_values(mu, mu.values - mu.values.dtype.type(floor_v2))
     aligned = normalised
-    if main_line.drifts(main_line.line_through(peaks_hz, bin_hz, order=1)):
-        line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
+    if main_line.has_drift(main_line.fit_line(peaks_hz, bin_hz, order=1)):
+        line = main_line.fit_line(peaks_hz, bin_hz, order=processing.choose_line_order(seconds))
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
-    observed = Observed(
+    observed = Observation(
         signature=mu, floor_v2=floor_v2, strongest_v2=strongest_v2, peaks_hz=peaks_hz,
         main_line_hz=straight, excess=excess, aligned=aligned,
         cadence_parts=parts, spectrum=parts.spectrum(), observation_s=seconds,
-        n_independent=processing.independent_columns(mu),
+        n_independent=processing.count_independent_columns(mu),
         track_mps=track_mps, bend_mps=bend_mps, agreed=agreed,
     )  # fmt: skip
     observed.extraction = feature_layer.extract(

@@ -14,24 +14,29 @@ import xarray as xr
 from doppelgait import processing
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, warn_caller
-from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.core.lazy import tiles_of
+from doppelgait.core.labels import read_axis, sampling_rate_hz
+from doppelgait.core.lazy import read_tiles
 from doppelgait.features import GaitFeatures
-from doppelgait.features.ground_motion import piece_motion
+from doppelgait.features.ground_motion import estimate_segment_motion
 from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.pipeline.verdicts import is_echo, judge
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
-from doppelgait.processing.bursts import burst_means
-from doppelgait.processing.clutter import pulse_sum, share_removed, torso_share_removed, without_clutter
-from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.processing.bursts import average_bursts
+from doppelgait.processing.clutter import (
+    measure_share_removed,
+    predict_torso_share_removed,
+    remove_static_clutter,
+    sum_pulses,
+)
+from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
-from doppelgait.processing.detect.maps import maps_of, noise_factor
+from doppelgait.processing.detect.maps import compute_maps, noise_factor
 from doppelgait.processing.detections import Scan
-from doppelgait.processing.pieces import PieceSettings, find_pieces
+from doppelgait.processing.pieces import SegmentationSettings, find_track_segments
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.radar.recording import Recording
 
@@ -81,7 +86,7 @@ class Tracking(FrozenModel):
 
     detector: Detector = Detector()
     tracker: Tracker = Tracker()
-    pieces: PieceSettings = PieceSettings()
+    pieces: SegmentationSettings = SegmentationSettings()
     breathing: BreathingSettings = BreathingSettings()
 
 
@@ -99,17 +104,17 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     tracking : Tracking
     """
     baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
-    unknown = np.flatnonzero(np.concatenate([~np.isfinite(values).all(axis=1) for _, values in tiles_of(baseband)]))
+    unknown = np.flatnonzero(np.concatenate([~np.isfinite(values).all(axis=1) for _, values in read_tiles(baseband)]))
     if unknown.size:
         raise AnalysisError(
             f"{recording.source}: {unknown.size} of {baseband.shape[0]} frames have values that are not finite (first: "
             f"frame {unknown[0]}); remove those frames or fill them"
         )
     if baseband.sizes["range"] == 1:
-        return _targets_without_range(baseband, wavelength_m, analysis, tracking)
-    raw = without_common_phase(baseband)
+        return _analyze_without_range(baseband, wavelength_m, analysis, tracking)
+    raw = remove_common_phase(baseband)
     clean = processing.remove_clutter(raw, analysis)
-    times_s = axis(raw, "slow_time")
+    times_s = read_axis(raw, "slow_time")
     prf_hz = sampling_rate_hz(times_s)
     scans: list[Scan] | None = None
     tracks: list[Track] = []
@@ -124,14 +129,14 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
         tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
     persons: list[BreathingTarget] = []
-    breath_needs = _breath_needs(raw)
+    breath_needs = _describe_missing_breath(raw)
     if not breath_needs:
         persons = find_breathing(baseband, wavelength_m=wavelength_m, settings=tracking.breathing)
     if not tracks and not persons:
-        nothing_moves = _why_no_track(raw, scans, wavelength_m, tracking)
+        nothing_moves = _explain_missing_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no bin breathes steadily for 12 s'}")
-    tracks = _link(tracks, persons, axis(raw, "range"))
-    total = pulse_sum(raw)
+    tracks = _link(tracks, persons, read_axis(raw, "range"))
+    total = sum_pulses(raw)
     analyze = partial(_analyze_track, raw, clean, total, wavelength_m, persons, analysis, tracking)
     moving = [_flag_lost_frames(analyze(found), baseband) for found in tracks]
     still = [
@@ -147,15 +152,15 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
             taken |= before.gate.shares(other.gate)
         if before.segments and taken.any():
             alone = _flag_lost_frames(analyze(found, taken=taken), baseband)
-            judged[number] = _with_verdict_of(judged[number], before, alone)
+            judged[number] = _copy_verdict(judged[number], before, alone)
     return TargetList(judged)
 
 
-def _with_verdict_of(judged: Result, before: Result, alone: Result) -> Result:
+def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
     """Add what the verdict added to the result before."""
     flags = (*alone.flags, *judged.flags[len(before.flags) :])
     quality = {**alone.quality, **{name: judged.quality[name] for name in judged.quality.keys() - before.quality}}
-    segments = tuple(_with_verdict_of(judged, before, segment) for segment in alone.segments)
+    segments = tuple(_copy_verdict(judged, before, segment) for segment in alone.segments)
     return replace(alone, flags=flags, quality=quality, segments=segments)
 
 
@@ -164,10 +169,10 @@ def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
 
     A recorder that loses frames repeats the last one or stores zeros; the jumps that follow are wide in Doppler.
     """
-    times_s = axis(baseband, "slow_time")
+    times_s = read_axis(baseband, "slow_time")
     first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
     repeated, before = 0, np.empty((0, baseband.shape[1]), dtype=np.complex64)
-    for _, values in tiles_of(baseband.isel(slow_time=slice(first, stop))):
+    for _, values in read_tiles(baseband.isel(slow_time=slice(first, stop))):
         repeated += int((values[1:] == values[:-1]).all(axis=1).sum()) + int((values[:1] == before).all(axis=1).sum())
         before = values[-1:]
     share = repeated / (stop - first - 1) if stop - first > 1 else 0.0
@@ -178,21 +183,21 @@ def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
     return replace(result, quality=quality, flags=flags, segments=segments)
 
 
-def _targets_without_range(
+def _analyze_without_range(
     baseband: xr.DataArray, wavelength_m: float, analysis: Analysis, tracking: Tracking
 ) -> TargetList:
     """Analyse motion or breath in the only range bin."""
-    in_bursts = processing.burst_pulses_of(baseband) is not None
+    in_bursts = processing.get_burst_pulses(baseband) is not None
     clean = baseband if in_bursts else processing.remove_clutter(baseband, analysis)
-    motion = rangeless.motion_of(clean, tracking.detector, wavelength_m=wavelength_m)
+    motion = rangeless.transform_motion(clean, tracking.detector, wavelength_m=wavelength_m)
     times = rangeless.find_motion(motion, tracking.detector, tracking.tracker)
     if times:
         found = rangeless.analyze_motion(
             clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m
         )  # fmt: skip
         return TargetList([found])
-    slow = burst_means(baseband)
-    needs = _breath_needs(slow)
+    slow = average_bursts(baseband)
+    needs = _describe_missing_breath(slow)
     persons = [] if needs else find_breathing(slow, wavelength_m=wavelength_m, settings=tracking.breathing)
     if persons:
         return TargetList([_analyze_breathing(clean, wavelength_m, persons[0], analysis)])
@@ -204,9 +209,9 @@ def _targets_without_range(
     )
 
 
-def _breath_needs(raw: xr.DataArray) -> str:
+def _describe_missing_breath(raw: xr.DataArray) -> str:
     """Return what a breath analysis lacks, if anything."""
-    times_s = axis(raw, "slow_time")
+    times_s = read_axis(raw, "slow_time")
     if times_s[-1] - times_s[0] < MIN_BREATHING_S:
         return f"{times_s[-1] - times_s[0]:.1f} s are too short for a breath, which needs {MIN_BREATHING_S:g} s"
     if sampling_rate_hz(times_s) < MIN_BREATHING_HZ:
@@ -214,14 +219,16 @@ def _breath_needs(raw: xr.DataArray) -> str:
     return ""
 
 
-def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
+def _explain_missing_track(
+    raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking
+) -> str:
     """Explain why no moving body was found, with numbers."""
     if scans is None:
-        return f"moving bodies were not looked for at {sampling_rate_hz(axis(raw, 'slow_time')):.3g} frames/s"
+        return f"moving bodies were not looked for at {sampling_rate_hz(read_axis(raw, 'slow_time')):.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
     hits = sum(bool(scan.detections) for scan in scans)
     seen = f"{hits} of {len(scans)} scans have detections"
-    span_mps = wavelength_m * sampling_rate_hz(axis(raw, "slow_time")) / 2
+    span_mps = wavelength_m * sampling_rate_hz(read_axis(raw, "slow_time")) / 2
     resting = track(scans, tracker.model_copy(update={"still_travel_m": 0.0}), velocity_span_mps=span_mps)
     if resting:
         most_m = max(float(np.ptp(one.range_m)) for one in resting)
@@ -236,10 +243,10 @@ def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m:
     if brief:
         longest_s = max(one.last_s - one.first_s for one in brief)
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
-    best_db, place, fastest_mps = -math.inf, "", wavelength_m * sampling_rate_hz(axis(raw, "slow_time")) / 4
+    best_db, place, fastest_mps = -math.inf, "", wavelength_m * sampling_rate_hz(read_axis(raw, "slow_time")) / 4
     if fastest_mps <= detector.slow_mps:
         return f"{seen}; speeds are unambiguous to {fastest_mps:.2g} m/s only, slower than anybody walks"
-    for maps in maps_of(without_clutter(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
+    for maps in compute_maps(remove_static_clutter(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
         snr = maps.power_v2 / np.maximum(maps.floor_v2, 1e-300)
         snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # what is left of the clutter
         scan, doppler, number = np.unravel_index(int(snr.argmax()), snr.shape)
@@ -280,13 +287,13 @@ def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: Floa
         later = [one for one in left if follows(first, one)]
         if len(later) == 1 and sum(follows(one, later[0]) for one in [*joined, first, *left]) == 1:
             left.remove(later[0])
-            left.insert(0, first.followed_by(later[0]))
+            left.insert(0, first.append_track(later[0]))
         else:
             joined.append(first)
     return joined
 
 
-def _breath_facts(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
+def _describe_breath(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
     """Describe a body's rest between motions, and breath."""
     moves = np.flatnonzero(found.measured & (np.abs(found.velocity_mps) > STILL_SPEED_MPS))
     if moves.size < 2:
@@ -300,10 +307,10 @@ def _breath_facts(found: Track, persons: Sequence[BreathingTarget]) -> dict[str,
     near = [one for one in persons if abs(one.range_m - place_m) < NEAR_M]
     own = [one for one in near if one.start_s < stop_s and one.stop_s > start_s]
     facts = {"still_start_s": start_s, "still_stop_s": stop_s}
-    return facts | (_breath_quality(own[0]) if own else {})
+    return facts | (_summarise_breath(own[0]) if own else {})
 
 
-def _breath_quality(person: BreathingTarget) -> dict[str, float]:
+def _summarise_breath(person: BreathingTarget) -> dict[str, float]:
     return {
         "breathing_rate_hz": person.rate_hz,
         "breathing_displacement_m": person.displacement_m,
@@ -322,11 +329,11 @@ def _analyze_track(
     Segments are cut where the gate is ``taken`` by another target too, if anything long enough is left of them.
     """
     gate = Gate.from_track(
-        found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
+        found, span_m=analysis.gate_span_m, time_s=read_axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
     )  # fmt: skip
     range_sd_m = float(np.quantile(found.range_sd_m, TRACK_SD_QUANTILE))
-    segments = find_pieces(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
+    segments = find_track_segments(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
     usable = [segment for segment in segments if segment.usable]
     if taken is not None:
         edges = np.flatnonzero(np.diff(np.concatenate([[True], taken, [True]]).astype(np.int8)))
@@ -339,7 +346,7 @@ def _analyze_track(
         usable = [part for part in cut if part.stop_s - part.start_s >= tracking.pieces.min_usable_s] or usable
     measured = None
     if analysis.clutter not in ("none", "auto"):
-        measured = share_removed(raw, clean, gate, total=total)
+        measured = measure_share_removed(raw, clean, gate, total=total)
     analyze_segment = partial(_analyze_segment, clean, measured, wavelength_m, found, analysis)
     results = [analyze_segment(gate.during(segment.start_s, segment.stop_s)) for segment in usable]
     facts = {
@@ -349,7 +356,7 @@ def _analyze_track(
         "track_confidence": found.confidence,
         "track_range_m": float(found.range_m.mean()),
         "n_pieces": len(results),
-        **_breath_facts(found, persons),
+        **_describe_breath(found, persons),
     }
     if not results:
         whole = analyze_segment(gate)
@@ -370,7 +377,7 @@ def _analyze_segment(
 ) -> Result:
     """Analyse one segment, flagging hidden gait and clutter losses.
 
-    ``measured`` is the :func:`share_removed` of the whole track.
+    ``measured`` is the :func:`measure_share_removed` of the whole track.
     """
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
@@ -379,15 +386,15 @@ def _analyze_segment(
         flags.append("more_than_one_body:two_torso_echoes_in_the_gate")
     inside = (found.times_s >= start_s - 1e-9) & (found.times_s <= stop_s + 1e-9)
     if inside.sum() >= 3:
-        motion = piece_motion(found.times_s, found.range_m, start_s=start_s, stop_s=stop_s)
+        motion = estimate_segment_motion(found.times_s, found.range_m, start_s=start_s, stop_s=stop_s)
         if motion.visibility == "hidden":
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
     if measured is not None and analysis.clutter not in ("none", "auto"):  # as measured, else by the filter's gain
-        share = measured.values[(axis(measured, "time") >= start_s) & (axis(measured, "time") <= stop_s)]
+        share = measured.values[(read_axis(measured, "time") >= start_s) & (read_axis(measured, "time") <= stop_s)]
         known = share[np.isfinite(share)]
-        times_s = axis(clean, "slow_time")
-        by_gain = torso_share_removed(
+        times_s = read_axis(clean, "slow_time")
+        by_gain = predict_torso_share_removed(
             gate, gate.time_s, kind=analysis.clutter, wavelength_m=wavelength_m, prf_hz=sampling_rate_hz(times_s),
             n_pulses=times_s.size, clutter_time_s=analysis.clutter_time_s,
         )  # fmt: skip
@@ -400,13 +407,15 @@ def _analyze_segment(
 
 def _analyze_breathing(clean: xr.DataArray, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
     """Analyse a motionless person who was detected by breathing."""
-    prf_hz = sampling_rate_hz(axis(clean, "slow_time"))
+    prf_hz = sampling_rate_hz(read_axis(clean, "slow_time"))
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2
-    gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=axis(clean, "slow_time"), source="track")
+    gate = Gate.fixed(
+        person.range_m - span_m, person.range_m + span_m, time_s=read_axis(clean, "slow_time"), source="track"
+    )
     result = analyze_gated(clean, wavelength_m, gate, slow, None)
     quality = {
-        **_breath_quality(person),
+        **_summarise_breath(person),
         "track_range_m": person.range_m,
         "start_s": person.start_s,
         "stop_s": person.stop_s,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import frame_limits_m
@@ -53,7 +53,7 @@ RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 
 
 @dataclass(frozen=True)
-class Seen:
+class TrackStrip:
     """Track and Doppler of a target over time.
 
     Parameters
@@ -77,14 +77,14 @@ class Seen:
         power_v2 = np.maximum(self.power_v2.sum(axis=1), 1e-30)
         return np.asarray(10.0 * np.log10(power_v2) + 40.0 * np.log10(np.maximum(self.range_m, 0.1)))
 
-    def between(self, start_s: float, stop_s: float) -> Seen:
+    def between(self, start_s: float, stop_s: float) -> TrackStrip:
         """Return the part between two times."""
         kept = (self.time_s >= start_s - 1e-9) & (self.time_s <= stop_s + 1e-9)
         return self.at(kept)
 
-    def at(self, kept: npt.NDArray[np.bool_]) -> Seen:
+    def at(self, kept: npt.NDArray[np.bool_]) -> TrackStrip:
         """Return the steps that a mask keeps."""
-        return Seen(
+        return TrackStrip(
             self.time_s[kept], self.range_m[kept], self.approach_mps[kept], self.power_v2[kept], self.velocity_mps
         )
 
@@ -113,9 +113,9 @@ def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, ra
     analysis : Analysis
     radar : Radar
     """
-    first_m, last_m = frame_limits_m(axis(clean, "range"))
+    first_m, last_m = frame_limits_m(read_axis(clean, "range"))
     seen = {
-        n: see(result.gate, clean, analysis, radar.wavelength_m)
+        n: observe_strip(result.gate, clean, analysis, radar.wavelength_m)
         for n, result in enumerate(results)
         if "track_start_s" in result.quality
         and ((result.gate.centre_m > first_m) & (result.gate.centre_m < last_m)).any()
@@ -132,15 +132,15 @@ def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, ra
             found = None if folding_m is None else judge_fold(
                 seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m
             )  # fmt: skip
-            found = found or judge_reflection(seen[n], seen[other], other, _rhythms(results[n], results[other]))
+            found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
             verdicts[n] = found or verdicts[n]
-    return [_marked(result, verdicts[n]) for n, result in enumerate(results)]
+    return [_mark_result(result, verdicts[n]) for n, result in enumerate(results)]
 
 
-def _marked(result: Result, verdict: Verdict) -> Result:
+def _mark_result(result: Result, verdict: Verdict) -> Result:
     quality: dict[str, Any] = {**result.quality, "verdict": verdict.kind, **dict(verdict.evidence)}
     flags = result.flags if verdict.flag is None else (*result.flags, verdict.flag)
-    segments = tuple(_marked(segment, verdict) for segment in result.segments)
+    segments = tuple(_mark_result(segment, verdict) for segment in result.segments)
     return replace(result, quality=quality, flags=flags, segments=segments)
 
 
@@ -149,7 +149,7 @@ def is_echo(result: Result, number: int) -> bool:
     return not {f"reflection_of:{number}", f"folded_echo_of:{number}"}.isdisjoint(result.flags)
 
 
-def _rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
+def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
     """Return both gait frequencies where both are sure."""
     both = (ghost, body)
     if any(one.gait_frequency_hz is None or (one.quality.get("gait_confidence") or 0.0) < SURE for one in both):
@@ -157,16 +157,16 @@ def _rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
     return float(ghost.gait_frequency_hz or 0.0), float(body.gait_frequency_hz or 0.0)
 
 
-def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float) -> Seen:
+def observe_strip(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float) -> TrackStrip:
     """Look at the strip around a target's track."""
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
-    mu = processing.thin(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
+    mu = processing.decimate(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
     floor_v2 = processing.noise_floor_v2(mu)
-    times_s = axis(mu, "time")
+    times_s = read_axis(mu, "time")
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
     grouped = np.concatenate([
-        _significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
+        _average_significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
         for first in range(0, steps, STEPS_AT_ONCE)
     ])  # fmt: skip
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
@@ -174,11 +174,11 @@ def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
     width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
     approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
-    velocity_mps = axis(mu, "doppler") * wavelength_m / 2
-    return Seen(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
+    velocity_mps = read_axis(mu, "doppler") * wavelength_m / 2
+    return TrackStrip(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
 
 
-def _significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
+def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
     """Average power above the noise over sets of columns."""
     excess_v2 = np.where(mu_v2 > SIGNIFICANT * floor_v2, mu_v2 - floor_v2, 0.0)
     return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
@@ -187,7 +187,7 @@ def _significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) ->
 # Things --------------------------------------------------------------------------------------------------------------
 
 
-def judge_thing(one: Seen, others: Sequence[Seen]) -> Verdict | None:
+def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
     """Recognise slow things with turning parts.
 
     An example is a robot vacuum. It travels no faster than a crawler, and has Doppler to both sides alike: what is on
@@ -229,7 +229,9 @@ def judge_thing(one: Seen, others: Sequence[Seen]) -> Verdict | None:
 # Folding -------------------------------------------------------------------------------------------------------------
 
 
-def judge_fold(one: Seen, body: Seen, number: int, *, folding_m: float, frame_stop_m: float) -> Verdict | None:
+def judge_fold(
+    one: TrackStrip, body: TrackStrip, number: int, *, folding_m: float, frame_stop_m: float
+) -> Verdict | None:
     """Recognise a folded echo from beyond the frame.
 
     Its range plus the folding range continues the body's track past the end of the frame, before or after it.
@@ -262,7 +264,9 @@ def judge_fold(one: Seen, body: Seen, number: int, *, folding_m: float, frame_st
 # Reflections ---------------------------------------------------------------------------------------------------------
 
 
-def judge_reflection(ghost: Seen, body: Seen, number: int, rhythms: tuple[float, float] | None) -> Verdict | None:
+def judge_reflection(
+    ghost: TrackStrip, body: TrackStrip, number: int, rhythms: tuple[float, float] | None
+) -> Verdict | None:
     """Recognise a body's echo by an upright wall.
 
     The mirror image at the range g fulfils g^2 = R^2 + 4 q, the path with one way by the wall m (m - R) = q, q the
@@ -281,7 +285,7 @@ def judge_reflection(ghost: Seen, body: Seen, number: int, rhythms: tuple[float,
     if rhythms is not None and abs(rhythms[0] - rhythms[1]) > RHYTHM_TOLERANCE * rhythms[1]:
         return None
     level_db = float(np.median(own.level_db - np.interp(own.time_s, direct.time_s, direct.level_db)))
-    in_step = rhythm_correlation(own, direct)
+    in_step = correlate_rhythms(own, direct)
     if level_db > (IN_STEP_LEVEL_DB if in_step > IN_STEP else GHOST_LEVEL_DB):
         return None
     found: list[tuple[float, float]] = []
@@ -306,13 +310,13 @@ def judge_reflection(ghost: Seen, body: Seen, number: int, rhythms: tuple[float,
     return Verdict("reflection", f"reflection_of:{number}", evidence)
 
 
-def rhythm_correlation(one: Seen, other: Seen) -> float:
+def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
     """Correlate the Doppler rhythms of two targets.
 
     Returns the lesser of both correlations.
     """
     found = []
-    for first, second in zip(_moments(one), _moments(other), strict=True):
+    for first, second in zip(_compute_moments(one), _compute_moments(other), strict=True):
         second = np.interp(one.time_s, other.time_s, second)
         order = 1 if np.ptp(one.time_s) < 1.5 else 2
         both = [x - np.polynomial.Polynomial.fit(one.time_s, x, order)(one.time_s) for x in (first, second)]
@@ -321,7 +325,7 @@ def rhythm_correlation(one: Seen, other: Seen) -> float:
     return min(found)
 
 
-def _moments(one: Seen) -> tuple[FloatArray, FloatArray]:
+def _compute_moments(one: TrackStrip) -> tuple[FloatArray, FloatArray]:
     """Return the Doppler's weighted mean and deviation, m/s."""
     amplitude = np.sqrt(one.power_v2) + 1e-30
     total = amplitude.sum(axis=1)

@@ -59,7 +59,7 @@ class BreathSpectrum:
         )
 
 
-def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
+def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
     """Compute spectra of half-overlapping, detrended and tapered windows.
 
     A straight line is removed and Hann's window applied.
@@ -88,14 +88,14 @@ def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) ->
         power[:] = both[: frequency_hz.size]
         power[1:] += both[: -frequency_hz.size : -1]
     # level of every window and bin: the median over a wide band, never 0
-    level = np.median(plain[:, _background(frequency_hz)], axis=1, keepdims=True)
+    level = np.median(plain[:, _select_background(frequency_hz)], axis=1, keepdims=True)
     level = np.maximum(level, 1e-300 + 1e-12 * plain.max(axis=1, keepdims=True))
     middle = np.stack([np.median(plain[:, :, n], axis=0) for n in range(plain.shape[2])], axis=1)
     plain /= level
     return BreathSpectrum(frequency_hz, plain, middle, starts, length, fft_length, rate_hz)
 
 
-def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
+def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
     """Compare mean power with the level around each frequency.
 
     The level is the highest of three medians: over the wide band, and over the cells on either side of the line (a
@@ -112,15 +112,15 @@ def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> Fl
     f = spectrum.frequency_hz
     first = max(low_hz, BREATHS_IN_WINDOW / spectrum.window_s)
     ratio = np.zeros_like(mean)
-    wide = np.median(mean[_background(f)], axis=0)
+    wide = np.median(mean[_select_background(f)], axis=0)
     for k in np.flatnonzero((f >= first - 1e-9) & (f <= high_hz + 1e-9)):
         lower = np.median(mean[max(least, k - far) : k - near + 1], axis=0)
         upper = np.median(mean[k + near : k + far + 1], axis=0)
         ratio[k] = mean[k] / np.maximum(np.maximum(lower, upper), np.maximum(wide, 1e-300))
-    return np.asarray(ratio * median_over_mean(2 * spectrum.starts.size))
+    return np.asarray(ratio * compute_median_over_mean(2 * spectrum.starts.size))
 
 
-def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
+def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
     """Compute the ratio that white noise exceeds with this chance.
 
     It counts over all rates and all bins.
@@ -134,11 +134,11 @@ def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, hi
     windows = spectrum.starts.size
     cells = 1.5 * max(high_hz - low_hz, 1.0 / spectrum.window_s) * spectrum.window_s * spectrum.power.shape[2]
     single = -np.expm1(np.log1p(-false_alarm) / cells)
-    background = _background(spectrum.frequency_hz).sum() / (1.5 * PADDING)
+    background = _select_background(spectrum.frequency_hz).sum() / (1.5 * PADDING)
     return float(f_distribution.isf(single, 4 * windows, 2 * windows * background))
 
 
-def median_over_mean(count: int) -> float:
+def compute_median_over_mean(count: int) -> float:
     """Compute the median over mean of exponential sums.
 
     There are ``count`` variables.
@@ -146,7 +146,7 @@ def median_over_mean(count: int) -> float:
     return float((1.0 - 1.0 / (9.0 * count)) ** 3)
 
 
-def _background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
+def _select_background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
     return np.asarray((frequency_hz >= BACKGROUND_HZ[0]) & (frequency_hz <= BACKGROUND_HZ[1]))
 
 
@@ -156,7 +156,7 @@ RADIUS_ERROR = 0.2
 """Relative error of an arc's radius up to which its displacement is known."""
 
 
-def circle_of(values: ComplexArray) -> tuple[complex, float]:
+def fit_circle(values: ComplexArray) -> tuple[complex, float]:
     """Fit a circle through points of the complex plane.
 
     The method is that of Taubin, IEEE PAMI 13, 1991.
@@ -187,7 +187,7 @@ def circle_of(values: ComplexArray) -> tuple[complex, float]:
     return mean + centre, math.sqrt(abs(centre) ** 2 + level)
 
 
-def displacement_of(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
+def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
     r"""Compute displacement along the range from the phase.
 
     It is relative to its mean and positive away from the radar; the scale may be unknown.
@@ -210,7 +210,7 @@ def displacement_of(values: ComplexArray, *, wavelength_m: float) -> tuple[Float
         Relative to the strongest swing if the scale is not known.
     known : bool
     """
-    centre, radius = circle_of(values)
+    centre, radius = fit_circle(values)
     if math.isfinite(radius):
         about = values - centre
         phase = np.unwrap(np.angle(about))
@@ -232,7 +232,7 @@ LEAST_WEIGHT = 1e3
 PASSES = 3
 
 
-def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
+def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
     r"""Divide each bin's series by the other bins' gain.
 
     The gain of frame i for bin n is

@@ -12,17 +12,17 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
-from doppelgait.core.lazy import tiles_of
+from doppelgait.core.labels import BASEBAND, check_signal, read_axis, sampling_rate_hz
+from doppelgait.core.lazy import read_tiles
 from doppelgait.processing.breath_signal import (
     BreathSpectrum,
-    breath_spectrum,
-    displacement_of,
-    line_ratio,
-    threshold,
-    without_common_gain,
+    compute_breath_spectrum,
+    compute_displacement,
+    compute_line_ratio,
+    compute_threshold,
+    remove_common_gain,
 )
-from doppelgait.processing.common_phase import block_means
+from doppelgait.processing.common_phase import average_blocks
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -71,7 +71,7 @@ class BreathingSettings(FrozenModel):
     least_share: float = Field(default=0.4, ge=0, le=1)
 
     @model_validator(mode="after")
-    def _band(self) -> BreathingSettings:
+    def _check_band(self) -> BreathingSettings:
         if self.low_hz >= self.high_hz:
             raise ValueError(f"low_hz {self.low_hz:g} must be below high_hz {self.high_hz:g}")
         return self
@@ -118,7 +118,7 @@ class _Candidate:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _SlowSeries:
     """Slow series (I, N) with axes, spectra and settings."""
 
     series: ComplexArray
@@ -166,7 +166,7 @@ def find_breathing(
     """
     options = settings or BreathingSettings()
     check_signal(baseband, BASEBAND)
-    pulse_times, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
+    pulse_times, range_m = read_axis(baseband, "slow_time"), read_axis(baseband, "range")
     if not (math.isfinite(wavelength_m) and wavelength_m > 0):
         raise AnalysisError(f"wavelength_m = {wavelength_m:g} is not allowed: it must be above 0 m")
     rate_hz = sampling_rate_hz(pulse_times)
@@ -178,7 +178,7 @@ def find_breathing(
     # averaged to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
-    values = np.concatenate([block_means(tile, size) for _, tile in tiles_of(baseband, size)])
+    values = np.concatenate([average_blocks(tile, size) for _, tile in read_tiles(baseband, size)])
     if not np.isfinite(values).all():
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
@@ -223,11 +223,11 @@ def _find_in(
     values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
 ) -> list[_Candidate]:
     """Find breaths in a recording, strongest first."""
-    series = without_common_gain(values, range_m)
-    spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
-    ratio = line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
-    limit = threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
-    look = _Look(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)
+    series = remove_common_gain(values, range_m)
+    spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
+    ratio = compute_line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
+    limit = compute_threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
+    look = _SlowSeries(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)
     bins = np.flatnonzero(ratio.max(axis=0) > limit)  # bins with a breath, in groups of neighbours
     groups = np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > options.gap_m) + 1) if bins.size else []
     found = [candidate for candidate in (_measure_cluster(look, group) for group in groups) if candidate is not None]
@@ -238,7 +238,7 @@ def _find_in(
     return kept
 
 
-def _measure_cluster(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
+def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
     """Measure rate, displacement and time span of one cluster.
 
     They are those of its strongest bin; None if it is no breath.
@@ -258,12 +258,12 @@ def _measure_cluster(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | N
     powers = spectrum.mean_power[line, bins]
     best = int(np.argmax(powers))
     chosen, line_hz = int(bins[best]), float(frequency_hz[line])
-    breathes = _windows_with_breath(spectrum, chosen, line_hz, settings)
+    breathes = _find_windows_with_breath(spectrum, chosen, line_hz, settings)
     rows = []
     for start in spectrum.starts[breathes]:
         part = look.series[start : start + spectrum.window_pulses, chosen]
-        motion, known = displacement_of(part, wavelength_m=look.wavelength_m)
-        rate_hz, share, amplitude_m = _strongest_rate(motion, line_hz, spectrum, settings)
+        motion, known = compute_displacement(part, wavelength_m=look.wavelength_m)
+        rate_hz, share, amplitude_m = _measure_strongest_rate(motion, line_hz, spectrum, settings)
         rows.append((rate_hz, share, amplitude_m if known else NAN))
     rates_hz, shares, amplitudes_m = np.array(rows).T
     known_m = amplitudes_m[np.isfinite(amplitudes_m)]
@@ -292,7 +292,7 @@ def _measure_cluster(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | N
     return _Candidate(target, float(powers[best]), np.stack([moving.real, moving.imag]))
 
 
-def _windows_with_breath(
+def _find_windows_with_breath(
     spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
 ) -> npt.NDArray[np.bool_]:
     """Find the windows where a bin shows breath.
@@ -301,17 +301,19 @@ def _windows_with_breath(
     """
     single = np.stack(
         [
-            line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
+            compute_line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
             for number in range(spectrum.starts.size)
         ]
     )
     near = np.abs(spectrum.frequency_hz - rate_hz) <= 1.5 / spectrum.window_s
     strongest = single[:, near].max(axis=1)
-    one = threshold(spectrum.only(0, chosen), WINDOW_FALSE_ALARM, low_hz=settings.low_hz, high_hz=settings.high_hz)
+    one = compute_threshold(
+        spectrum.only(0, chosen), WINDOW_FALSE_ALARM, low_hz=settings.low_hz, high_hz=settings.high_hz
+    )
     return np.asarray((strongest > one) | (strongest == strongest.max()))
 
 
-def _strongest_rate(
+def _measure_strongest_rate(
     motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
 ) -> tuple[float, float, float]:
     """Measure a real motion's rate, share and amplitude.

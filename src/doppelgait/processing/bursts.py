@@ -15,10 +15,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, warn_caller
-from doppelgait.core.labels import BASEBAND, SIGNATURE, axis, check_signal, make_array
+from doppelgait.core.labels import BASEBAND, SIGNATURE, check_signal, make_array, read_axis
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
-from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, gaussian_window, next_fast_length
-from doppelgait.processing.gate import Gate, bin_share
+from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, find_fast_length, gaussian_window
+from doppelgait.processing.gate import Gate, compute_bin_share
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     return int(lengths[0])
 
 
-def burst_pulses_of(baseband: xr.DataArray) -> int | None:
+def get_burst_pulses(baseband: xr.DataArray) -> int | None:
     """Return the pulses in each burst of a recording.
 
     It is the attribute ``burst_pulses``, else found from the times, else None.
@@ -84,14 +84,14 @@ def burst_pulses_of(baseband: xr.DataArray) -> int | None:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> dg.processing.burst_pulses_of(recording.baseband) is None
+    >>> dg.processing.get_burst_pulses(recording.baseband) is None
     True
     """
     stated = baseband.attrs.get("burst_pulses")
-    return int(stated) if stated is not None else find_burst_pulses(axis(baseband, "slow_time"))
+    return int(stated) if stated is not None else find_burst_pulses(read_axis(baseband, "slow_time"))
 
 
-def burst_means(baseband: xr.DataArray) -> xr.DataArray:
+def average_bursts(baseband: xr.DataArray) -> xr.DataArray:
     """Average the pulses of every burst, for slow motion.
 
     Parameters
@@ -103,14 +103,14 @@ def burst_means(baseband: xr.DataArray) -> xr.DataArray:
     DataArray (slow_time, range)
         One value a burst, at its middle; the same object where there are no bursts.
     """
-    pulses = burst_pulses_of(baseband)
+    pulses = get_burst_pulses(baseband)
     if pulses is None:
         return baseband
     count = baseband.sizes["slow_time"] // pulses
     values = baseband.values[: count * pulses].reshape(count, pulses, -1).mean(axis=1)
-    times_s = axis(baseband, "slow_time")[: count * pulses].reshape(count, pulses).mean(axis=1)
+    times_s = read_axis(baseband, "slow_time")[: count * pulses].reshape(count, pulses).mean(axis=1)
     attrs = {name: value for name, value in baseband.attrs.items() if name != "burst_pulses"}
-    return make_array(BASEBAND, values, {"slow_time": times_s, "range": axis(baseband, "range")}, attrs)
+    return make_array(BASEBAND, values, {"slow_time": times_s, "range": read_axis(baseband, "range")}, attrs)
 
 
 @dataclass(frozen=True)
@@ -192,13 +192,13 @@ def burst_signature(
     from scipy import fft
 
     check_signal(baseband, BASEBAND)
-    bursts = _split_bursts(axis(baseband, "slow_time"), burst_pulses or burst_pulses_of(baseband))
+    bursts = _split_bursts(read_axis(baseband, "slow_time"), burst_pulses or get_burst_pulses(baseband))
     wanted = analysis.doppler_bins or (
-        bursts.pulses if analysis.method == "liland2018" else next_fast_length(bursts.pulses)
+        bursts.pulses if analysis.method == "liland2018" else find_fast_length(bursts.pulses)
     )
     if wanted < bursts.pulses:
         raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {bursts.pulses} pulses: K >= M")
-    ranges_m = axis(baseband, "range")
+    ranges_m = read_axis(baseband, "range")
     if gate is None:
         spacing_m = float((ranges_m[-1] - ranges_m[0]) / max(ranges_m.size - 1, 1))
         low = np.full(bursts.time_s.size, -0.5)
@@ -238,7 +238,7 @@ def burst_signature(
         "cpi_pulses": bursts.pulses,
         "hop": max(1, round(bursts.period_s * bursts.prf_hz)),
         "window_energy": float((window**2).sum()),
-        "n_gate_bins": float(high[0] - low[0]) * bin_share(baseband),
+        "n_gate_bins": float(high[0] - low[0]) * compute_bin_share(baseband),
         "gate": json.dumps(facts),
     }
     return make_array(SIGNATURE, power, coords, attrs)

@@ -17,13 +17,13 @@ from doppelgait.core.labels import (
     NORMALISED_SIGNATURE,
     Plain,
     Signal,
-    axis,
     check_signal,
     make_like,
+    read_axis,
+    replace_array_values,
     sampling_rate_hz,
-    with_values,
 )
-from doppelgait.processing.normalise import taken
+from doppelgait.processing.normalise import copy_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,7 +39,7 @@ LARGEST_BUFFER = 1 << 20
 _buffers = local()
 
 
-def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
+def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
     r"""Compute the first magnitudes of every row's zero-padded transform.
 
     .. math:: X_{q,k} = \left| \sum_j a_j v_{j,k}\, e^{-2 \pi i q j / L} \right|, \quad q = 0 \ldots Q - 1
@@ -66,10 +66,10 @@ def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     """
     from scipy import fft
 
-    step = _coarsest_step(rows.shape[0], length, n_kept)
+    step = _find_coarsest_step(rows.shape[0], length, n_kept)
     if step > 1:
         coarse, response = _smear(rows, weights, length, n_kept, step)
-        return magnitudes(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response[:, None]
+        return compute_magnitudes(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response[:, None]
     for between in (4, 3, 2):
         fewer = length // between
         fits = fewer >= LOWEST_OVERSAMPLING * rows.shape[0] and fewer // 2 > n_kept / between + WIDTH + 1
@@ -79,13 +79,13 @@ def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     return np.ascontiguousarray(np.abs(lines).T)
 
 
-def summed_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
-    r"""Compute the sum over all rows of :func:`magnitudes` squared.
+def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
+    r"""Compute the sum over all rows of :func:`compute_magnitudes` squared.
 
     It is the transform of the rows' summed autocorrelation, for which a padding to twice the record is enough: a fifth
     of the cost of the magnitudes.
 
-    Parameters and errors are those of :func:`magnitudes`.
+    Parameters and errors are those of :func:`compute_magnitudes`.
 
     Returns
     -------
@@ -95,14 +95,14 @@ def summed_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: in
 
     from doppelgait.core.kernels.cadence import even_powers, lay_pairs
 
-    step = _coarsest_step(rows.shape[0], length, n_kept)
+    step = _find_coarsest_step(rows.shape[0], length, n_kept)
     if step > 1:
         coarse, response = _smear(rows, weights, length, n_kept, step)
-        return np.asarray(summed_powers(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response**2)
+        return np.asarray(sum_powers(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response**2)
     n_columns, n_rows = rows.shape
     padded = fft.next_fast_len(2 * n_columns, real=True)
     # two rows make one of complex numbers; of the squares of its transform the even part is that of both rows
-    pairs = _buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
+    pairs = _get_buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
     lay_pairs(np.ascontiguousarray(rows), weights, pairs.view(np.float64))
     powers = np.empty(padded // 2 + 1, np.complex128)
     even_powers(fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64), powers)
@@ -111,7 +111,7 @@ def summed_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: in
     return np.asarray(np.maximum(2.0 * found - products[0], 0.0))
 
 
-def _coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
+def _find_coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
     """Find the largest allowed decimation of the column rate.
 
     It is whole and leaves 1.5 times the two-sided band.
@@ -121,7 +121,7 @@ def _coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
 
 
 def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step: int) -> tuple[FloatArray, FloatArray]:
-    """Apply step (1) of :func:`magnitudes`.
+    """Apply step (1) of :func:`compute_magnitudes`.
 
     The kernel's response is returned, too.
     """
@@ -130,32 +130,32 @@ def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step
     taps, shape_factor = _time_taps(step, length / step / (2.0 * n_kept))
     coarse = np.empty((-(-rows.shape[0] // step) + WIDTH, rows.shape[1]))
     smear(np.ascontiguousarray(rows), weights, taps, step, coarse)
-    return coarse, _kernel_transform(n_kept, 0, length // step, shape_factor)
+    return coarse, _transform_kernel(n_kept, 0, length // step, shape_factor)
 
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
-    """Apply steps (2) and (3) of :func:`magnitudes`.
+    """Apply steps (2) and (3) of :func:`compute_magnitudes`.
 
     A transform of ``length``, and ``between`` lines for each of its own.
     """
     from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular
 
     n_columns, n_rows = rows.shape
-    taps, shape_factor = _line_taps(between, length / n_columns)
+    taps, shape_factor = _compute_line_taps(between, length / n_columns)
     # the kernel needs time 0 in the middle of the record; magnitudes do not care
-    sharper = weights / _kernel_transform(n_columns, n_columns // 2, length, shape_factor)
+    sharper = weights / _transform_kernel(n_columns, n_columns // 2, length, shape_factor)
     rows, found = np.ascontiguousarray(rows), np.empty((n_kept, n_rows))
     for first in range(0, n_rows, GROUP):
         size = min(GROUP, n_rows - first)
-        circular = _buffer("circular", (size, length))
+        circular = _get_buffer("circular", (size, length))
         lay_circular(rows, sharper, first, circular)  # (2): their transforms take half the time side by side
-        lines = _buffer("lines", (size, length // 2 + 1), np.complex128)
+        lines = _get_buffer("lines", (size, length // 2 + 1), np.complex128)
         np.fft.rfft(circular, axis=1, out=lines)
         fine_magnitudes(lines, taps, first, found)  # (3): the lines between
     return found
 
 
-def _buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
+def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
     """Return memory of this thread for repeated use.
 
     The first touch of fresh memory takes longer than the transforms.
@@ -177,21 +177,21 @@ def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
     It has the shape (step WIDTH - 1,); its shape factor is returned, too.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
-    return _kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
+    return _evaluate_kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
 
 
 @lru_cache(maxsize=16)
-def _line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
+def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel of fine lines over coarse ones.
 
     For ``between`` fine lines in a coarse step, shape (between, WIDTH); also returns its shape factor.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     coarse = np.arange(WIDTH) - (WIDTH // 2 - 1)
-    return _kernel(np.arange(between)[:, None] / between - coarse, shape_factor), shape_factor
+    return _evaluate_kernel(np.arange(between)[:, None] / between - coarse, shape_factor), shape_factor
 
 
-def _kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
+def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
     """Compute the Kaiser-Bessel kernel within W / 2.
 
     I_0(b sqrt(1 - (2 s / W)^2)), scaled so that nothing overflows.
@@ -202,7 +202,7 @@ def _kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _kernel_transform(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
+def _transform_kernel(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
     """Compute the Fourier transform of the kernel.
 
     W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length; shape (count,), read only.
@@ -235,7 +235,7 @@ def observation_s(signature: xr.DataArray | Plain) -> float:
     >>> round(dg.processing.observation_s(result.signature), 1)
     2.9
     """
-    return signature.sizes["time"] / sampling_rate_hz(axis(signature, "time"))
+    return signature.sizes["time"] / sampling_rate_hz(read_axis(signature, "time"))
 
 
 def detrend_order(seconds: float) -> int:
@@ -275,21 +275,21 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
     True
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
-    trend = _orthonormal_basis(normalised.shape[0], order) @ _projected(normalised.values, order)
-    return with_values(normalised, np.subtract(normalised.values, trend, out=trend))
+    trend = _make_orthonormal_basis(normalised.shape[0], order) @ _project_rows(normalised.values, order)
+    return replace_array_values(normalised, np.subtract(normalised.values, trend, out=trend))
 
 
-def _projected(values: FloatArray, order: int) -> FloatArray:
+def _project_rows(values: FloatArray, order: int) -> FloatArray:
     from doppelgait.core.kernels.cadence import project
 
-    basis = _orthonormal_basis(values.shape[0], order)
+    basis = _make_orthonormal_basis(values.shape[0], order)
     found = np.empty((basis.shape[1], values.shape[1]))
     project(np.ascontiguousarray(values), basis, found)
     return found
 
 
 @lru_cache(maxsize=4)
-def _orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
+def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
     """Compute orthonormal polynomials over the observation.
 
     The result has the shape (J, order + 1) and is read only.
@@ -328,15 +328,15 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     ('cadence', 'doppler')
     """
     check_signal(rows, NORMALISED_SIGNATURE)
-    weights, length, cadence_hz = _cadence_grid(rows, padded, tapered)
-    magnitude = magnitudes(rows.values, weights, length, cadence_hz.size)
+    weights, length, cadence_hz = _make_cadence_grid(rows, padded, tapered)
+    magnitude = compute_magnitudes(rows.values, weights, length, cadence_hz.size)
     return make_like(rows, CADENCE_MAP, magnitude, {"cadence": cadence_hz})
 
 
 class CadenceParts:
     """The spectrum S and single rows of the diagram D.
 
-    Their rows are smeared onto a coarser time grid once (step (1) of :func:`magnitudes`).
+    Their rows are smeared onto a coarser time grid once (step (1) of :func:`compute_magnitudes`).
 
     Parameters
     ----------
@@ -348,19 +348,19 @@ class CadenceParts:
 
     def __init__(self, rows: Plain, order: int) -> None:
         self._like, self._values, self._order = rows, rows.values, order
-        self._weights, self._length, self.cadence_hz = _cadence_grid(rows, True, None)
+        self._weights, self._length, self.cadence_hz = _make_cadence_grid(rows, True, None)
         self._response = np.ones(self.cadence_hz.size)
-        step = _coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
+        step = _find_coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
         if step == 1:
-            self._values = self.detrended().values
+            self._values = self.detrend().values
             return
-        rate_hz = sampling_rate_hz(axis(rows, "time"))
-        trend = _smeared_basis(self._values.shape[0], rate_hz, order, step) @ _projected(self._values, order)
+        rate_hz = sampling_rate_hz(read_axis(rows, "time"))
+        trend = _smear_basis(self._values.shape[0], rate_hz, order, step) @ _project_rows(self._values, order)
         self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
         self._values -= trend
         self._weights, self._length = np.ones(self._values.shape[0]), self._length // step
 
-    def detrended(self) -> Plain:
+    def detrend(self) -> Plain:
         """Remove the polynomials in time from the rows (E-31)."""
         return detrend(self._like, order=self._order)
 
@@ -369,7 +369,7 @@ class CadenceParts:
 
         It is what :func:`cadence_spectrum` makes of :func:`cadence_map`, within 1e-12 of its largest value.
         """
-        powers = summed_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
+        powers = sum_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
         return make_like(self._like, CADENCE_SPECTRUM, powers, {"cadence": self.cadence_hz})
 
     def rows(self, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
@@ -386,26 +386,30 @@ class CadenceParts:
         magnitudes : ndarray, shape (Q, R)
         """
         n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
-        found = magnitudes(taken(self._values, wanted), self._weights, self._length, n_kept)
+        found = compute_magnitudes(copy_rows(self._values, wanted), self._weights, self._length, n_kept)
         return self.cadence_hz[:n_kept], found / self._response[:n_kept, None]
 
 
 @lru_cache(maxsize=8)
-def _smeared_basis(n_columns: int, rate_hz: float, order: int, step: int) -> FloatArray:
-    weights, length, cadence_hz = _grid(n_columns, rate_hz, True, None)
-    return _smear(_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
+def _smear_basis(n_columns: int, rate_hz: float, order: int, step: int) -> FloatArray:
+    weights, length, cadence_hz = _make_grid(n_columns, rate_hz, True, None)
+    return _smear(_make_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
 
 
-def _cadence_grid(rows: xr.DataArray | Plain, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
+def _make_cadence_grid(
+    rows: xr.DataArray | Plain, padded: bool, tapered: bool | None
+) -> tuple[FloatArray, int, FloatArray]:
     """Return weights of columns, the transform's length and cadences."""
-    return _grid(rows.shape[0], sampling_rate_hz(axis(rows, "time")), padded, tapered)
+    return _make_grid(rows.shape[0], sampling_rate_hz(read_axis(rows, "time")), padded, tapered)
 
 
 @lru_cache(maxsize=8)
-def _grid(n_columns: int, rate_hz: float, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
+def _make_grid(
+    n_columns: int, rate_hz: float, padded: bool, tapered: bool | None
+) -> tuple[FloatArray, int, FloatArray]:
     from scipy import fft
 
-    taper = taper_weights(n_columns, n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
+    taper = make_taper(n_columns, n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
     cadence_hz = np.arange(length // 2 + 1) * rate_hz / length
     weights, cadence_hz = (
@@ -415,7 +419,7 @@ def _grid(n_columns: int, rate_hz: float, padded: bool, tapered: bool | None) ->
     return weights, length, cadence_hz
 
 
-def taper_weights(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
+def make_taper(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
     """Compute the Hann taper without zero ends, or ones.
 
     The result has the shape (J,).

@@ -15,13 +15,13 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import (
     BASEBAND,
     SHARE_REMOVED,
-    axis,
     check_signal,
     make_array,
+    read_axis,
+    replace_array_values,
     sampling_rate_hz,
-    with_values,
 )
-from doppelgait.core.lazy import LONG_PULSES, lazy_rows, map_rows, rows_of, tiles_of
+from doppelgait.core.lazy import LONG_PULSES, lazy_rows, map_rows, read_pulses, read_tiles
 from doppelgait.core.samples import Planes, Samples
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
@@ -41,7 +41,7 @@ MEDIAN_BLOCK_S = 0.1
 def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     """Remove static clutter by ``analysis.clutter``.
 
-    See :func:`without_clutter`.
+    See :func:`remove_static_clutter`.
 
     Parameters
     ----------
@@ -62,10 +62,10 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     >>> cleaned.shape == recording.baseband.shape
     True
     """
-    return without_clutter(baseband, kind=analysis.clutter, time_s=analysis.clutter_time_s)
+    return remove_static_clutter(baseband, kind=analysis.clutter, time_s=analysis.clutter_time_s)
 
 
-def without_clutter(
+def remove_static_clutter(
     baseband: xr.DataArray, *, kind: ClutterKind, time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ
 ) -> xr.DataArray:
     r"""Remove static clutter from the baseband.
@@ -85,8 +85,9 @@ def without_clutter(
     the mean of its first period had always been there. It also removes swaying motion: breathing, curtains, drift of
     the phase; and at 3 Hz and 7.29 GHz everything that is slower than 0.06 m/s, a crossing torso among it.
 
-    Their gain at a Doppler frequency is :func:`clutter_gain`; what a gate lost to them is :func:`share_removed`. A
-    two-pulse canceller, :math:`|2 \sin(\pi f / f_p)|`, is not on offer: at 1 kHz it takes 18 dB off 20 Hz.
+    Their gain at a Doppler frequency is :func:`clutter_gain`; what a gate lost to them is
+    :func:`measure_share_removed`. A two-pulse canceller, :math:`|2 \sin(\pi f / f_p)|`, is not on offer: at 1 kHz it
+    takes 18 dB off 20 Hz.
 
     Parameters
     ----------
@@ -113,44 +114,46 @@ def without_clutter(
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> cleaned = dg.processing.without_clutter(recording.baseband, kind="mean")
+    >>> cleaned = dg.processing.remove_static_clutter(recording.baseband, kind="mean")
     >>> cleaned.shape == recording.baseband.shape
     True
     """
     check_signal(baseband, BASEBAND)
     if kind in ("none", "auto"):
         return baseband
-    prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
+    prf_hz = sampling_rate_hz(read_axis(baseband, "slow_time"))
     if kind in ("mean", "median"):
-        count, block = baseband.sizes["slow_time"], _block_pulses(baseband.sizes["slow_time"], prf_hz)
-        planes = (Samples(values).planes[:, :, : values.shape[0]] for _, values in tiles_of(baseband, block))
-        part_re, part_im = _static_part(planes, kind, count, block)
+        count, block = baseband.sizes["slow_time"], _count_block_pulses(baseband.sizes["slow_time"], prf_hz)
+        planes = (Samples(values).planes[:, :, : values.shape[0]] for _, values in read_tiles(baseband, block))
+        part_re, part_im = _average_static_part(planes, kind, count, block)
         static = (part_re + 1j * part_im).astype(np.complex64)[:, 0]
         return map_rows(baseband, lambda values, first: values - static)
-    clean, start_pulses = _filter_of(kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
-    return _filtered(baseband, clean, start_pulses)
+    clean, start_pulses = _make_filter(kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
+    return _filter_baseband(baseband, clean, start_pulses)
 
 
 def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
     """Remove static clutter from planes by ``analysis.clutter``.
 
-    They have the shape (2, bins, n_pulses or more); see :func:`without_clutter`.
+    They have the shape (2, bins, n_pulses or more); see :func:`remove_static_clutter`.
     """
     kind = analysis.clutter
     if kind in ("none", "auto"):
         return planes
     planes = planes[:, :, :n_pulses]
     if kind in ("mean", "median"):
-        return np.asarray(planes - _static_part([planes], kind, n_pulses, _block_pulses(n_pulses, prf_hz)))
-    clean, start_pulses = _filter_of(kind, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
+        return np.asarray(
+            planes - _average_static_part([planes], kind, n_pulses, _count_block_pulses(n_pulses, prf_hz))
+        )
+    clean, start_pulses = _make_filter(kind, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
     return clean(planes, planes[..., :start_pulses].mean(axis=-1, dtype=np.float64, keepdims=True), None)[0]
 
 
-def _block_pulses(n_pulses: int, prf_hz: float) -> int:
+def _count_block_pulses(n_pulses: int, prf_hz: float) -> int:
     return min(max(round(MEDIAN_BLOCK_S * prf_hz), 1), n_pulses)
 
 
-def _static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
+def _average_static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
     """Return the mean or median of planes over pulses.
 
     The result is (2, bins, 1), float32.
@@ -158,7 +161,7 @@ def _static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, bloc
     if kind == "mean":
         total = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles)
         return np.asarray(total / n_pulses, dtype=np.float32)
-    means = np.concatenate([block_means(planes, block_pulses) for planes in tiles], axis=-1)
+    means = np.concatenate([average_blocks(planes, block_pulses) for planes in tiles], axis=-1)
     return np.asarray(np.median(means, axis=-1, keepdims=True), dtype=np.float32)
 
 
@@ -167,7 +170,7 @@ Clean = Callable[[Planes, FloatArray, Any], tuple[Planes, Any]]
 after them."""
 
 
-def _filter_of(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
+def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
     """Return a filter along the pulses, and its first averaging length.
 
     Its first level is the mean of so many pulses.
@@ -199,7 +202,7 @@ def _filter_of(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MT
     return high_pass, max(round(prf_hz / cutoff_hz), 1)
 
 
-def _filtered(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
+def _filter_baseband(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
     """Filter a baseband along its pulses.
 
     A long one is filtered tile by tile, on demand.
@@ -207,11 +210,13 @@ def _filtered(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.Dat
     count = baseband.sizes["slow_time"]
 
     def planes_of(first: int, stop: int) -> Planes:
-        return Samples(rows_of(baseband, first, stop)).planes[:, :, : stop - first]
+        return Samples(read_pulses(baseband, first, stop)).planes[:, :, : stop - first]
 
     level = planes_of(0, min(start_pulses, count)).mean(axis=-1, dtype=np.float64, keepdims=True)
     if count <= LONG_PULSES:
-        return with_values(baseband, Samples.from_planes(clean(planes_of(0, count), level, None)[0], count).matrix)
+        return replace_array_values(
+            baseband, Samples.from_planes(clean(planes_of(0, count), level, None)[0], count).matrix
+        )
     states = [None]  # before each tile
     for first in range(0, count - LONG_PULSES, LONG_PULSES):
         states.append(clean(planes_of(first, first + LONG_PULSES), level, states[-1])[1])
@@ -228,10 +233,10 @@ def _filtered(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.Dat
             parts.append(tile(number)[max(first - start, 0) : stop - start])
         return np.concatenate(parts) if parts else np.empty((0, baseband.shape[1]), dtype=np.complex64)
 
-    return with_values(baseband, lazy_rows(baseband.shape, rows))
+    return replace_array_values(baseband, lazy_rows(baseband.shape, rows))
 
 
-def block_means(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
+def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
     """Average real values over blocks along the last axis.
 
     A rest shorter than a block is left out.
@@ -263,7 +268,7 @@ def clutter_gain(
     n_pulses : int, optional
         I, length of the recording; needed for ``mean`` and ``median``.
     time_s, cutoff_hz : float
-        As for :func:`without_clutter`.
+        As for :func:`remove_static_clutter`.
 
     Returns
     -------
@@ -299,7 +304,7 @@ def clutter_gain(
     return np.asarray(np.sqrt(high / (high + low)))
 
 
-def share_removed(
+def measure_share_removed(
     before: xr.DataArray, after: xr.DataArray, gate: Gate, *, total: npt.NDArray[np.complex128] | None = None,
     piece_s: float = 0.1, reference_share: float = 0.2,
 ) -> xr.DataArray:  # fmt: skip
@@ -315,7 +320,7 @@ def share_removed(
 
     summed over the gate's bins and the pulses of a time block, not below 0. Noise is in both sums, so that the share is
     of body and noise together. Where the gate leaves a bin too seldom there is no reference: a body that stays and
-    clutter are the same to a radar, and the result is NaN rather than a guess; :func:`torso_share_removed` then
+    clutter are the same to a radar, and the result is NaN rather than a guess; :func:`predict_torso_share_removed` then
     predicts the share from the range history alone. Clutter that drifts counts as removed body.
 
     Parameters
@@ -343,17 +348,17 @@ def share_removed(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> gate = dg.Gate.fixed(0.5, 5.0, time_s=[0.0, 3.0])
     >>> cleaned = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="mean"))
-    >>> dg.processing.share_removed(recording.baseband, cleaned, gate).dims
+    >>> dg.processing.measure_share_removed(recording.baseband, cleaned, gate).dims
     ('time',)
     """
     check_signal(before, BASEBAND)
     check_signal(after, BASEBAND)
     n_pulses = before.sizes["slow_time"]
     if total is None:
-        total = pulse_sum(before)
+        total = sum_pulses(before)
     before, after = gate.crop(before), gate.crop(after)
-    times = axis(before, "slow_time")
-    low, high = gate.edges(axis(before, "range"), times, sharp=True)
+    times = read_axis(before, "slow_time")
+    low, high = gate.edges(read_axis(before, "range"), times, sharp=True)
     bins = np.arange(before.sizes["range"])
 
     def covered(first: int, size: int) -> npt.NDArray[np.bool_]:
@@ -361,7 +366,7 @@ def share_removed(
         return np.asarray((bins > low[part, None]) & (bins < high[part, None]))
 
     elsewhere, count = total, np.full(bins.size, n_pulses)
-    for first, values in tiles_of(before):
+    for first, values in read_tiles(before):
         inside = covered(first, values.shape[0])
         elsewhere = elsewhere - np.einsum("in,in->n", values, inside, dtype=np.complex128)
         count -= inside.sum(axis=0)
@@ -369,13 +374,15 @@ def share_removed(
     length = min(max(1, round(piece_s * sampling_rate_hz(times))), times.size)
     # of every pulse: the power that is left, that of the body, bins with a reference, bins of the gate
     sums = np.empty((4, times.size))
-    for (first, values), (_, cleaned) in zip(tiles_of(before), tiles_of(after), strict=True):
+    for (first, values), (_, cleaned) in zip(read_tiles(before), read_tiles(after), strict=True):
         inside = covered(first, values.shape[0])
         known = inside & usual
         sums[:, first : first + values.shape[0]] = (
-            np.einsum("in,in->i", _power(cleaned), known), np.einsum("in,in->i", _power(values - clutter), known),
-            known.sum(axis=1), inside.sum(axis=1),
-        )  # fmt: skip
+            np.einsum("in,in->i", _compute_power(cleaned), known),
+            np.einsum("in,in->i", _compute_power(values - clutter), known),
+            known.sum(axis=1),
+            inside.sum(axis=1),
+        )
 
     def per_piece(values: npt.NDArray[Any]) -> FloatArray:
         whole = times.size // length
@@ -387,12 +394,12 @@ def share_removed(
     return make_array(SHARE_REMOVED, share, {"time": per_piece(times) / length})
 
 
-def pulse_sum(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:
-    """Sum a baseband over its pulses, for :func:`share_removed`."""
-    return np.asarray(sum(values.sum(axis=0, dtype=np.complex128) for _, values in tiles_of(baseband)))
+def sum_pulses(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:
+    """Sum a baseband over its pulses, for :func:`measure_share_removed`."""
+    return np.asarray(sum(values.sum(axis=0, dtype=np.complex128) for _, values in read_tiles(baseband)))
 
 
-def torso_share_removed(
+def predict_torso_share_removed(
     gate: Gate, time_s: npt.ArrayLike, *, kind: ClutterKind, wavelength_m: float, prf_hz: float,
     n_pulses: int | None = None, clutter_time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
 ) -> FloatArray:  # fmt: skip
@@ -424,7 +431,7 @@ def torso_share_removed(
     --------
     >>> import doppelgait as dg
     >>> gate = dg.Gate.fixed(1.0, 3.0, time_s=[0.0, 3.0])
-    >>> share = dg.processing.torso_share_removed(
+    >>> share = dg.processing.predict_torso_share_removed(
     ...     gate, [0.0, 1.0], kind="mean", wavelength_m=0.04, prf_hz=500.0, n_pulses=1500
     ... )
     >>> share.shape
@@ -439,5 +446,5 @@ def torso_share_removed(
     return np.asarray(1.0 - gain**2)
 
 
-def _power(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _compute_power(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.asarray(values.real**2 + values.imag**2)

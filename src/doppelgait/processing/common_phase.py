@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
-from doppelgait.core.lazy import map_rows, tiles_of
+from doppelgait.core.labels import BASEBAND, check_signal, read_axis, sampling_rate_hz
+from doppelgait.core.lazy import map_rows, read_tiles
 
 Values = npt.NDArray[np.complex64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -32,7 +32,7 @@ LEAST_VARIANCE = 1e-14
 TINY = float(np.finfo(np.float32).tiny)
 
 
-def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
+def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     r"""Remove the phase that other bins share.
 
     Every range bin is turned back by the phase that bins of other zones share.
@@ -62,20 +62,20 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
         The same object for a frame of less than 1.5 m or a recording of less than 0.2 s.
     """
     check_signal(baseband, BASEBAND)
-    range_m = axis(baseband, "range")
+    range_m = read_axis(baseband, "range")
     zone_m = max(ZONE_M, ZONE_BINS * float(range_m[1] - range_m[0])) if range_m.size > 1 else ZONE_M
-    block = max(round(BLOCK_S * sampling_rate_hz(axis(baseband, "slow_time"))), 1)
+    block = max(round(BLOCK_S * sampling_rate_hz(read_axis(baseband, "slow_time"))), 1)
     if range_m[-1] - range_m[0] < 2 * zone_m or baseband.sizes["slow_time"] < 2 * block:
         return baseband
     count = baseband.sizes["slow_time"]
-    tiles = partial(tiles_of, baseband, block)
+    tiles = partial(read_tiles, baseband, block)
     zone = ((range_m - range_m[0]) / zone_m).astype(np.int64)
     member = (zone[:, None] == np.arange(zone[-1] + 1)).astype(np.float32)
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
-    power, variance = _moments(lambda: (np.abs(values) for _, values in tiles()), count)
+    power, variance = _compute_moments(lambda: (np.abs(values) for _, values in tiles()), count)
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
     # mean of every bin over the blocks, after each block was turned to the one before by the far bins
-    blocks = np.concatenate([block_means(values, block) for _, values in tiles()])
+    blocks = np.concatenate([average_blocks(values, block) for _, values in tiles()])
     steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
     phase_rad = np.cumsum(np.angle(steps), axis=0)
     static = (blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0]
@@ -96,8 +96,8 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
         changed[:, bins] *= turns[first : first + values.shape[0], place[bins]]
         return changed
 
-    trial = _moments(lambda: (turned(served, values, first) for first, values in tiles()), count)[1]
-    better = served & (trial < _moments(lambda: (values for _, values in tiles()), count)[1])
+    trial = _compute_moments(lambda: (turned(served, values, first) for first, values in tiles()), count)[1]
+    better = served & (trial < _compute_moments(lambda: (values for _, values in tiles()), count)[1])
     return map_rows(baseband, partial(turned, better)) if better.any() else baseband
 
 
@@ -114,7 +114,7 @@ def _turn(pointer: Values, pulses: int) -> Values:
     return np.asarray(pointer.conj() / np.maximum(np.abs(pointer), TINY), dtype=np.complex64)
 
 
-def block_means(values: Values, block_pulses: int) -> ComplexArray:
+def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
     """Average values over whole blocks of pulses.
 
     The result has the shape (K, N); a rest shorter than a block is left out.
@@ -130,7 +130,7 @@ def block_means(values: Values, block_pulses: int) -> ComplexArray:
     return np.asarray(blocks.mean(axis=1, dtype=np.complex128))
 
 
-def _moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
+def _compute_moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
     """Compute mean power and variance of every column.
 
     The power is that of the mean. The ``tiles`` of ``count`` rows together are asked for twice.

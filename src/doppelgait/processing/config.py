@@ -45,7 +45,7 @@ class Analysis(FrozenModel):
         Transform length K; by default the next 2^a, 3 2^a or 5 2^a not below M.
     hop : int, optional
         Pulses from column to column of the signature; by default floor(T_d f_p / 12), which loses nothing. A divisor
-        of that changes no feature (:func:`doppelgait.processing.thin`).
+        of that changes no feature (:func:`doppelgait.processing.decimate`).
     gate_span_m : float
         Range extent of the gate, the same for every class (E-26).
     gate_edges : {"fractional", "sharp"}
@@ -96,7 +96,7 @@ class Analysis(FrozenModel):
         return self
 
     @model_serializer(mode="wrap")
-    def _without_ignored(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _serialise(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
         ignored = set(LILAND2018_OWN) - self.model_fields_set if self.method == "liland2018" else set()
         return {name: value for name, value in plain(self).items() if name not in ignored}
 
@@ -148,7 +148,7 @@ class Transform:
         """Pulses on either side of the centre, (M - 1)/2."""
         return (self.window.size - 1) // 2
 
-    def centre_pulses(self) -> npt.NDArray[np.int64]:
+    def compute_centre_pulses(self) -> npt.NDArray[np.int64]:
         """Compute the pulse number at every column's centre (E-22)."""
         return self.first_pulse + self.half_window + self.hop * np.arange(self.n_columns)
 
@@ -168,7 +168,7 @@ def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
     return np.asarray(np.exp(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
 
 
-def next_fast_length(n_pulses: int) -> int:
+def find_fast_length(n_pulses: int) -> int:
     """Find the smallest fast transform length.
 
     2^a, 3 2^a or 5 2^a that is not below ``n_pulses``.
@@ -176,7 +176,7 @@ def next_fast_length(n_pulses: int) -> int:
     return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
 
 
-def lossless_hop(cpi_pulses: int) -> int:
+def find_lossless_hop(cpi_pulses: int) -> int:
     """Compute the largest hop that loses nothing (E-23).
 
     T_d f_p / 12, rounded down: the columns are band-limited by the window.
@@ -214,10 +214,10 @@ def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Trans
             f"{analysis.cpi_s} at {prf_hz:g} Hz); record longer or lower cpi_s"
         )
     literal = analysis.method == "liland2018"
-    n_doppler = analysis.doppler_bins or (cpi_pulses if literal else next_fast_length(cpi_pulses))
+    n_doppler = analysis.doppler_bins or (cpi_pulses if literal else find_fast_length(cpi_pulses))
     if n_doppler < cpi_pulses:
         raise AnalysisError(f"doppler_bins is {n_doppler}, but a processing interval has {cpi_pulses} pulses: K >= M")
-    hop = analysis.hop or (1 if literal else lossless_hop(cpi_pulses))
+    hop = analysis.hop or (1 if literal else find_lossless_hop(cpi_pulses))
     half = (cpi_pulses - 1) // 2
     valid = n_pulses if analysis.zero_padded else n_pulses - 2 * half
     return Transform(

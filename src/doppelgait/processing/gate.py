@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.track.live import Track
 
@@ -136,7 +136,7 @@ class Gate:
         if cells_m.size > 1:
             first_m, last_m = frame_limits_m(cells_m)
             if high_m <= first_m or low_m >= last_m:
-                raise _frame_error(low_m, high_m, cells_m)
+                raise _make_frame_error(low_m, high_m, cells_m)
             low_m, high_m = max(low_m, first_m), min(high_m, last_m)
         ends_s = np.asarray(time_s, dtype=float)[[0, -1]]
         return cls(ends_s, np.full(2, (low_m + high_m) / 2), high_m - low_m, None, source)
@@ -309,7 +309,7 @@ class Gate:
 
     def crop(self, baseband: xr.DataArray) -> xr.DataArray:
         """Crop a recording to the times of the gate."""
-        times_s = axis(baseband, "slow_time")
+        times_s = read_axis(baseband, "slow_time")
         first = int(np.searchsorted(times_s, self.start_s - SLACK_S))
         stop = int(np.searchsorted(times_s, self.stop_s + SLACK_S))
         return baseband.isel(slow_time=slice(first, stop))
@@ -362,7 +362,7 @@ class Gate:
             If the gate lies outside the recorded frame all the time.
         """
         if (high <= -0.5).all() or (low >= range_m.size - 0.5).all():
-            raise _frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
+            raise _make_frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
         return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))
 
     def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
@@ -384,7 +384,7 @@ def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:
     return float(range_m[0]) - half_m, float(range_m[-1]) + half_m
 
 
-def _frame_error(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisError:
+def _make_frame_error(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisError:
     first_m, last_m = frame_limits_m(range_m)
     return AnalysisError(
         f"gate {low_m:.4g} to {high_m:.4g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; take "
@@ -392,7 +392,7 @@ def _frame_error(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisEr
     )
 
 
-def bin_share(baseband: xr.DataArray) -> float:
+def compute_bin_share(baseband: xr.DataArray) -> float:
     """Return the independent noise values per range bin.
 
     They are an attribute of the recording; 1 where it is missing.

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import Plain, Signal, axis, with_values
-from doppelgait.processing.normalise import median
+from doppelgait.core.labels import Plain, Signal, read_axis, replace_array_values
+from doppelgait.processing.normalise import compute_median
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,14 +33,14 @@ ALIGN_ABOVE_HZ = 10.0
 """Drift of the straight main line over the observation above which a signature is aligned (E-29)."""
 
 
-def column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
+def find_column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
     """Find every column's strongest cell and its Doppler.
 
     The power of the cell, V^2, and the Doppler refined by a parabola through its neighbours, Hz; shapes (J,).
     """
     from doppelgait.core.kernels import columns
 
-    values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
+    values, doppler_hz = np.ascontiguousarray(signature.values), read_axis(signature, "doppler")
     strongest, place = np.empty(values.shape[0], values.dtype), np.empty(values.shape[0])
     columns.column_peaks(values, strongest, place)
     place *= doppler_hz[1] - doppler_hz[0]
@@ -76,25 +76,25 @@ def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool =
     >>> line_hz.shape == result.signature.time.shape
     True
     """
-    return line_through(column_peaks(signature)[1], bin_width_hz(signature), order=order, tapered=tapered)
+    return fit_line(find_column_peaks(signature)[1], bin_width_hz(signature), order=order, tapered=tapered)
 
 
-def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
+def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
     """Fit the line of :func:`main_line_hz` through column peaks.
 
     Several lines then share one search for the peaks.
     """
     from doppelgait.core.kernels.robust import robust_fit
 
-    basis, parabola, ones = _line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
-    line: FloatArray = np.full(peaks_hz.size, median(peaks_hz))
+    basis, parabola, ones = _make_line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
+    line: FloatArray = np.full(peaks_hz.size, compute_median(peaks_hz))
     taper, coefficients = parabola if tapered else ones, np.empty(basis.shape[0])
     robust_fit(basis, peaks_hz, taper, ones, bin_hz / 4.0, CAUCHY_TUNING, ITERATIONS, line, coefficients)
     return line
 
 
 @lru_cache(maxsize=8)
-def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute a fit's Legendre basis, taper and ones.
 
     Legendre polynomials over the observation, shape (order + 1, J), the parabola that tapers it, and ones.
@@ -105,31 +105,31 @@ def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, Flo
     return basis, parabola, np.ones(n_columns)
 
 
-def straight_at(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr.DataArray | Plain) -> FloatArray:
+def extrapolate_line(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr.DataArray | Plain) -> FloatArray:
     """Extrapolate a straight line to other columns.
 
     The result has the shape (J of ``wanted``,).
     """
-    times_s = axis(signature, "time")
+    times_s = read_axis(signature, "time")
     slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
-    return np.asarray(line_hz[0] + slope * (axis(wanted, "time") - times_s[0]))
+    return np.asarray(line_hz[0] + slope * (read_axis(wanted, "time") - times_s[0]))
 
 
 def bin_width_hz(signature: xr.DataArray | Plain) -> float:
     """Return the width of a Doppler bin."""
-    doppler_hz = axis(signature, "doppler")
+    doppler_hz = read_axis(signature, "doppler")
     return float(doppler_hz[1] - doppler_hz[0])
 
 
-def line_order(observation_s: float) -> int:
+def choose_line_order(observation_s: float) -> int:
     """Choose the line order that leaves the steps (E-29).
 
     1 below 1.3 s, 2 below 2.5 s, else 3.
 
     Examples
     --------
-    >>> from doppelgait.processing import line_order
-    >>> line_order(5.0)
+    >>> from doppelgait.processing import choose_line_order
+    >>> choose_line_order(5.0)
     3
     """
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
@@ -147,10 +147,10 @@ def needs_alignment(signature: xr.DataArray | Plain) -> bool:
     >>> dg.processing.needs_alignment(result.signature)
     False
     """
-    return drifts(main_line_hz(signature, order=1))
+    return has_drift(main_line_hz(signature, order=1))
 
 
-def drifts(straight_hz: FloatArray) -> bool:
+def has_drift(straight_hz: FloatArray) -> bool:
     """Return True if a straight line drifts over 10 Hz.
 
     The drift is over the observation; the line has order 1 and is not tapered.
@@ -198,7 +198,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     whole = np.floor(shift)
     moved = np.empty(array.shape)
     shift_columns(np.ascontiguousarray(array.values), whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
-    return with_values(array, moved)
+    return replace_array_values(array, moved)
 
 
 @dataclass(frozen=True)
@@ -231,14 +231,14 @@ def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
     time_s, range_m : ndarray, shape (J,)
     """
     half_s = float(time_s[-1] - time_s[0]) / 2.0
-    fit, position = _cubic(time_s.size)
+    fit, position = _make_cubic_basis(time_s.size)
     a = fit @ range_m
     line_mps = -(a[1] + 3.0 * a[2] * position) / half_s
     return TrackVelocity(line_mps, -float(a[3]) / half_s, -float(a[1] + a[3]) / half_s)
 
 
 @lru_cache(maxsize=8)
-def _cubic(n_columns: int) -> tuple[FloatArray, FloatArray]:
+def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
     position = np.linspace(-1.0, 1.0, n_columns)
     return np.asarray(np.linalg.pinv(np.polynomial.legendre.legvander(position, 3)), dtype=np.float64), position
 
@@ -265,7 +265,7 @@ def settle_velocity(
         False where they differ by more than 10 % and the track's line holds too little power.
     """
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
-    seconds = float(np.ptp(axis(signature, "time")))
+    seconds = float(np.ptp(read_axis(signature, "time")))
     apart_mps, speed_mps = abs(float(line_hz.mean() - track_hz.mean())) * half_m, abs(float(track_hz.mean())) * half_m
     band_hz = bin_width_hz(signature) * signature.sizes["doppler"]
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
@@ -274,10 +274,10 @@ def settle_velocity(
     from doppelgait.core.kernels.columns import strongest_about
 
     values, bin_hz = np.ascontiguousarray(signature.values), bin_width_hz(signature)
-    centre = np.rint((track_hz - float(axis(signature, "doppler")[0])) / bin_hz).astype(np.int64)
+    centre = np.rint((track_hz - float(read_axis(signature, "doppler")[0])) / bin_hz).astype(np.int64)
     near, strongest = np.empty((2, centre.size))
     strongest_about(values, centre, round(NEAR_TRACK_MPS / half_m / bin_hz), near, strongest)
-    if median(near) - floor_v2 >= BODY_SHARE * (median(strongest) - floor_v2):
+    if compute_median(near) - floor_v2 >= BODY_SHARE * (compute_median(strongest) - floor_v2):
         return track_hz, True
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
 
@@ -297,12 +297,12 @@ def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz
     """
     from doppelgait.core.kernels.lines import follow_ridge, refined_ridge
 
-    values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
+    values, doppler_hz = np.ascontiguousarray(signature.values), read_axis(signature, "doppler")
     bin_hz, half_m = bin_width_hz(signature), float(signature.attrs["wavelength_m"]) / 2.0
-    time_s, range_m = axis(signature, "time"), axis(signature, "centre_range")
+    time_s, range_m = read_axis(signature, "time"), read_axis(signature, "centre_range")
     if np.ptp(range_m) > 0 and time_s.size > 4:
         track = track_velocity(time_s, range_m)
-        _, position = _cubic(time_s.size)
+        _, position = _make_cubic_basis(time_s.size)
         curve_hz = (track.line_mps + track.bend_mps * (7.5 * position**2 - 1.5)) / half_m
         if abs(float(curve_hz.mean() - line_hz.mean())) * half_m <= RIDGE_REACH_MPS:
             line_hz = curve_hz

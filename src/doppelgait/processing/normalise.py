@@ -9,7 +9,15 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Plain, Signal, axis, check_signal, with_values
+from doppelgait.core.labels import (
+    NORMALISED_SIGNATURE,
+    SIGNATURE,
+    Plain,
+    Signal,
+    check_signal,
+    read_axis,
+    replace_array_values,
+)
 from doppelgait.processing.config import Normalisation
 
 INDEPENDENT_AFTER_S = 0.06
@@ -61,13 +69,13 @@ def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
     to_mean = np.log(2.0) if n_gate == 1.0 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
     ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
     quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
-    floor = median(taken(values, quiet)) / to_mean
-    spread = 1.0 / np.sqrt(n_gate * independent_columns(signature))
+    floor = compute_median(copy_rows(values, quiet)) / to_mean
+    spread = 1.0 / np.sqrt(n_gate * count_independent_columns(signature))
     agreeing = open_rows[row_power[open_rows] < floor * (1.0 + 3.0 * spread)]
-    return median(taken(values, agreeing)) / to_mean if agreeing.size > quiet.size else floor
+    return compute_median(copy_rows(values, agreeing)) / to_mean if agreeing.size > quiet.size else floor
 
 
-def taken(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+def copy_rows(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
     """Copy Doppler rows; (time, rows)."""
     from doppelgait.core.kernels.columns import take_rows
 
@@ -76,7 +84,7 @@ def taken(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[
     return found
 
 
-def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
+def count_independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
     """Count a noise cell's independent range bins (E-27).
 
     They are counted from the quiet Doppler rows: the squared mean of their cells over the variance, at least 1.
@@ -97,7 +105,7 @@ def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> dg.processing.independent_bins(result.signature, 0.0) >= 1.0
+    >>> dg.processing.count_independent_bins(result.signature, 0.0) >= 1.0
     True
     """
     from doppelgait.core.kernels.columns import row_means
@@ -106,7 +114,7 @@ def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
     values, stated = np.ascontiguousarray(signature.values), max(1.0, float(signature.attrs["n_gate_bins"]))
     row_power = np.empty(values.shape[1])
     row_means(values, row_power)
-    highest_v2 = floor_v2 * (1.0 + 3.0 / np.sqrt(stated * independent_columns(signature)))
+    highest_v2 = floor_v2 * (1.0 + 3.0 / np.sqrt(stated * count_independent_columns(signature)))
     quiet = (row_power > 0) & (row_power < highest_v2)
     n_quiet = np.count_nonzero(quiet)
     if n_quiet < LEAST_QUIET_ROWS:
@@ -115,7 +123,7 @@ def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
     return max(1.0, mean_v2**2 / float(variance_of_rows(values, quiet.astype(np.int32), COUNTED_EVERY)))
 
 
-def median(cells: npt.NDArray[np.floating[Any]]) -> float:
+def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
     """Compute the median of cells without NaN.
 
     It is several times faster than np.median, which partitions about two values.
@@ -127,7 +135,7 @@ def median(cells: npt.NDArray[np.floating[Any]]) -> float:
     return float(ordered[:middle].max() + ordered[middle]) / 2.0
 
 
-def independent_columns(signature: xr.DataArray | Plain) -> float:
+def count_independent_columns(signature: xr.DataArray | Plain) -> float:
     """Count the practically independent columns, J_eff (E-38).
 
     T_o / 60 ms, at least 1.
@@ -138,10 +146,10 @@ def independent_columns(signature: xr.DataArray | Plain) -> float:
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> dg.processing.independent_columns(result.signature) > 1.0
+    >>> dg.processing.count_independent_columns(result.signature) > 1.0
     True
     """
-    times = axis(signature, "time")
+    times = read_axis(signature, "time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
 
 
@@ -184,9 +192,9 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     elif mode == "max":
         scale = highest
     elif mode == "r4":
-        centre = axis(signature, "centre_range")
+        centre = read_axis(signature, "centre_range")
         scale = (centre.mean() / centre) ** 4 * sums.mean()
     else:
         raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")
     scale_excess(given, floor, np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0), values)
-    return with_values(signature, values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})
+    return replace_array_values(signature, values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})

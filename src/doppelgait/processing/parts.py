@@ -17,12 +17,12 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import PART_POWER, SIGNATURE, axis, check_signal, make_array
+from doppelgait.core.labels import PART_POWER, SIGNATURE, check_signal, make_array, read_axis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing.cadence import observation_s
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
-from doppelgait.processing.main_line import line_order, main_line_hz
+from doppelgait.processing.main_line import choose_line_order, main_line_hz
 from doppelgait.processing.normalise import noise_floor_v2
 from doppelgait.processing.signature import plan_for, range_doppler
 
@@ -105,9 +105,9 @@ class PartMask:
         """
         found: list[npt.NDArray[np.float32]] = []
         times: list[FloatArray] = []
-        for maps, at, share in _gated_maps(baseband, analysis, self.columns, self.low, self.high, wavelength_m):
-            ahead = axis(maps, "velocity")[None, :] - self.torso_mps[at, None]
-            off_m = (axis(maps, "range")[None, :] - self.torso_range_m[at, None]) / self.length_m
+        for maps, at, share in _iterate_gated_maps(baseband, analysis, self.columns, self.low, self.high, wavelength_m):
+            ahead = read_axis(maps, "velocity")[None, :] - self.torso_mps[at, None]
+            off_m = (read_axis(maps, "range")[None, :] - self.torso_range_m[at, None]) / self.length_m
             inside = (ahead / self.width_mps)[:, :, None] ** 2 + off_m[:, None, :] ** 2 < 1.0
             cells = (maps.values - np.float32(self.floor_v2)) * share[:, None, :]
             torso, all_v2 = (cells * inside).sum(axis=2), cells.sum(axis=2)
@@ -118,10 +118,10 @@ class PartMask:
             leg = limb & ((swing > LEGS_AHEAD * self.speed_mps) | (swing < -LEGS_BEHIND * self.speed_mps))
             rest = np.where(limb, all_v2 - torso, 0.0)
             found.append(np.stack([torso, rest * leg, rest * ~leg]).astype(np.float32))
-            times.append(axis(maps, "time"))
+            times.append(read_axis(maps, "time"))
         coords = {
             "part": np.arange(len(PARTS), dtype=np.float64), "time": np.concatenate(times),
-            "doppler": axis(maps, "doppler"), "velocity": ("doppler", axis(maps, "velocity")),
+            "doppler": read_axis(maps, "doppler"), "velocity": ("doppler", read_axis(maps, "velocity")),
         }  # fmt: skip
         attrs = {"parts": " ".join(PARTS), "torso_mps": float(np.median(self.torso_mps))}
         return make_array(PART_POWER, np.concatenate(found, axis=1), coords, attrs)
@@ -154,7 +154,7 @@ def locate_parts(
     if snr < 10.0 ** (LEAST_SNR_DB / 10.0):
         return None, f"snr_below_{LEAST_SNR_DB:.0f}_db"
     seconds = observation_s(signature)
-    line_hz = main_line_hz(signature, order=line_order(seconds))
+    line_hz = main_line_hz(signature, order=choose_line_order(seconds))
     torso_mps = np.asarray(doppler_to_velocity_mps(line_hz, wavelength_m))
     middle_mps, cell_mps = float(np.median(torso_mps)), wavelength_m / (2.0 * analysis.cpi_s)
     speed_mps = abs(middle_mps)
@@ -162,18 +162,18 @@ def locate_parts(
         return None, f"torso_slower_than_{LEAST_SPEED_CELLS:g}_doppler_cells"
     width_mps = SWAY_SHARE * speed_mps + SWAY_CELLS * cell_mps
     transform, prf_hz = plan_for(baseband, analysis)
-    times_s = axis(signature, "time")
-    starts_s = axis(baseband, "slow_time")[0] + transform.centre_pulses() / prf_hz
+    times_s = read_axis(signature, "time")
+    starts_s = read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses() / prf_hz
     columns = int(np.abs(starts_s - times_s[0]).argmin()) + np.arange(times_s.size)
-    range_m = axis(baseband, "range")
+    range_m = read_axis(baseband, "range")
     low, high = gate.edges(range_m, times_s, sharp=analysis.sharp_edges)
     floor_v2 = nu_v2 / float(high[0] - low[0])
     # power at the torso's velocity, by range
     profile = np.zeros((times_s.size, range_m.size))
-    for maps, at, share in _gated_maps(baseband, analysis, columns, low, high, wavelength_m):
-        near = np.abs(axis(maps, "velocity")[None, :] - torso_mps[at, None]) < width_mps
+    for maps, at, share in _iterate_gated_maps(baseband, analysis, columns, low, high, wavelength_m):
+        near = np.abs(read_axis(maps, "velocity")[None, :] - torso_mps[at, None]) < width_mps
         cells = (maps.values - np.float32(floor_v2)) * share[:, None, :]
-        first = int(np.abs(range_m - axis(maps, "range")[0]).argmin())
+        first = int(np.abs(range_m - read_axis(maps, "range")[0]).argmin())
         profile[at, first : first + maps.sizes["range"]] = np.einsum("jkn,jk->jn", cells, near)
     np.maximum(profile, 0.0, out=profile)
     weight = profile.sum(axis=1)
@@ -181,7 +181,7 @@ def locate_parts(
     centroid_m = (profile[known] @ range_m) / weight[known]
     position = np.linspace(-1.0, 1.0, times_s.size)
     fit = np.polynomial.legendre.Legendre.fit(
-        position[known], centroid_m, line_order(seconds), domain=[-1, 1], w=np.sqrt(weight[known])
+        position[known], centroid_m, choose_line_order(seconds), domain=[-1, 1], w=np.sqrt(weight[known])
     )
     torso_range_m = np.asarray(fit(position))
     length_m = np.inf
@@ -207,7 +207,7 @@ def locate_parts(
     return mask, ""
 
 
-def _gated_maps(
+def _iterate_gated_maps(
     baseband: xr.DataArray, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray,
     wavelength_m: float,
 ) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:  # fmt: skip
@@ -244,7 +244,7 @@ def measure_parts(power: xr.DataArray) -> xr.Dataset:
         of the parts are the coordinate ``part``.
     """
     check_signal(power, PART_POWER)
-    values, velocity_mps = power.values.astype(np.float64), axis(power, "velocity")
+    values, velocity_mps = power.values.astype(np.float64), read_axis(power, "velocity")
     energy = values.sum(axis=(1, 2))
     column = values.sum(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -263,8 +263,8 @@ def measure_parts(power: xr.DataArray) -> xr.Dataset:
         },
         coords={
             "part": names,
-            "time": axis(power, "time"),
-            "doppler": axis(power, "doppler"),
+            "time": read_axis(power, "time"),
+            "doppler": read_axis(power, "doppler"),
             "velocity": ("doppler", velocity_mps),
         },
     )

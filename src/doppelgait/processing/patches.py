@@ -12,7 +12,7 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 
 FloatArray = npt.NDArray[np.float64]
 Levels = npt.NDArray[np.float32]
@@ -64,7 +64,8 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     ----------
     signature : DataArray (time, doppler)
         Power in any linear unit, with the coordinate ``velocity`` (m/s, approaching positive) along ``doppler``: as
-        :func:`doppelgait.analyze`, a dataset or :func:`doppelgait.pipeline.spectrogram.signature_of_levels` give it.
+        :func:`doppelgait.analyze`, a dataset or :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`
+        give it.
     spec : Patch, optional
 
     Returns
@@ -163,7 +164,7 @@ def cut(whole: Levels, start: int, spec: Patch) -> Levels:
     return picture
 
 
-def covering(whole: Levels, spec: Patch) -> Levels:
+def cut_pictures(whole: Levels, spec: Patch) -> Levels:
     """Cut images that cover all levels.
 
     The middle if one image holds all, else evenly spread ones that overlap by half or more.
@@ -190,7 +191,7 @@ def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArr
     if "velocity" not in signature.coords or "time" not in signature.coords:
         raise AnalysisError("a patch needs the coordinates time and velocity of its signature")
     power = np.asarray(signature.values, dtype=np.float64)
-    axes = [np.asarray(axis(signature, name), dtype=np.float64) for name in ("time", "velocity")]
+    axes = [np.asarray(read_axis(signature, name), dtype=np.float64) for name in ("time", "velocity")]
     for name, values in zip(("time", "velocity"), axes, strict=True):
         steps = np.diff(values)
         if values.size < 2 or not (np.isfinite(values).all() and steps.min() > 0):

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.straight import LINE, PARABOLA, straight_probability
+from doppelgait.core.straight import LINE, PARABOLA, compute_straight_probability
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -30,7 +30,7 @@ GIVE_UP_EVERY = 64
 """Samples from one look for hopeless starts to the next."""
 
 
-def best_knots(
+def find_best_knots(
     time_s: FloatArray,
     range_m: FloatArray,
     *,
@@ -78,7 +78,7 @@ def best_knots(
         if last_start >= 0 and room_left:
             histories.extend(j, last_start, filters, penalty, (value[j], noise[j]))
             if j % GIVE_UP_EVERY == 0:
-                filters.keep(histories.give_up(penalty))
+                filters.keep(histories.drop_hopeless(penalty))
     return histories.knots(n - 1)
 
 
@@ -106,7 +106,7 @@ class _Histories:
         """
         able = self.alive[: int(np.searchsorted(self.at[self.alive], last_start, side="right"))]
         at, (a, b, c) = self.at[able], self.abc[:, able]
-        column = filters.column(at)
+        column = filters.select_column(at)
         first, cross, last = (filters.covariance[p, q, column] for p, q in ((0, 0), (0, 1), (1, 1)))
         variance = first + 1.0 / a
         surprise = b - filters.mean[0, column]
@@ -124,7 +124,7 @@ class _Histories:
         self.at = np.append(self.at, np.full(kept.size, j))
         self.before = np.append(self.before, able[kept])
 
-    def give_up(self, penalty: float) -> npt.NDArray[np.int64]:
+    def drop_hopeless(self, penalty: float) -> npt.NDArray[np.int64]:
         """Give up hopeless histories; return remaining starts."""
         hopeless = np.flatnonzero(self.least > self.least.min() + self.more + penalty + HOPELESS)
         self.alive = np.delete(self.alive, hopeless)
@@ -173,7 +173,7 @@ class _Filters:
         self.covariance[3, 3, new] = (2.0 * TYPICAL_SPEED_MPS**2) ** 2
         self.count += 1
 
-    def column(self, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def select_column(self, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Return where the filters of some starts are."""
         given_up = self.starts[self.count - 1] >= self.count
         return np.searchsorted(self.starts[: self.count], starts) if given_up else starts
@@ -208,7 +208,7 @@ RANGE_SD_M = 0.065
 """Error of one range; makes the penalty 0.06 m^2 for 110 ranges, the value of the studies."""
 
 
-class PieceSettings(FrozenModel):
+class SegmentationSettings(FrozenModel):
     """Parameters of the segmentation of a range track.
 
     Parameters
@@ -247,7 +247,7 @@ class PieceSettings(FrozenModel):
 
 
 @dataclass(frozen=True)
-class Piece:
+class TrackSegment:
     """One segment of a range track.
 
     Parameters
@@ -309,7 +309,7 @@ class _Fit:
         if self.curvature_mps2() < 0:
             t = self.times - self.middle_s
             residual_m, n_parameters = self.ranges - np.polynomial.Polynomial.fit(t, self.ranges, 1)(t), LINE
-        return straight_probability(
+        return compute_straight_probability(
             residual_m, range_sd_m=range_sd_m, duration_s=float(self.times[-1] - self.times[0]),
             way_m=float(np.ptp(self.ranges)), n_parameters=n_parameters,
         )  # fmt: skip
@@ -328,13 +328,13 @@ class _Fit:
         return float((self.coefficients[2] - speed**2) / self.range_m(self.middle_s))
 
 
-def find_pieces(
+def find_track_segments(
     time_s: npt.ArrayLike,
     range_m: npt.ArrayLike,
     *,
     range_sd_m: float = RANGE_SD_M,
-    settings: PieceSettings | None = None,
-) -> tuple[Piece, ...]:
+    settings: SegmentationSettings | None = None,
+) -> tuple[TrackSegment, ...]:
     r"""Cut a track where its ground velocity changes.
 
     A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola whatever the aspect
@@ -344,8 +344,8 @@ def find_pieces(
 
     (s: path in :math:`R^2`; a_i: departure of the acceleration from the parabola between two ranges; K change points).
     Functional dynamic programming finds the minimum (Fearnhead, Maidstone and Letchford, J. Comput. Graph. Stat. 28,
-    2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.straight_probability`) is then
-    cut in two where that leaves the least squares, and again, until all parts fit or are too short.
+    2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.compute_straight_probability`)
+    is then cut in two where that leaves the least squares, and again, until all parts fit or are too short.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def find_pieces(
     AnalysisError
         If times and ranges are not of one length, finite, rising and positive, or ``range_sd_m`` is not above 0.
     """
-    options = settings or PieceSettings()
+    options = settings or SegmentationSettings()
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
         raise AnalysisError(
@@ -385,12 +385,12 @@ def find_pieces(
         return ()
     gaps = np.flatnonzero(np.diff(times) > options.longest_gap_s)
     edges = [0, *(gaps + 1).tolist(), times.size]
-    found: list[Piece] = []
+    found: list[TrackSegment] = []
     for start, stop in pairwise(edges):
         if stop - start >= 3:
             penalty = options.penalty_factor * math.log(times.size)
             part_s, part_m = times[start:stop], ranges[start:stop]
-            inner, _ = best_knots(
+            inner, _ = find_best_knots(
                 part_s, part_m, range_sd_m=range_sd_m, smooth_mps2=options.smooth_mps2, penalty=penalty,
                 min_piece_s=options.min_piece_s,
             )  # fmt: skip
@@ -403,7 +403,9 @@ def find_pieces(
     return tuple(found)
 
 
-def _merge_similar(knots: list[int], times: FloatArray, ranges: FloatArray, settings: PieceSettings) -> list[int]:
+def _merge_similar(
+    knots: list[int], times: FloatArray, ranges: FloatArray, settings: SegmentationSettings
+) -> list[int]:
     """Remove knots where the velocity hardly changes.
 
     The smallest change is removed first.
@@ -422,7 +424,7 @@ def _merge_similar(knots: list[int], times: FloatArray, ranges: FloatArray, sett
 
 
 def _split_bent(
-    knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: PieceSettings
+    knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: SegmentationSettings
 ) -> list[int]:
     """Cut segments until each is straight and steady.
 
@@ -452,8 +454,8 @@ def _split_bent(
 
 def _make_piece(
     times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], range_sd_m: float,
-    settings: PieceSettings,
-) -> Piece:  # fmt: skip
+    settings: SegmentationSettings,
+) -> TrackSegment:  # fmt: skip
     """Make one segment, trimmed at change points."""
     start_s = float(times[ends[0]] + settings.drop_s * cut[0])
     stop_s = float(times[ends[1]] - settings.drop_s * cut[1])
@@ -462,7 +464,7 @@ def _make_piece(
     inside = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
     nan = float("nan")
     if inside.sum() < 3:
-        return Piece(start_s, stop_s, nan, nan, nan, nan, "too_short")
+        return TrackSegment(start_s, stop_s, nan, nan, nan, nan, "too_short")
     fit = _fit(times[inside], ranges[inside])
     probability, reason = fit.straight_probability(range_sd_m), ""
     if stop_s - start_s < settings.min_usable_s - 1e-9:
@@ -472,7 +474,7 @@ def _make_piece(
     elif probability < settings.straight_level:
         reason = "not_straight"
     velocity_mps = fit.velocity_mps(fit.middle_s)
-    return Piece(start_s, stop_s, velocity_mps, fit.curvature_mps2(), fit.residual_m, probability, reason)
+    return TrackSegment(start_s, stop_s, velocity_mps, fit.curvature_mps2(), fit.residual_m, probability, reason)
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:

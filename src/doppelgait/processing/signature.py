@@ -18,18 +18,18 @@ from doppelgait.core.labels import (
     RANGE_DOPPLER,
     SIGNATURE,
     Signal,
-    axis,
     check_signal,
     make_array,
+    read_axis,
+    replace_array_values,
     sampling_rate_hz,
     take_columns,
-    with_values,
 )
-from doppelgait.core.lazy import LONG_PULSES, rows_of
+from doppelgait.core.lazy import LONG_PULSES, read_pulses
 from doppelgait.core.samples import Planes, Samples
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
-from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
-from doppelgait.processing.gate import Gate, bin_share
+from doppelgait.processing.config import Analysis, Transform, find_lossless_hop, plan_transform
+from doppelgait.processing.gate import Gate, compute_bin_share
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
@@ -38,7 +38,7 @@ def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, flo
     Its frame rate in Hz is returned, too.
     """
     check_signal(baseband, BASEBAND)
-    return _plan(axis(baseband, "slow_time"), analysis)
+    return _plan(read_axis(baseband, "slow_time"), analysis)
 
 
 def _plan(slow_time_s: Any, analysis: Analysis) -> tuple[Transform, float]:
@@ -87,22 +87,22 @@ def range_doppler(
     wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
     window = transform.window.astype(np.float32)
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    frames_of = _frames_in(baseband, transform.half_window if analysis.zero_padded else 0, window.size)
+    frames_of = _make_frame_reader(baseband, transform.half_window if analysis.zero_padded else 0, window.size)
     for start in range(0, wanted.size, block):
         part = wanted[start : start + block]
         frames = frames_of(part * transform.hop) * window[None, :, None]
         spectrum = fft.fftshift(fft.fft(frames, transform.n_doppler_bins, axis=1), axes=1)
         coords = {
-            "time": axis(baseband, "slow_time")[0] + transform.centre_pulses()[part] / prf_hz,
+            "time": read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses()[part] / prf_hz,
             "doppler": doppler_hz,
             "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-            "range": axis(baseband, "range"),
+            "range": read_axis(baseband, "range"),
         }
         power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
         yield make_array(RANGE_DOPPLER, power, coords, {"window_energy": float((transform.window**2).sum())})
 
 
-def _frames_in(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
+def _make_frame_reader(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
     """Return a function that gives ``size`` pulses from each first one.
 
     The baseband is padded by ``pad`` at both ends.
@@ -116,7 +116,7 @@ def _frames_in(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], A
         frames = np.zeros((first.size, size, baseband.sizes["range"]), dtype=np.complex64)
         for frame, start in zip(frames, (first - pad).tolist(), strict=True):
             low, high = max(start, 0), min(start + size, count)
-            frame[low - start : high - start] = rows_of(baseband, low, high)
+            frame[low - start : high - start] = read_pulses(baseband, low, high)
         return frames
 
     return of_long
@@ -160,20 +160,26 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     ('time', 'doppler')
     """
     check_signal(baseband, BASEBAND)
-    cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis, bin_share=bin_share(baseband))
+    cut = cut_out(
+        gate,
+        read_axis(baseband, "slow_time"),
+        read_axis(baseband, "range"),
+        analysis,
+        bin_share=compute_bin_share(baseband),
+    )
     if cut.n_pulses > LONG_PULSES:
-        return signature_in_tiles(partial(_read_tile, baseband), cut, wavelength_m=wavelength_m)
-    planes, first_bin = Samples(baseband.values).read(cut.needed_pulses(), cut.margin_pulses)
-    return signature_of_planes(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m)
+        return compute_tiled_signature(partial(_read_tile, baseband), cut, wavelength_m=wavelength_m)
+    planes, first_bin = Samples(baseband.values).read(cut.find_needed_pulses(), cut.margin_pulses)
+    return compute_plane_signature(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m)
 
 
 def _read_tile(baseband: xr.DataArray, pulses: slice, columns: slice) -> Planes:
-    values = rows_of(baseband, pulses.start, pulses.stop)
+    values = read_pulses(baseband, pulses.start, pulses.stop)
     return Samples(values).read_tile(slice(0, values.shape[0]), columns)
 
 
 @dataclass(frozen=True)
-class Cut:
+class GatedTransform:
     """Gate and transform of one recording.
 
     Parameters
@@ -216,7 +222,7 @@ class Cut:
         """
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
-    def needed_pulses(self) -> npt.NDArray[np.int64]:
+    def find_needed_pulses(self) -> npt.NDArray[np.int64]:
         """Return each range bin's first and last pulse.
 
         First and one past the last that the signature may read, (N, 2); (I, 0) for none.
@@ -243,19 +249,21 @@ class Cut:
 
 
 NEED_BLOCK = 32
-"""Columns that :meth:`Cut.needed_pulses` looks at together."""
+"""Columns that :meth:`GatedTransform.find_needed_pulses` looks at together."""
 
 
-def cut_out(gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0) -> Cut:
+def cut_out(
+    gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0
+) -> GatedTransform:
     """Prepare a recording's gate and transform."""
     transform, prf_hz = _plan(slow_time_s, analysis)
-    time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
+    time_s = slow_time_s[0] + transform.compute_centre_pulses() / prf_hz
     low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)
-    return Cut(gate, transform, prf_hz, slow_time_s.size, range_m, time_s, low, high, bin_share)
+    return GatedTransform(gate, transform, prf_hz, slow_time_s.size, range_m, time_s, low, high, bin_share)
 
 
-def signature_of_planes(
-    plane_re: npt.NDArray[np.float32], plane_im: npt.NDArray[np.float32], first_bin: int, cut: Cut, *,
+def compute_plane_signature(
+    plane_re: npt.NDArray[np.float32], plane_im: npt.NDArray[np.float32], first_bin: int, cut: GatedTransform, *,
     wavelength_m: float,
 ) -> xr.DataArray:  # fmt: skip
     """Compute the signature from planes of some range bins.
@@ -265,7 +273,7 @@ def signature_of_planes(
     Parameters
     ----------
     plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
-        Rows are range bins ``first_bin`` and up; at least those of :meth:`Cut.needed_pulses`.
+        Rows are range bins ``first_bin`` and up; at least those of :meth:`GatedTransform.find_needed_pulses`.
     first_bin : int
     cut : Cut
     wavelength_m : float
@@ -275,7 +283,7 @@ def signature_of_planes(
     transform = cut.transform
     out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     gated_signature(
-        plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, _padded_window(transform),
+        plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, _pad_window(transform),
         cut.low - first_bin, cut.high - first_bin, out,
     )  # fmt: skip
     return _label_signature(out, cut, wavelength_m)
@@ -288,10 +296,11 @@ LANES = 16
 """Columns that the kernel transforms together; whole groups in every tile keep the bytes those of the whole."""
 
 
-def signature_in_tiles(read_tile: ReadTile, cut: Cut, *, wavelength_m: float) -> xr.DataArray:
+def compute_tiled_signature(read_tile: ReadTile, cut: GatedTransform, *, wavelength_m: float) -> xr.DataArray:
     """Compute a long recording's signature tile by tile.
 
-    The bytes are those of :func:`signature_of_planes`; the memory of pulses and noise does not grow with the recording.
+    The bytes are those of :func:`compute_plane_signature`; the memory of pulses and noise does not grow with the
+    recording.
 
     Parameters
     ----------
@@ -308,7 +317,7 @@ def signature_in_tiles(read_tile: ReadTile, cut: Cut, *, wavelength_m: float) ->
     from doppelgait.core.kernels.signature import gated_signature
 
     cut.gate.touched_bins(cut.low, cut.high, cut.range_m)
-    transform, window = cut.transform, _padded_window(cut.transform)
+    transform, window = cut.transform, _pad_window(cut.transform)
     out = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
     for start in range(0, transform.n_columns, step):
@@ -328,13 +337,13 @@ def signature_in_tiles(read_tile: ReadTile, cut: Cut, *, wavelength_m: float) ->
     return _label_signature(out, cut, wavelength_m)
 
 
-def _padded_window(transform: Transform) -> npt.NDArray[np.float32]:
+def _pad_window(transform: Transform) -> npt.NDArray[np.float32]:
     window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
     window[: transform.window.size] = transform.window
     return window
 
 
-def _label_signature(out: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr.DataArray:
+def _label_signature(out: npt.NDArray[np.float32], cut: GatedTransform, wavelength_m: float) -> xr.DataArray:
     doppler_hz = doppler_axis_hz(cut.transform.n_doppler_bins, cut.prf_hz)
     cut.gate.close_doppler_band(out, doppler_hz)
     inside = np.minimum(cut.high, cut.n_bins - 0.5) - np.maximum(cut.low, -0.5)
@@ -357,7 +366,7 @@ def _label_signature(out: npt.NDArray[np.float32], cut: Cut, wavelength_m: float
     return make_array(SIGNATURE, out, coords, attrs)
 
 
-def thin(signature: Signal) -> Signal:
+def decimate(signature: Signal) -> Signal:
     """Decimate a signature to the lossless hop.
 
     Every n-th column is kept where the hop is finer than the lossless one, else all are.
@@ -371,14 +380,14 @@ def thin(signature: Signal) -> Signal:
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> dg.processing.thin(result.signature).dims
+    >>> dg.processing.decimate(result.signature).dims
     ('time', 'doppler')
     """
-    every = lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
+    every = find_lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
     if every <= 1:
         return signature
     kept = take_columns(signature, slice(None, None, every))
-    return with_values(kept, np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
+    return replace_array_values(kept, np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
 
 
 MIN_SHARE = 0.5
@@ -386,7 +395,7 @@ MIN_SHARE = 0.5
 MIN_COLUMNS = 8
 
 
-def within_frame(signature: Signal) -> tuple[Signal, float]:
+def crop_to_frame(signature: Signal) -> tuple[Signal, float]:
     """Crop a signature to the time inside the frame.
 
     Time in which the gate is mostly outside is removed.
@@ -415,12 +424,12 @@ def within_frame(signature: Signal) -> tuple[Signal, float]:
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> kept, share = dg.processing.within_frame(result.signature)
+    >>> kept, share = dg.processing.crop_to_frame(result.signature)
     >>> kept.dims
     ('time', 'doppler')
     """
     check_signal(signature, SIGNATURE)
-    share = axis(signature, "gate_share")
+    share = read_axis(signature, "gate_share")
     if share.size < MIN_COLUMNS:
         raise AnalysisError(
             f"the signature has {share.size} column{'s' * (share.size > 1)}, at least {MIN_COLUMNS} are needed; "
@@ -437,5 +446,5 @@ def within_frame(signature: Signal) -> tuple[Signal, float]:
             "gate, or record with another range_start_m and range_stop_m"
         )
     kept = take_columns(signature, slice(int(first), int(stop)))
-    scaled = kept.values / axis(kept, "gate_share")[:, None].astype(np.float32)
-    return with_values(kept, scaled), float(share.mean())
+    scaled = kept.values / read_axis(kept, "gate_share")[:, None].astype(np.float32)
+    return replace_array_values(kept, scaled), float(share.mean())

@@ -13,11 +13,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
-from doppelgait.core.lazy import rows_of
-from doppelgait.processing.bursts import burst_pulses_of
+from doppelgait.core.labels import BASEBAND, check_signal, read_axis, sampling_rate_hz
+from doppelgait.core.lazy import read_pulses
+from doppelgait.processing.bursts import get_burst_pulses
 from doppelgait.processing.clutter import remove_clutter
-from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.processing.common_phase import remove_common_phase
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
@@ -29,7 +29,7 @@ ONSET = 1e-3
 TINY = float(np.finfo(np.float32).tiny)
 
 
-def stretched(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
+def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
     r"""Lengthen a signal without changing its frequencies.
 
     The result has ``factor`` times as many samples.
@@ -63,7 +63,7 @@ def stretched(values: npt.ArrayLike, factor: float, *, window_samples: int) -> V
     size = OVERLAP * hop
     n_out = round(signal.size * factor)
     window = np.hanning(size + 1)[:size].astype(np.float32)
-    padded = continued(signal, size // 2 + hop, size)
+    padded = extend_by_mirroring(signal, size // 2 + hop, size)
     middle = hop / 2 * max(1.0 - 1.0 / factor, -1.0)
     places = np.arange(math.ceil(n_out / hop) + 1) * (hop / factor) + middle
     starts = np.clip(np.round(places).astype(int), 0, signal.size)
@@ -107,7 +107,7 @@ def _sum_neighbours(spectrum: Values) -> Values:
     return np.asarray(spectrum + np.roll(spectrum, 1, axis=-1) + np.roll(spectrum, -1, axis=-1))
 
 
-def continued(values: Values, before: int, after: int) -> Values:
+def extend_by_mirroring(values: Values, before: int, after: int) -> Values:
     """Extend a signal at its ends by mirroring.
 
     Mirroring is in time and phase, so that tones continue.
@@ -148,7 +148,7 @@ HALF_FILTER = 32
 FULL_SCALE = 32767
 
 
-def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
+def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
     r"""Compute the complex Doppler signal of a gated target.
 
     It has one number per pulse.
@@ -188,8 +188,8 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
     check_signal(baseband, BASEBAND)
     _check_steady(baseband)
     if gate.source == "track":
-        baseband = without_common_phase(baseband)
-    time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
+        baseband = remove_common_phase(baseband)
+    time_s, range_m = read_axis(baseband, "slow_time"), read_axis(baseband, "range")
     low, high = gate.edges(range_m, time_s, sharp=False)
     bins = gate.touched_bins(low, high, range_m)
     clean = remove_clutter(baseband.isel(range=bins), analysis or Analysis())
@@ -199,7 +199,9 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
         """Yield blocks of pulses, weighted by each bin's share."""
         for first in range(0, clean.shape[0], BLOCK_PULSES):
             rows = slice(first, min(first + BLOCK_PULSES, clean.shape[0]))
-            read = [rows_of(clean, n, min(n + READ_PULSES, rows.stop)) for n in range(first, rows.stop, READ_PULSES)]
+            read = [
+                read_pulses(clean, n, min(n + READ_PULSES, rows.stop)) for n in range(first, rows.stop, READ_PULSES)
+            ]
             inside = np.minimum(high[rows, None], numbers + 0.5) - np.maximum(low[rows, None], numbers - 0.5)
             yield np.concatenate(read) * np.clip(inside, 0.0, 1.0).astype(np.float32)
 
@@ -214,23 +216,23 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
     return signal * present
 
 
-def why_silent(baseband: xr.DataArray) -> str | None:
+def explain_silence(baseband: xr.DataArray) -> str | None:
     """Return why a recording has no sound, or None.
 
     The reason holds for every gate; the recording is (slow_time, range).
     """
-    if burst_pulses_of(baseband) is not None:
+    if get_burst_pulses(baseband) is not None:
         return "the pulses of this recording come in bursts, with pauses between them: it has no sound"
     return None
 
 
 def _check_steady(baseband: xr.DataArray) -> None:
-    reason = why_silent(baseband)
+    reason = explain_silence(baseband)
     if reason is not None:
         raise AnalysisError(reason)
 
 
-def doppler_sound(
+def make_doppler_sound(
     baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None, *, pitch: float | None = None,
     channels: Channels = "iq",
 ) -> tuple[int, npt.NDArray[np.int16]]:  # fmt: skip
@@ -241,10 +243,10 @@ def doppler_sound(
     Parameters
     ----------
     baseband, gate, analysis
-        As for :func:`doppler_signal`.
+        As for :func:`compute_doppler_signal`.
     pitch : float, optional
         What every Doppler frequency is multiplied by, the duration unchanged
-        (:func:`doppelgait.processing.sound.stretched`), 0.1 to 5000. By default 4, or as much as the audio rate
+        (:func:`doppelgait.processing.sound.lengthen`), 0.1 to 5000. By default 4, or as much as the audio rate
         allows, but no less than 1: a walker's torso is then well audible at 7 GHz.
     channels : {"iq", "sides"}
         ``iq``: left is the real part and right the imaginary part, so that left + j right is the complex signal again.
@@ -262,26 +264,26 @@ def doppler_sound(
     Raises
     ------
     AnalysisError
-        As :func:`doppler_signal`, or if the band times the pitch does not fit into the highest audio rate.
+        As :func:`compute_doppler_signal`, or if the band times the pitch does not fit into the highest audio rate.
     """
     from scipy.fft import next_fast_len
     from scipy.signal import firwin, hilbert, resample_poly
 
     _check_steady(baseband)  # before the rate: the mean rate of bursts means nothing
-    prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
+    prf_hz = sampling_rate_hz(read_axis(baseband, "slow_time"))
     factor, rate_hz = plan_sound(prf_hz, pitch)
-    signal = doppler_signal(baseband, gate, analysis)
+    signal = compute_doppler_signal(baseband, gate, analysis)
     ratio = Fraction(rate_hz / (factor * prf_hz)).limit_denominator(MOST_STEPS)
     # another rate without images and aliases: 0.9 of the narrower band is unchanged
     up, down = ratio.numerator, ratio.denominator
     most = max(up, down)
     low_pass: Any = firwin(2 * HALF_FILTER * most + 1, 1.0 / most, window=("kaiser", 8.0)) if most > 1 else np.ones(1)
     steps = math.ceil(HALF_FILTER * most / (up * down))  # so many times ``down`` samples count beyond the ends
-    made = resample_poly(continued(signal, steps * down, steps * down), up, down, window=low_pass)
+    made = resample_poly(extend_by_mirroring(signal, steps * down, steps * down), up, down, window=low_pass)
     heard = np.asarray(made[steps * up : made.size - steps * up], dtype=np.complex64)
     if factor != 1.0:
         frame_s = max(WINDOW_S, WINDOW_PULSES / prf_hz)
-        heard = stretched(heard, factor, window_samples=round(frame_s * rate_hz / factor))
+        heard = lengthen(heard, factor, window_samples=round(frame_s * rate_hz / factor))
     count = round(signal.size / prf_hz * rate_hz)
     heard = np.pad(heard[:count], (0, max(count - heard.size, 0)))
     stereo: npt.NDArray[np.float32] = np.stack([heard.real, heard.imag], axis=1)
@@ -301,7 +303,7 @@ def doppler_sound(
 def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
     """Choose pitch and audio rate for a frame rate.
 
-    They are those of :func:`doppler_sound`, and so is the error.
+    They are those of :func:`make_doppler_sound`, and so is the error.
     """
     highest_hz = AUDIO_RATES_HZ[-1]
     most = highest_hz / min(prf_hz, highest_hz)

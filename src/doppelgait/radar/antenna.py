@@ -109,14 +109,14 @@ class Antenna(FrozenModel):
         return self
 
 
-def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
+def compute_antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
     """Return a direction's one-way power gain, relative to peak.
 
     Parameters
     ----------
     antenna : Antenna
     azimuth_rad, elevation_rad : array_like
-        Off-boresight angles (:func:`off_boresight`), any azimuth and -pi/2 to pi/2; broadcast against each other.
+        Off-boresight angles (:func:`rotate_to_boresight`), any azimuth and -pi/2 to pi/2; broadcast against each other.
 
     Returns
     -------
@@ -126,8 +126,8 @@ def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: np
     azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
     if antenna.kind == "cosine":
         # a direction behind the antenna has a negative cosine
-        lobe = np.maximum(np.cos(azimuth), 0.0) ** cosine_exponent(antenna.hpbw_azimuth_deg or math.nan)
-        lobe *= np.maximum(np.cos(elevation), 0.0) ** cosine_exponent(antenna.hpbw_elevation_deg or math.nan)
+        lobe = np.maximum(np.cos(azimuth), 0.0) ** compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan)
+        lobe *= np.maximum(np.cos(elevation), 0.0) ** compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan)
         return np.asarray(np.maximum(lobe, db_to_power(antenna.floor_db)))
     if antenna.kind == "table":
         cuts = ((azimuth, antenna.azimuth_db), (elevation, antenna.elevation_db))
@@ -141,7 +141,7 @@ def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: np
     return np.ones(azimuth.shape)
 
 
-def cosine_exponent(hpbw_deg: float) -> float:
+def compute_cosine_exponent(hpbw_deg: float) -> float:
     """Return the cosine exponent of a half-power beam width.
 
     q = -3 / (10 lg cos(HPBW / 2)): the power is 3 dB down at half the beam width.
@@ -149,7 +149,7 @@ def cosine_exponent(hpbw_deg: float) -> float:
     return -3.0 / (10.0 * math.log10(math.cos(math.radians(hpbw_deg) / 2.0)))
 
 
-def off_boresight(
+def rotate_to_boresight(
     azimuth_rad: npt.ArrayLike,
     elevation_rad: npt.ArrayLike,
     *,
@@ -202,8 +202,8 @@ def apply_antenna(
     Returns
     -------
     Dataset
-        A new table whose ``path_gain`` is multiplied by the square of :func:`antenna_gain`, since transmission and
-        reception have the same pattern; the table itself for an isotropic antenna.
+        A new table whose ``path_gain`` is multiplied by the square of :func:`compute_antenna_gain`, since transmission
+        and reception have the same pattern; the table itself for an isotropic antenna.
 
     Raises
     ------
@@ -227,16 +227,16 @@ def apply_antenna(
         gains = np.empty(path_gain.shape)
         apply_cosine_pattern(
             np.asarray(azimuth_rad.values, dtype=float), np.asarray(elevation_rad.values, dtype=float),
-            boresight_azimuth_rad, boresight_tilt_rad, cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
-            cosine_exponent(antenna.hpbw_elevation_deg or math.nan), float(db_to_power(antenna.floor_db)),
+            boresight_azimuth_rad, boresight_tilt_rad, compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
+            compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan), float(db_to_power(antenna.floor_db)),
             np.ascontiguousarray(path_gain.values, dtype=float), gains,
         )  # fmt: skip
     else:
-        angles = off_boresight(
+        angles = rotate_to_boresight(
             azimuth_rad.values,
             elevation_rad.values,
             boresight_azimuth_rad=boresight_azimuth_rad,
             boresight_tilt_rad=boresight_tilt_rad,
         )
-        gains = path_gain.values * antenna_gain(antenna, *angles) ** 2
+        gains = path_gain.values * compute_antenna_gain(antenna, *angles) ** 2
     return replace_values(scatterers, path_gain=gains)

@@ -32,14 +32,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import check_number, label_measured, preset_radar
+from doppelgait.radar.measured import adapt_preset, check_number, label_measured
 from doppelgait.radar.parameters import MAX_RANGE_BINS, Radar
-from doppelgait.radar.presets import preset_names
+from doppelgait.radar.presets import list_preset_names
 from doppelgait.radar.recording import Recording
 
 MAGIC = b"DGfr"
@@ -102,19 +102,21 @@ class Frame:
     row: npt.NDArray[np.complex64]
 
 
-def record(kind: int, payload: bytes) -> bytes:
+def encode_record(kind: int, payload: bytes) -> bytes:
     """Return one record of the format."""
     head = HEAD.pack(MAGIC, VERSION, kind, 0, len(payload))
     return head + payload + CHECK.pack(zlib.crc32(payload, zlib.crc32(head[4:])))
 
 
-def header_record(header: Header) -> bytes:
+def encode_header(header: Header) -> bytes:
     """Return the record that opens a stream."""
     facts = {**header.facts, "range_bins": header.range_m.size}
-    return record(HEADER, canonical_json({**facts, "radar": header.radar.model_dump(mode="json")}).encode())
+    return encode_record(
+        HEADER, format_canonical_json({**facts, "radar": header.radar.model_dump(mode="json")}).encode()
+    )
 
 
-def frame_record(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
+def encode_frame(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
     """Return the record of one frame.
 
     Parameters
@@ -126,10 +128,10 @@ def frame_record(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
     row : ndarray, shape (N,)
         Samples, V.
     """
-    return record(FRAME, STAMP.pack(counter, clock_s) + np.asarray(row, dtype="<c8").tobytes())
+    return encode_record(FRAME, STAMP.pack(counter, clock_s) + np.asarray(row, dtype="<c8").tobytes())
 
 
-END_RECORD = record(END, b"")
+END_RECORD = encode_record(END, b"")
 """The record that ends a stream on purpose; without it, the sender was killed."""
 
 
@@ -160,17 +162,17 @@ def parse_header(payload: bytes, where: str) -> Header:
         raise RecordingError(f"{where}: range_bins of the header = {n_bins!r} is not allowed; 1 to {MAX_RANGE_BINS:,}")
     told: dict[str, Any] = {"carrier_hz": facts["carrier_hz"], "prf_hz": facts["prf_hz"]}
     named = table["radar"]
-    if not isinstance(named, dict) and named not in preset_names():  # never the path of a file
+    if not isinstance(named, dict) and named not in list_preset_names():  # never the path of a file
         raise RecordingError(
             f"{where}: radar of the header = {str(named)[:80]!r} is neither a table nor one of the presets "
-            f"{', '.join(preset_names())}"
+            f"{', '.join(list_preset_names())}"
         )
     try:
         radar = validate(Radar, named, where="radar") if isinstance(named, dict) else Radar.preset(named, **told)
     except ConfigError as error:
         raise RecordingError(f"{where}: {error}") from None
     if isinstance(named, str) and radar.waveform.ranged:
-        radar = preset_radar(place, named, n_range_bins=n_bins, range_start_m=facts["range_start_m"], **told)
+        radar = adapt_preset(place, named, n_range_bins=n_bins, range_start_m=facts["range_start_m"], **told)
     header = Header(radar, facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(n_bins, dtype=np.float64))
     for key in ("carrier_hz", "prf_hz"):
         if not math.isclose(facts[key], header.facts[key], rel_tol=SAME):
@@ -216,7 +218,7 @@ class FrameParser:
                 _, version, kind, _, length = HEAD.unpack_from(self._buffer, start)
                 if version != VERSION and self.header is None and not self.malformed:
                     raise RecordingError(f"{self.where}: is of version {version} of the format; {VERSION} is read")
-                if fault := self._implausible(version, kind, length):
+                if fault := self._check_head(version, kind, length):
                     if self.header is not None or kind != FRAME:
                         self._count(fault)
                     at += 1
@@ -262,7 +264,7 @@ class FrameParser:
             self._count(f"{len(self._buffer)} bytes that are no record")
             self._buffer.clear()
 
-    def _implausible(self, version: int, kind: int, length: int) -> str:
+    def _check_head(self, version: int, kind: int, length: int) -> str:
         """Return what is wrong with the head of a record.
 
         A length is believed only where it is the header's, or short.
@@ -302,17 +304,17 @@ def write_frames(recording: Recording, path: str | Path) -> None:
     OutputError
         If the file cannot be written.
     """
-    header = recording_header(recording)
-    with atomic_path(path) as place, place.open("wb") as file:
-        file.write(header_record(header))
+    header = make_recording_header(recording)
+    with open_atomically(path) as place, place.open("wb") as file:
+        file.write(encode_header(header))
         for number, (time_s, row) in enumerate(zip(recording.slow_time_s, recording.samples.matrix, strict=True)):
-            file.write(frame_record(number, float(time_s), row))
+            file.write(encode_frame(number, float(time_s), row))
         file.write(END_RECORD)
 
 
-def recording_header(recording: Recording) -> Header:
+def make_recording_header(recording: Recording) -> Header:
     """Return the header of a recording's frames."""
-    header = header_of(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
+    header = make_header(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
     facts = header.facts
     even_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(recording.n_range_bins)
     if not np.allclose(recording.range_m, even_m, rtol=0, atol=1e-3 * abs(facts["bin_spacing_m"])):
@@ -320,7 +322,7 @@ def recording_header(recording: Recording) -> Header:
     return header
 
 
-def header_of(
+def make_header(
     radar: Radar, range_m: npt.NDArray[np.float64], facts: Mapping[str, Any], slow_time_s: npt.NDArray[np.float64]
 ) -> Header:
     """Return the header of frames.

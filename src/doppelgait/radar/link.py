@@ -99,7 +99,7 @@ def comparator_noise_v(radar: Radar) -> float:
     return math.sqrt(REFERENCE_IMPEDANCE_OHM * density_w * radar.sample_rate_hz / 2.0)
 
 
-def counter_noise_ratio(radar: Radar) -> float:
+def compute_counter_noise_ratio(radar: Radar) -> float:
     """Return the noise of a swept-threshold counter over averaging's.
 
     d / (sqrt(pi) s), the ratio of the variances d s / (sqrt(pi) n) and s^2 / n (E-18b); 1 for a radar that averages.
@@ -110,7 +110,7 @@ def counter_noise_ratio(radar: Radar) -> float:
     return radar.threshold_step_v / (math.sqrt(math.pi) * comparator_noise_v(radar))
 
 
-def noise_slope(radar: Radar) -> float:
+def find_noise_slope(radar: Radar) -> float:
     """Return dB of noise per dB of noise figure or gain.
 
     1 for a receiver that averages, 1/2 for a swept-threshold counter (E-18b).
@@ -122,11 +122,11 @@ def sample_noise_v2(radar: Radar) -> float:
     """Return the mean square noise of one receiver sample, V^2.
 
     Complex noise: E|w|^2 = 2 Z0 k T0 F B_n G_rx / N_eff (E-18), of a swept-threshold counter times
-    :func:`counter_noise_ratio` (E-18b).
+    :func:`compute_counter_noise_ratio` (E-18b).
     """
     density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
     single_v2 = 2.0 * REFERENCE_IMPEDANCE_OHM * density_w * radar.receiver_bandwidth_hz
-    return float(single_v2 / radar.averages_per_frame * counter_noise_ratio(radar))
+    return float(single_v2 / radar.averages_per_frame * compute_counter_noise_ratio(radar))
 
 
 def noise_power_v2(radar: Radar) -> float:
@@ -147,7 +147,7 @@ FACTOR_ROWS = 2000
 """Steps after which a factor that still changes is taken: 2.5e-4 off for a spectrum that touches 0, else 1e-12."""
 
 
-def noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
+def make_noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
     """Return the taps that correlate white noise over range bins.
 
     The minimum-phase factor g of the radar's ``noise_correlation``, sum_k g_k g_(k+l) = rho_l (E-18c): float32, shape
@@ -177,7 +177,7 @@ def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
     return rows[-1]
 
 
-def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
+def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     """Return ranges (m) and echo amplitudes (V) of scatterers.
 
     Contiguous float64 arrays, both (slow_time, scatterer). The amplitude is that of a frame: of E-14, less what its
@@ -188,7 +188,7 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> delays, amplitudes = dg.radar.scatterer_arrays(table, dg.Radar.preset("x4"))
+    >>> delays, amplitudes = dg.radar.compute_scatterer_arrays(table, dg.Radar.preset("x4"))
     >>> delays.shape == amplitudes.shape
     True
     """
@@ -196,7 +196,7 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
 
     range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
     rcs_m2, path_gain = (
-        np.ascontiguousarray(_row(scatterers[name].values), dtype=np.float64) for name in ("rcs", "path_gain")
+        np.ascontiguousarray(_take_one_row(scatterers[name].values), dtype=np.float64) for name in ("rcs", "path_gain")
     )
     turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
     speeds = range_m if radar.integration_share == 0.0 else np.ascontiguousarray(radial_velocity_mps(scatterers))
@@ -250,7 +250,7 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
     return xr.concat(images, dim="scatterer", data_vars="minimal", coords="minimal", compat="override", join="override")
 
 
-def _row(values: Any) -> Any:
+def _take_one_row(values: Any) -> Any:
     """Return one row of a table that repeats it.
 
     Other tables are unchanged; a broadcast view saves a pass over memory.
@@ -297,7 +297,7 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)
 
 
-def derived_quantities(radar: Radar) -> dict[str, float]:
+def list_derived_quantities(radar: Radar) -> dict[str, float]:
     """Return derived quantities of a radar by name.
 
     The unit is at the end of each name.
@@ -308,7 +308,7 @@ def derived_quantities(radar: Radar) -> dict[str, float]:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> quantities = dg.radar.derived_quantities(dg.Radar.preset("x4"))
+    >>> quantities = dg.radar.list_derived_quantities(dg.Radar.preset("x4"))
     >>> round(quantities["wavelength_m"], 4)
     0.0411
     """

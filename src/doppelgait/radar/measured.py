@@ -14,7 +14,7 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.recording import Recording, baseband_facts
+from doppelgait.radar.recording import Recording, make_baseband_facts
 
 CHECK_ROWS = 4096
 """Rows that are searched for NaN at a time."""
@@ -36,7 +36,7 @@ def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf,
     )
 
 
-def preset_radar(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
+def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
     """Return a preset radar with a recording's own facts.
 
     These are its frame, its number of range bins, and further parameters.
@@ -94,7 +94,7 @@ def label_measured(
     check_shape(path, values)
     check_finite(path, values)
     coords = {"slow_time": slow_time_s, "range": range_m}
-    facts = {**baseband_facts(radar), **(attrs or {})}
+    facts = {**make_baseband_facts(radar), **(attrs or {})}
     baseband = make_array(BASEBAND, np.asarray(values, dtype=np.complex64), coords, facts)
     return Recording.from_baseband(baseband, radar, source=path.name, notes=notes)
 
@@ -171,7 +171,7 @@ CW_FRAME_M = (0.0, 10.0)
 """Ranges that the one bin of a continuous-wave recording stands for; it measures no range."""
 
 
-def radar_of_facts(path: Path, **facts: Any) -> Radar:
+def make_radar(path: Path, **facts: Any) -> Radar:
     """Make a radar from facts of a file.
 
     A parameter that is not allowed is a :class:`RecordingError` that names the file.
@@ -182,7 +182,7 @@ def radar_of_facts(path: Path, **facts: Any) -> Radar:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
+def make_cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
     """Make a continuous-wave radar with one range bin.
 
     It has one sample per pulse; the bin stands for the whole frame.
@@ -198,7 +198,7 @@ def cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts
         Further parameters of :class:`~doppelgait.radar.parameters.Radar`.
     """
     start_m, stop_m = CW_FRAME_M
-    return radar_of_facts(
+    return make_radar(
         path,
         name=name,
         waveform="cw",

@@ -36,7 +36,7 @@ from doppelgait.core.units import (
     unambiguous_velocity_mps,
 )
 from doppelgait.radar.antenna import Antenna
-from doppelgait.radar.presets import changed_preset
+from doppelgait.radar.presets import change_preset
 
 GAUSSIAN_WIDTH = {3: math.sqrt(math.log(2)) / math.pi, 10: math.sqrt(math.log(10)) / math.pi}
 """Two-sided bandwidth times sigma of a Gaussian pulse, by the level in dB below the peak (E-11)."""
@@ -244,7 +244,7 @@ def _parse_waveform(value: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
-def _plain_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
+def _serialise_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
     """Return a waveform as its name, or as a table.
 
     The name alone where it has no parameters of its own.
@@ -336,7 +336,7 @@ class Radar(FrozenModel):
     """
 
     name: str = "custom"
-    waveform: Annotated[Waveform, BeforeValidator(_parse_waveform), PlainSerializer(_plain_waveform)] = Field(
+    waveform: Annotated[Waveform, BeforeValidator(_parse_waveform), PlainSerializer(_serialise_waveform)] = Field(
         default=cast(Waveform, "impulse"), validate_default=True
     )
     carrier_hz: float = Field(gt=1e6, lt=1e12)
@@ -443,7 +443,7 @@ class Radar(FrozenModel):
         ----------
         preset_name : str or Path
             A name of ``doppelgait radar list``, or a path that ends in ``.toml``. What such a file says about
-            ``environment`` and ``impairments`` is no parameter of the radar; :func:`preset_table` returns it.
+            ``environment`` and ``impairments`` is no parameter of the radar; :func:`read_full_preset` returns it.
         **changes
             Parameters that replace the preset's.
 
@@ -452,7 +452,7 @@ class Radar(FrozenModel):
         ConfigError
             If the preset is unknown, its file cannot be read or a parameter is not allowed.
         """
-        return validate(cls, changed_preset(preset_name, changes), where=f"radar (preset {preset_name})")
+        return validate(cls, change_preset(preset_name, changes), where=f"radar (preset {preset_name})")
 
     def __repr__(self) -> str:
         return show_text("Radar", self._shown())
@@ -581,7 +581,7 @@ def check_correlation(noise_correlation: tuple[float, ...]) -> None:
 
     Its spectrum 1 + 2 sum rho_l cos(l w) would be negative somewhere (``ValueError``).
     """
-    least = _least_density(noise_correlation)
+    least = _find_least_density(noise_correlation)
     if least < -1e-9:
         raise ValueError(
             f"noise_correlation {list(noise_correlation)} is that of no noise: its spectrum 1 + 2 sum rho_l cos(l w) "
@@ -590,7 +590,7 @@ def check_correlation(noise_correlation: tuple[float, ...]) -> None:
         )
 
 
-def possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
+def find_possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
     """Return an estimated correlation, shrunk until some noise has it.
 
     Estimates err, and are cut off where they are lost in chance. All values are multiplied by what lifts the least
@@ -599,14 +599,14 @@ def possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
     found = np.asarray(tuple(estimate)[:MAX_CORRELATED_BINS], dtype=np.float64)
     while True:
         values = tuple(float(rho) for rho in np.round(found, 4))
-        least = _least_density(values)
+        least = _find_least_density(values)
         if least >= 0.0:
             return values
         found = found * (1.0 - 1e-4) / (1.0 - least)
 
 
 @lru_cache(maxsize=256)
-def _least_density(noise_correlation: tuple[float, ...]) -> float:
+def _find_least_density(noise_correlation: tuple[float, ...]) -> float:
     """Return the minimum of 1 + 2 sum rho_l cos(l w)."""
     angle = np.linspace(0.0, np.pi, 64 * len(noise_correlation) + 1)
     lags = np.arange(1, len(noise_correlation) + 1)

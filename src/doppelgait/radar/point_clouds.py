@@ -22,7 +22,7 @@ from doppelgait.core.errors import RecordingError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PointTrack", "ranges_at", "read_points", "table_of_tracks", "tracks_of_points"]
+__all__ = ["PointTrack", "collect_tracks", "interpolate_ranges", "read_points", "tabulate_tracks"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -198,7 +198,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
     return rows
 
 
-def tracks_of_points(points: pd.DataFrame) -> list[PointTrack]:
+def collect_tracks(points: pd.DataFrame) -> list[PointTrack]:
     """Collect a log's tracks with five frames or more.
 
     A number that returns after :data:`NEW_TRACK_S` is another body's: sensors use numbers again.
@@ -231,7 +231,7 @@ def tracks_of_points(points: pd.DataFrame) -> list[PointTrack]:
     return tracks
 
 
-def table_of_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
+def tabulate_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
     """Tabulate tracks: times, ranges and speeds.
 
     Returns
@@ -268,7 +268,9 @@ def table_of_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def ranges_at(tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_gap_s: float = 0.5) -> FloatArray:
+def interpolate_ranges(
+    tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_gap_s: float = 0.5
+) -> FloatArray:
     """Interpolate the ranges of tracks, for the score of tracks.
 
     Parameters
@@ -282,7 +284,7 @@ def ranges_at(tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_g
     Returns
     -------
     ndarray, shape (T, number of tracks)
-        NaN where a track is absent: what :func:`doppelgait.testing.tracking.agreement` takes.
+        NaN where a track is absent: what :func:`doppelgait.testing.tracking.compare_tracks` takes.
     """
     times = np.asarray(times_s, dtype=np.float64)
     found = np.full((times.size, len(tracks)), np.nan)

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import canonical_json
+from doppelgait.core.config import format_canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
-from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
-from doppelgait.core.lazy import lazy_rows, rows_of, stays_lazy, tiles_of
+from doppelgait.core.labels import BASEBAND, check_signal, make_array, read_axis
+from doppelgait.core.lazy import is_lazy, lazy_rows, read_pulses, read_tiles
 from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
@@ -85,7 +85,7 @@ class TargetTruth:
         arrays = {name: getattr(self, name)[pulses] for name in CENTRE_ARRAYS}
         body = self.body
         if body is not None:
-            times_s = axis(body, "time")
+            times_s = read_axis(body, "time")
             body = body.isel(time=np.flatnonzero((times_s >= start_s) & (times_s < stop_s)))
             body = body if body.sizes["time"] else None
         return replace(self, scatterers=self.scatterers.isel(slow_time=pulses), body=body, **arrays)
@@ -185,9 +185,9 @@ class Recording:
         """
         check_signal(baseband, BASEBAND)
         further = {name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")}
-        slow_time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
-        if stays_lazy(baseband):
-            samples = Samples.stored((slow_time_s.size, range_m.size), partial(rows_of, baseband))
+        slow_time_s, range_m = read_axis(baseband, "slow_time"), read_axis(baseband, "range")
+        if is_lazy(baseband):
+            samples = Samples.stored((slow_time_s.size, range_m.size), partial(read_pulses, baseband))
         else:
             samples = Samples(baseband.values)
         return cls(samples, radar, slow_time_s, range_m, facts=further, **facts)
@@ -258,7 +258,7 @@ class Recording:
             matrix = self.samples.matrix.view()
             matrix.flags.writeable = False
         coords = {"slow_time": self.slow_time_s, "range": self.range_m}
-        return make_array(BASEBAND, matrix, coords, {**baseband_facts(self.radar), **self.facts})
+        return make_array(BASEBAND, matrix, coords, {**make_baseband_facts(self.radar), **self.facts})
 
     def __repr__(self) -> str:
         return show_text("Recording", self._facts())
@@ -375,7 +375,7 @@ def check_plausible(recording: Recording, where: str) -> None:
             ("range_m", truth.scatterers["range"], RANGES_M[1]),
             ("radial_velocity_mps", truth.scatterers["radial_velocity"], FASTEST_MPS),
         ):
-            parts = [values] if isinstance(values, np.ndarray) else (part for _, part in tiles_of(values))
+            parts = [values] if isinstance(values, np.ndarray) else (part for _, part in read_tiles(values))
             shape = values.shape if isinstance(values, np.ndarray) else values.shape[:1]
             if shape != times_s.shape or not all((np.abs(part) <= most).all() for part in parts):
                 said = f"of shape {values.shape}" if shape != times_s.shape else "not finite or too large"
@@ -391,16 +391,16 @@ def _refuse(where: str, key: str, value: str, allowed: str) -> None:
     )
 
 
-def baseband_facts(radar: Radar) -> dict[str, str | float]:
+def make_baseband_facts(radar: Radar) -> dict[str, str | float]:
     """Return the attributes of a baseband array.
 
     They are its radar as JSON, and independent noise values per range bin if below 1.
     """
     share = radar.waveform.independent_bins(radar)
-    return {"radar": canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
+    return {"radar": format_canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 
-def further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
+def list_further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
     """Return the baseband's facts without an own place in files.
 
     For example the pulses of a burst.

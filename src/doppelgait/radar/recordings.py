@@ -11,29 +11,36 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, RecordingError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.core.labels import (
     BASEBAND,
     MOTION,
     SCATTERER_VARIABLES,
     SPACE,
-    axis,
     label_axis,
     label_values,
     make_array,
+    read_axis,
 )
-from doppelgait.core.lazy import lazy_rows, tiles_of
+from doppelgait.core.lazy import lazy_rows, read_tiles
 from doppelgait.core.own_hdf5 import FAULTS, SIGNATURE, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
-from doppelgait.radar.frames import Frame, Header, header_of
+from doppelgait.radar.frames import Frame, Header, make_header
 from doppelgait.radar.measured import check_finite
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import read_recording
-from doppelgait.radar.recording import CENTRE_ARRAYS, NAN, Recording, TargetTruth, baseband_facts, further_facts
+from doppelgait.radar.recording import (
+    CENTRE_ARRAYS,
+    NAN,
+    Recording,
+    TargetTruth,
+    list_further_facts,
+    make_baseband_facts,
+)
 
 __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
@@ -73,18 +80,20 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     >>> dg.radar.read_recording("walk.h5").n_pulses
     1920
     """
-    with atomic_path(path) as partial:
+    with open_atomically(path) as partial:
         import h5py
 
         with h5py.File(partial, "w", track_order=True) as file:
-            file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, radar=canonical_json(recording.radar))
+            file.attrs.update(
+                format=FORMAT, format_version=FORMAT_VERSION, radar=format_canonical_json(recording.radar)
+            )
             file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
             if recording.seed is not None:
                 file.attrs["seed"] = recording.seed
             if recording.notes:
                 file.attrs["notes"] = json.dumps(recording.notes)
             _put_tiles(file, "baseband", recording.baseband.variable, "<c8", "V")
-            file["baseband"].attrs.update(further_facts(recording.baseband))
+            file["baseband"].attrs.update(list_further_facts(recording.baseband))
             _put(file, "slow_time_s", recording.slow_time_s, "s")
             _put(file, "range_m", recording.range_m, "m")
             if recording.radar_position_m is not None:
@@ -93,8 +102,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 group = file.create_group(f"truth/{number}", track_order=True)
                 for fact in TRUTH_FACTS:
                     group.attrs[fact] = getattr(truth, fact)
-                group.attrs["marker"] = json.dumps([str(m) for m in axis(truth.scatterers, "marker")])
-                group.attrs["part"] = json.dumps([str(p) for p in axis(truth.scatterers, "part")])
+                group.attrs["marker"] = json.dumps([str(m) for m in read_axis(truth.scatterers, "marker")])
+                group.attrs["part"] = json.dumps([str(p) for p in read_axis(truth.scatterers, "part")])
                 for name in CENTRE_ARRAYS:
                     _put(
                         group,
@@ -105,13 +114,15 @@ def write_recording(recording: Recording, path: str | Path) -> None:
                 for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
                     units = SCATTERER_VARIABLES[name]
                     values = truth.scatterers[name].variable
-                    if name in ("rcs", "path_gain") and all((x == values[0].values).all() for _, x in tiles_of(values)):
+                    if name in ("rcs", "path_gain") and all(
+                        (x == values[0].values).all() for _, x in read_tiles(values)
+                    ):
                         values = values[:1]
                     _put_tiles(group, name + UNIT_SUFFIX[units], values, "<f8", units)
                 if truth.body is not None:
-                    group.attrs["body_marker"] = json.dumps([str(m) for m in axis(truth.body, "marker")])
-                    group.attrs["body_part"] = json.dumps([str(p) for p in axis(truth.body, "part")])
-                    _put(group, "body_time_s", axis(truth.body, "time"), "s")
+                    group.attrs["body_marker"] = json.dumps([str(m) for m in read_axis(truth.body, "marker")])
+                    group.attrs["body_part"] = json.dumps([str(p) for p in read_axis(truth.body, "part")])
+                    _put(group, "body_time_s", read_axis(truth.body, "time"), "s")
                     _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
 
 
@@ -123,7 +134,7 @@ def _put(group: Any, name: str, values: Any, units: str) -> None:
 def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: str) -> None:
     """Write values (slow_time, ...), long ones tile by tile."""
     dataset = group.create_dataset(name, values.shape, dtype, track_times=False)
-    for first, tile in tiles_of(values):
+    for first, tile in read_tiles(values):
         dataset[first : first + tile.shape[0]] = tile
     dataset.attrs["units"] = units
 
@@ -156,8 +167,8 @@ def read_hdf5(path: Path) -> Recording:
         raise RecordingError(f"{path}: no such file")
     try:
         with open_hdf5(path) as file:
-            radar = _own_radar(file)
-            coords = {"slow_time": _numbers(file, "slow_time_s"), "range": _numbers(file, "range_m")}
+            radar = _read_own_radar(file)
+            coords = {"slow_time": _read_numbers(file, "slow_time_s"), "range": _read_numbers(file, "range_m")}
             further = {
                 key: value.item() if isinstance(value, np.generic) else value
                 for key, value in file["baseband"].attrs.items()
@@ -165,14 +176,14 @@ def read_hdf5(path: Path) -> Recording:
             }
             found = file["baseband"]
             stored = len(found.shape) == 2 and found.dtype.kind == "c" and 8 * found.size > STORED_BYTES
-            rows = StoredRows(path, "baseband", "c8", _stamp(path)) if stored else None
+            rows = StoredRows(path, "baseband", "c8", _read_stamp(path)) if stored else None
             with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: refused with its place
                 values = found if stored else found[:].astype(np.complex64)
             if values.ndim == 2:
                 check_finite(path, values)
             lazy = None if rows is None else lazy_rows(found.shape, rows)
             baseband = make_array(
-                BASEBAND, values if lazy is None else lazy, coords, {**baseband_facts(radar), **further}
+                BASEBAND, values if lazy is None else lazy, coords, {**make_baseband_facts(radar), **further}
             )
             numbers = sorted(file.get("truth", {}), key=int)
             pose = {
@@ -185,8 +196,8 @@ def read_hdf5(path: Path) -> Recording:
             return Recording(
                 Samples(values) if rows is None else Samples.stored(found.shape, rows),
                 radar,
-                axis(baseband, "slow_time"),
-                axis(baseband, "range"),
+                read_axis(baseband, "slow_time"),
+                read_axis(baseband, "range"),
                 facts={name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")},
                 truth=[
                     _read_truth(file[f"truth/{number}"], coords["slow_time"], int(number), path if stored else None)
@@ -205,7 +216,7 @@ def read_hdf5(path: Path) -> Recording:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 
-def _own_radar(file: Any) -> Radar:
+def _read_own_radar(file: Any) -> Radar:
     """Check that a file is doppelgait's; return its radar."""
     if file.attrs.get("format") != FORMAT:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
@@ -214,12 +225,12 @@ def _own_radar(file: Any) -> Radar:
     return validate(Radar, parse_json(file.attrs["radar"]), where="radar")
 
 
-def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
+def read_hdf5_frames(path: Path) -> Iterator[Header | Frame]:
     """Yield a recording's frames, ``BLOCK`` at a time."""
     try:
         with open_hdf5(path) as file:
-            radar, baseband, time_s = _own_radar(file), file["baseband"], file["slow_time_s"]
-            yield header_of(radar, file["range_m"][:], baseband.attrs, time_s[:])
+            radar, baseband, time_s = _read_own_radar(file), file["baseband"], file["slow_time_s"]
+            yield make_header(radar, file["range_m"][:], baseband.attrs, time_s[:])
             for start in range(0, baseband.shape[0], BLOCK):
                 rows = baseband[start : start + BLOCK].astype(np.complex64)
                 for clock_s, row in zip(time_s[start : start + BLOCK].tolist(), rows, strict=True):
@@ -228,7 +239,7 @@ def hdf5_frames(path: Path) -> Iterator[Header | Frame]:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 
-def _numbers(group: Any, name: str) -> Any:
+def _read_numbers(group: Any, name: str) -> Any:
     """Return the values of a dataset of real numbers."""
     _check_real(group, name)
     return group[name][:]
@@ -251,7 +262,7 @@ class StoredRows:
     def __call__(self, first: int, stop: int) -> Any:
         """Return rows from the first to before the second number."""
         try:
-            if _stamp(self.path) != self.stamp:
+            if _read_stamp(self.path) != self.stamp:
                 raise ValueError("it was changed since it was opened")
             with open_hdf5(self.path, members=False) as file:
                 return np.asarray(file[self.name][first:stop], dtype=self.dtype)
@@ -259,7 +270,7 @@ class StoredRows:
             raise RecordingError(f"{self.path}: pulses {first} to {stop} cannot be read: {error}") from None
 
 
-def _stamp(path: Path) -> tuple[int, int, int]:
+def _read_stamp(path: Path) -> tuple[int, int, int]:
     facts = path.stat()
     return facts.st_ino, facts.st_size, facts.st_mtime_ns
 
@@ -275,9 +286,9 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
 
     def values_of(key: str) -> Any:
         if path is None or group[key].shape != shape:
-            return np.broadcast_to(_numbers(group, key), shape)
+            return np.broadcast_to(_read_numbers(group, key), shape)
         _check_real(group, key)
-        return lazy_rows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _stamp(path)), np.float64)
+        return lazy_rows(shape, StoredRows(path, f"{group.name}/{key}", "f8", _read_stamp(path)), np.float64)
 
     keys = {name: name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] for name in STORED_VARIABLES}
     values = {name: values_of(key) for name, key in keys.items() if name not in OPTIONAL_VARIABLES or key in group}
@@ -292,7 +303,7 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
     )
     stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}
     facts: dict[str, Any] = {k: str(v) if isinstance(v, str | bytes) else float(v) for k, v in stored.items()}
-    centre = {name: _numbers(group, name) for name in CENTRE_ARRAYS}
+    centre = {name: _read_numbers(group, name) for name in CENTRE_ARRAYS}
     body = None  # recordings of versions that kept none
     if "body_position_m" in group:
         markers, parts = (np.array(parse_json(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.units import range_to_delay_s
-from doppelgait.radar.link import fold_scatterers, path_phase_rad, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, path_phase_rad
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import label_baseband
 
@@ -39,7 +39,7 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
     scatterers = fold_scatterers(scatterers, radar)
-    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+    range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
     extra_rad = path_phase_rad(scatterers)
     frames = np.zeros((range_m.shape[0], time_s.size))
     for i in range(range_m.shape[0]):
@@ -55,7 +55,7 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
     return frames
 
 
-def low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
+def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
     """Return the taps of a symmetric Kaiser low-pass (E-17).
 
     It passes the pulse and stops the image at twice the carrier.
@@ -85,7 +85,7 @@ def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) 
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(frames.shape[1]) / radar.sample_rate_hz
     mixed = 2.0 * frames * np.exp(-2j * np.pi * radar.carrier_hz * time_s)
-    filtered = oaconvolve(mixed, low_pass_taps(radar)[None, :], mode="same", axes=1)
+    filtered = oaconvolve(mixed, make_low_pass_taps(radar)[None, :], mode="same", axes=1)
     stop = frames.shape[1] - margin
     return np.asarray(filtered[:, margin : stop : radar.decimation])
 
@@ -100,4 +100,4 @@ def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     margin = FILTER_TAPS + int(np.ceil(5.5 * radar.sigma_s * radar.sample_rate_hz))
     frames = sample_rf_frames(scatterers, radar, margin=margin)
     values = down_convert(frames, radar, margin=margin)
-    return label_baseband(values, axis(scatterers, "slow_time"), radar)
+    return label_baseband(values, read_axis(scatterers, "slow_time"), radar)

@@ -10,18 +10,32 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
-from doppelgait.core.labels import BASEBAND, axis, make_array, with_values
-from doppelgait.core.lazy import tiles_of
+from doppelgait.core.labels import BASEBAND, make_array, read_axis, replace_array_values
+from doppelgait.core.lazy import read_tiles
 from doppelgait.core.samples import WHITE, Factor, Samples
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.link import fold_scatterers, noise_power_v2, noise_taps, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, fold_scatterers, make_noise_taps, noise_power_v2
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.recording import baseband_facts
+from doppelgait.radar.recording import make_baseband_facts
 
 __all__ = [
-    "add_noise", "compress", "compress_samples", "draw_key", "frame_power_v2", "label_baseband", "lowest_prf_hz",
-    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "strongest_powers_v2", "synthesise",
-    "synthesise_bins", "synthesise_planes", "synthesise_samples", "warn_of_limits",
+    "add_noise",
+    "add_receiver_noise",
+    "compress",
+    "compress_samples",
+    "compute_scatterer_arrays",
+    "draw_key",
+    "frame_power_v2",
+    "label_baseband",
+    "lowest_prf_hz",
+    "noise_level_v2",
+    "snr_frame_db",
+    "strongest_powers_v2",
+    "synthesise",
+    "synthesise_bins",
+    "synthesise_planes",
+    "synthesise_samples",
+    "warn_of_limits",
 ]  # fmt: skip
 
 
@@ -51,7 +65,7 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     >>> dg.radar.synthesise(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar).dims
     ('slow_time', 'range')
     """
-    return label_baseband(synthesise_bins(scatterers, radar).matrix, axis(scatterers, "slow_time"), radar)
+    return label_baseband(synthesise_bins(scatterers, radar).matrix, read_axis(scatterers, "slow_time"), radar)
 
 
 def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
@@ -140,7 +154,7 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
 def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
     """Label a data matrix with its axes and radar."""
     coords = {"slow_time": slow_time_s, "range": radar.range_axis_m()}
-    return make_array(BASEBAND, values, coords, baseband_facts(radar))
+    return make_array(BASEBAND, values, coords, make_baseband_facts(radar))
 
 
 def draw_key(rng: np.random.Generator) -> np.uint64:
@@ -167,11 +181,13 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
     True
     """
     stated = baseband.attrs.get("radar")
-    factor = WHITE if stated is None else noise_taps(Radar.model_validate_json(stated))
-    return with_values(baseband, noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng, factor=factor))
+    factor = WHITE if stated is None else make_noise_taps(Radar.model_validate_json(stated))
+    return replace_array_values(
+        baseband, add_receiver_noise(baseband.values, noise_power_v2=noise_power_v2, rng=rng, factor=factor)
+    )
 
 
-def noisy(
+def add_receiver_noise(
     samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator, factor: Factor = WHITE
 ) -> npt.NDArray[np.complex64]:
     """Return samples or range bins with noise.
@@ -284,7 +300,7 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     if scatterers.sizes["scatterer"] == 0:
         return
     fastest_mps = 0.0
-    for _, speeds in tiles_of(scatterers["radial_velocity"].variable):
+    for _, speeds in read_tiles(scatterers["radial_velocity"].variable):
         fastest_mps = max(fastest_mps, float(speeds.max()), -float(speeds.min()))
     if fastest_mps >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest_mps, radar.wavelength_m)) + 60.0
@@ -292,11 +308,11 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
             f"aliasing: a scatterer reaches {fastest_mps:.2f} m/s, but prf_hz = {radar.prf_hz:g} is unambiguous only "
             f"to {radar.unambiguous_velocity_mps:.2f} m/s; set radar.prf_hz to {np.ceil(needed / 10) * 10:g} or more"
         )
-    own = axis(scatterers, "target") >= 0 if "target" in scatterers.coords else np.ones(1, dtype=bool)
+    own = read_axis(scatterers, "target") >= 0 if "target" in scatterers.coords else np.ones(1, dtype=bool)
     if not own.any() or not radar.waveform.ranged:
         return
     nearest, farthest, outside = math.inf, -math.inf, 0.0
-    for _, ranges_m in tiles_of(scatterers["range"].variable):
+    for _, ranges_m in read_tiles(scatterers["range"].variable):
         ranges_m = ranges_m if own.all() else ranges_m[:, own]
         low_m, high_m = float(ranges_m.min()), float(ranges_m.max())
         nearest, farthest = min(nearest, low_m), max(farthest, high_m)

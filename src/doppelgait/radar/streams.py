@@ -25,13 +25,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
-from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header, header_of
+from doppelgait.radar.frames import LARGEST_GAP, Frame, FrameParser, Header, make_header
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers import formats_of, read_recording
+from doppelgait.radar.readers import find_formats, read_recording
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.recordings import hdf5_frames
-from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, Records, convert_records, recording_from_xethru
-from doppelgait.radar.xethru.records import META_NAME, data_type_of_file, parse_records
+from doppelgait.radar.recordings import read_hdf5_frames
+from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL, Records, convert_records, read_xethru_recording
+from doppelgait.radar.xethru.records import META_NAME, find_data_type_by_file, parse_records
 
 LOCAL = "127.0.0.1"
 CHUNK_BYTES = 1 << 16
@@ -170,17 +170,19 @@ class Stream:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def say(self, kind: str, text: str) -> None:
+    def pass_message(self, kind: str, text: str) -> None:
         """Pass a message to the consumer, once of every kind."""
         with self._changed:
             if kind not in self._said:
                 self._said[kind] = text
                 self._unsaid.append(text)
 
-    def say_killed(self) -> None:
+    def report_killed(self) -> None:
         """Say that the sender stopped, unless the consumer did."""
         if not self.closing.is_set():
-            self.say("killed", f"the sender stopped without an end record after {self.counts.received:,} frames")
+            self.pass_message(
+                "killed", f"the sender stopped without an end record after {self.counts.received:,} frames"
+            )
 
     def difference(self, header: Header) -> str:
         """Return how a header differs from the expected one."""
@@ -223,13 +225,13 @@ class Stream:
 
     def _put(self, frame: Frame, holds: bool) -> None:
         assert self._clock is not None
-        if not self._clock.begins_with(frame):
+        if not self._clock.start_with(frame):
             return
         time_s, missing, jump = self._clock.time_s(frame)
         if missing:
-            self.say("missing", f"{missing:,} frames are missing before frame {frame.counter} (frame counter)")
+            self.pass_message("missing", f"{missing:,} frames are missing before frame {frame.counter} (frame counter)")
         if jump:
-            self.say("jump", jump)
+            self.pass_message("jump", jump)
         with self._changed:
             self.counts.received += 1
             self.counts.missing += missing
@@ -243,7 +245,9 @@ class Stream:
             self._queue.append((time_s, frame.row))
             self._changed.notify_all()
         if full:
-            self.say("dropped", f"the consumer is too slow: the oldest of {self._size:,} waiting frames are dropped")
+            self.pass_message(
+                "dropped", f"the consumer is too slow: the oldest of {self._size:,} waiting frames are dropped"
+            )
 
 
 class _Clock:
@@ -254,7 +258,7 @@ class _Clock:
         self._ahead_s = self._time_s = 0.0
         self._last: tuple[int, float] | None = None
 
-    def begins_with(self, frame: Frame) -> bool:
+    def start_with(self, frame: Frame) -> bool:
         """Return whether frames, or whole bursts, have begun."""
         return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
@@ -345,22 +349,22 @@ def open_stream(
         listener = _listen(text, name)
         host, port = listener.getsockname()[:2]
         stream.source = f"{name}://{host}:{port}"
-        items = _parse(_tcp_bytes(listener, stream), stream) if name == "tcp" else _udp_frames(listener, stream)
+        items = _parse(_tcp_bytes(listener, stream), stream) if name == "tcp" else _receive_udp_frames(listener, stream)
     else:
         path = Path(text)
         if path.is_dir() or path.name == META_NAME:
             folder = path if path.is_dir() else path.parent
             found = [one for one in sorted(folder.glob("xethru_*")) if _is_xethru_data(one)]
             path = found[0] if len(found) == 1 else path
-        kinds = formats_of(path)
+        kinds = find_formats(path)
         if _is_xethru_data(path) and path.is_file():
-            xethru = _xethru_options(path, options)
-            options, items = {}, _xethru_frames(path, stream, xethru)
+            xethru = _check_xethru_options(path, options)
+            options, items = {}, _follow_xethru_frames(path, stream, xethru)
         elif kinds == ["doppelgait"]:
-            items = hdf5_frames(path)
+            items = read_hdf5_frames(path)
         elif kinds and kinds != ["frames"]:
             recording = read_recording(path, **options)
-            options, items = {}, _recorded_frames(recording)
+            options, items = {}, _replay_frames(recording)
         elif path.is_file():
             items = _parse(_file_bytes(path, stream), stream)
         else:
@@ -373,20 +377,20 @@ def open_stream(
     return stream
 
 
-def _recorded_frames(recording: Recording) -> Iterator[Header | Frame]:
-    yield header_of(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
+def _replay_frames(recording: Recording) -> Iterator[Header | Frame]:
+    yield make_header(recording.radar, recording.range_m, recording.facts, recording.slow_time_s)
     for time_s, row in zip(recording.slow_time_s.tolist(), recording.samples.matrix, strict=True):
         yield Frame(None, time_s, row)
 
 
 def _is_xethru_data(path: Path) -> bool:
-    kind = data_type_of_file(path.name)
+    kind = find_data_type_by_file(path.name)
     return kind is not None and kind.name in CONVERTIBLE
 
 
-def _xethru_options(path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+def _check_xethru_options(path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
     """Check the XeThru options that a stream takes."""
-    allowed = set(inspect.signature(recording_from_xethru).parameters) - {"path", "data_type"}
+    allowed = set(inspect.signature(read_xethru_recording).parameters) - {"path", "data_type"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {', '.join(sorted(allowed))}")
     return dict(options)
@@ -403,13 +407,13 @@ def _parse(chunks: Iterator[bytes], stream: Stream) -> Iterator[Header | Frame]:
     yield from parser.finish()
     _count_malformed(parser, stream)
     if not parser.ended:
-        stream.say_killed()
+        stream.report_killed()
 
 
 def _count_malformed(parser: FrameParser, stream: Stream) -> None:
     if parser.malformed > stream.counts.malformed:
         stream.counts.malformed = parser.malformed
-        stream.say("malformed", f"malformed data are passed over: {parser.fault}")
+        stream.pass_message("malformed", f"malformed data are passed over: {parser.fault}")
 
 
 def _input_bytes(stream: Stream) -> Iterator[bytes]:
@@ -493,7 +497,7 @@ def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
             heard = time.monotonic()
 
 
-def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
+def _receive_udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
     """Yield the frames of one sender of datagrams.
 
     Another one with the same header takes its place.
@@ -505,7 +509,7 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
                 content, address = listener.recvfrom(CHUNK_BYTES)
             except TimeoutError:
                 if time.monotonic() - heard > stream.timeout_s:
-                    stream.say_killed()
+                    stream.report_killed()
                     return
                 continue
             if address != sender:
@@ -517,7 +521,7 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
                     reason = str(error)
                 if reason:
                     stream.counts.refused += 1
-                    stream.say("refused", f"datagrams of {address[0]}:{address[1]} are refused: {reason}")
+                    stream.pass_message("refused", f"datagrams of {address[0]}:{address[1]} are refused: {reason}")
                     continue
                 sender = address
             heard = time.monotonic()
@@ -528,9 +532,9 @@ def _udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Fr
                 return
 
 
-def _xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Iterator[Header | Frame]:
+def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> Iterator[Header | Frame]:
     """Yield frames of a growing XeThru data file."""
-    kind = data_type_of_file(path.name)
+    kind = find_data_type_by_file(path.name)
     assert kind is not None
     told = {key: options.get(key) for key in TYPICAL}
     further = {key: value for key, value in options.items() if key not in TYPICAL}
@@ -555,8 +559,8 @@ def _xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]) -> It
                     yield Frame(counter, (counter - first) / radar.prf_hz, row)
                 else:
                     stream.counts.malformed += 1
-                    stream.say("malformed", f"frame {counter:,} holds NaN or infinite values")
+                    stream.pass_message("malformed", f"frame {counter:,} holds NaN or infinite values")
         content = content[used:]
     if content:
         stream.counts.malformed += 1
-        stream.say("malformed", f"the last {len(content)} bytes are no whole record")
+        stream.pass_message("malformed", f"the last {len(content)} bytes are no whole record")

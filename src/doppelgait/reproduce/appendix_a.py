@@ -13,14 +13,14 @@ import pandas as pd
 from doppelgait.pipeline import analyze
 from doppelgait.processing import Analysis
 from doppelgait.reproduce.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
-from doppelgait.reproduce.chapter5 import number
-from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, draw_cadence_amplitude, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
+from doppelgait.reproduce.chapter5 import format_number
+from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, make_panels, plot_cadence_amplitude
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db
-from doppelgait.viz.maps import colour_bar
-from doppelgait.viz.signatures import draw_signature
-from doppelgait.viz.spectra import draw_step_doppler
+from doppelgait.viz.maps import add_colour_bar
+from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.spectra import plot_cadence_map
 from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, name_axes
 
 if TYPE_CHECKING:
@@ -46,12 +46,14 @@ def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
 
     Returns the result and the true step frequency.
     """
-    recording = material.recording(material.walker(), prf_hz=PRF_HZ)
+    recording = material.recording(material.make_walker(), prf_hz=PRF_HZ)
     analysis = Analysis(
         method="liland2018", cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,
         hop=min(MOST_HOP, max(1, int(cpi_s * PRF_HZ / 20.0))),
     )  # fmt: skip
-    result = material.once(("appendix A", cpi_s), lambda: analyze(recording, gate="truth", analysis=analysis)[0])
+    result = material.compute_once(
+        ("appendix A", cpi_s), lambda: analyze(recording, gate="truth", analysis=analysis)[0]
+    )
     return result, recording.truth[0].gait_frequency_hz
 
 
@@ -61,7 +63,7 @@ def prominences_db(material: Material, cpi_s: float) -> list[float]:
     return [prominence_db(result.cadence_spectrum, true_hz, harmonic) for harmonic in HARMONICS]
 
 
-def summary(material: Material) -> pd.DataFrame:
+def tabulate_summary(material: Material) -> pd.DataFrame:
     """Tabulate the prominences and the measured f_m by T_d."""
     rows = []
     for cpi_s in INTERVALS_S:
@@ -69,23 +71,23 @@ def summary(material: Material) -> pd.DataFrame:
         levels = prominences_db(material, cpi_s)
         rows.append(
             {"T_d (s)": cpi_s, **{f"{name} (dB)": level for name, level in zip(HARMONIC_NAMES, levels, strict=True)},
-             "least (dB)": min(levels), "f_m found (Hz)": number(found_hz(result)[0]), "true (Hz)": true_hz}
+             "least (dB)": min(levels), "f_m found (Hz)": format_number(found_hz(result)[0]), "true (Hz)": true_hz}
         )  # fmt: skip
     return pd.DataFrame(rows)
 
 
-def make_interval(cpi_s: float, material: Material) -> Made:
+def make_interval(cpi_s: float, material: Material) -> EntryResult:
     """Make one of Figs. A.1 to A.6."""
     result, true_hz = _analyze_walk(material, cpi_s)
-    figure, (left, middle, right) = panels(3, width_in=15.0, height_in=5.0)
-    image = draw_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
-    colour_bar(image, left, quantity="power")
+    figure, (left, middle, right) = make_panels(3, width_in=15.0, height_in=5.0)
+    image = plot_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
+    add_colour_bar(image, left, quantity="power")
     name_axes(left, title="(a) signature", x="time (s)", y=DOPPLER_LABEL)
-    image = draw_step_doppler(middle, result.cadence_map, gait_frequency_hz=None, max_cadence_hz=MAX_CADENCE_HZ,
+    image = plot_cadence_map(middle, result.cadence_map, gait_frequency_hz=None, max_cadence_hz=MAX_CADENCE_HZ,
                               db_range=30.0, doppler_hz=(-200.0, 450.0))  # fmt: skip
-    colour_bar(image, middle, quantity="magnitude")
+    add_colour_bar(image, middle, quantity="magnitude")
     name_axes(middle, title="(b) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
-    draw_cadence_amplitude(right, result.cadence_spectrum, found_hz(result), true_hz=true_hz,
+    plot_cadence_amplitude(right, result.cadence_spectrum, found_hz(result), true_hz=true_hz,
                            title="(c) cadence spectrum")  # fmt: skip
     figure.suptitle(f"Processing interval {cpi_s:g} s", fontsize=11.5, x=0.01, ha="left")
     levels = prominences_db(material, cpi_s)
@@ -93,7 +95,7 @@ def make_interval(cpi_s: float, material: Material) -> Made:
         Reading(f"prominence of {name}", level, "dB") for name, level in zip(HARMONIC_NAMES, levels, strict=True)
     ]
     # What the report states of every peak with this T_d, as yes (1) or no (0).
-    by_interval = summary(material).set_index("T_d (s)")
+    by_interval = tabulate_summary(material).set_index("T_d (s)")
     for name in HARMONIC_NAMES:
         column = by_interval[f"{name} (dB)"]
         if cpi_s > max(BEST_S):
@@ -108,18 +110,18 @@ def make_interval(cpi_s: float, material: Material) -> Made:
             words, is_so, stated = f"more prominent than with {REFERENCE_S:g} s", gain_db > SAME_DB, 0.0
             note = f"{gain_db:+.1f} dB; more: by over {SAME_DB:g} dB"
         readings.append(Reading(f"{name} {words} (1: yes)", float(is_so), "1", stated, note=note))
-    found = number(found_hz(result)[0])
+    found = format_number(found_hz(result)[0])
     readings.append(
         Reading("f_m as found", found, "Hz", note=f"true {true_hz:.3f} Hz; a bin is {bin_hz(result):.3f} Hz")
     )
     right_step = abs(found - true_hz) <= 0.6 * bin_hz(result)
-    table = summary(material) if cpi_s == INTERVALS_S[0] else None
+    table = tabulate_summary(material) if cpi_s == INTERVALS_S[0] else None
     seen = [name for name, level in zip(HARMONIC_NAMES, levels, strict=True) if level >= CLEAR_DB]
     text = (
         f"{', '.join(seen) or 'no peak'} stand{'s' if len(seen) < 2 else ''} out by {CLEAR_DB:g} dB or more, and f_m "
         f"as found is {'right' if right_step else 'wrong'}."
     )
-    return Made(figure, readings, judged(readings, text), table)
+    return EntryResult(figure, readings, format_judgement(readings, text), table)
 
 
 STATED = {

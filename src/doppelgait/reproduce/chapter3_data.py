@@ -14,15 +14,15 @@ from doppelgait.core.rng import Streams
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.pipeline import simulate
 from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, synthesise
-from doppelgait.reproduce.chapter3_frame import first_null, spectrum
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
-from doppelgait.reproduce.material import RCS_M2, Material, Mover, point_table, slow_time_signal
+from doppelgait.reproduce.chapter3_frame import compute_spectrum, measure_first_null
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait.reproduce.material import RCS_M2, Material, NamedMotion, make_point_table, simulate_slow_time_signal
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RCS_PER_MASS_M2_PER_KG, RcsSpec
-from doppelgait.viz.maps import colour_bar
-from doppelgait.viz.motion import draw_part_lines, part_lines
-from doppelgait.viz.ranges import draw_range_time
-from doppelgait.viz.style import ACCENT, LINE, legend_below, name_axes, new_figure
+from doppelgait.viz.maps import add_colour_bar
+from doppelgait.viz.motion import group_lines, plot_part_lines
+from doppelgait.viz.ranges import plot_range_time
+from doppelgait.viz.style import ACCENT, LINE, make_figure, name_axes, place_legend_below
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -40,33 +40,35 @@ PEAK_LEVEL_DB = -6.0
 POINTS = 1 << 15
 
 
-def _radar(material: Material) -> Radar:
+def _make_radar(material: Material) -> Radar:
     return material.radar(carrier_hz=CARRIER_HZ, prf_hz=PRF_HZ, range_start_m=3.0, range_stop_m=7.0)
 
 
-def tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+def simulate_tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
     """Simulate equal points at Doppler shifts.
 
     They are in phase in the middle of the frames.
     """
     speeds = doppler_to_velocity_mps(np.atleast_1d(np.asarray(shifts_hz, dtype=float)), radar.wavelength_m)
-    return slow_time_signal(radar, point_table(radar, n_frames, range_m=RANGE_M, velocity_mps=speeds), range_m=RANGE_M)
+    return simulate_slow_time_signal(
+        radar, make_point_table(radar, n_frames, range_m=RANGE_M, velocity_mps=speeds), range_m=RANGE_M
+    )
 
 
-def make_3_11(material: Material) -> Made:
+def make_3_11(material: Material) -> EntryResult:
     """Make Fig. 3.11: slow-time signal of one point."""
-    radar = _radar(material)
-    figure = new_figure(width_in=11.0, height_in=4.2)
+    radar = _make_radar(material)
+    figure = make_figure(width_in=11.0, height_in=4.2)
     periods = {}
     for panel, (letter, frames) in zip(figure.subplots(1, 2), (("a", 10), ("b", CPI_FRAMES)), strict=True):
-        signal = tones(radar, frames, SHIFT_3_11_HZ)
+        signal = simulate_tones(radar, frames, SHIFT_3_11_HZ)
         time_s = np.arange(frames) / PRF_HZ
         for part, colour, name in ((signal.real, LINE, "real part"), (signal.imag, ACCENT, "imaginary part")):
             panel.plot(time_s * 1e3, part / np.abs(signal).max(), "o-", color=colour, ms=4, label=name)
         panel.grid(color="#e0e0e0", lw=0.6)
         name_axes(panel, title=f"({letter}) {frames} frames", x="time (ms)", y="amplitude (re maximum)")
         periods[frames] = float(np.ptp(np.unwrap(np.angle(signal))) / (2 * np.pi))
-    legend_below(figure, figure.axes[0])
+    place_legend_below(figure, figure.axes[0])
     measured_hz = periods[CPI_FRAMES] * PRF_HZ / (CPI_FRAMES - 1)
     readings = [
         Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05, given=True),
@@ -75,14 +77,14 @@ def make_3_11(material: Material) -> Made:
         Reading("periods in 31 frames", periods[CPI_FRAMES], "1", 2.0, 0.5, "the report: about two"),
     ]
     text = f"of 24 Hz 10 frames at 300 Hz hold {periods[10]:.2f} periods, 31 frames {periods[CPI_FRAMES]:.2f}."
-    return Made(figure, readings, judged(readings, text))
+    return EntryResult(figure, readings, format_judgement(readings, text))
 
 
-def make_3_12(material: Material) -> Made:
+def make_3_12(material: Material) -> EntryResult:
     """Make Fig. 3.12: Doppler spectrum with noise and targets."""
-    radar, frames = _radar(material), 300
+    radar, frames = _make_radar(material), 300
     shifts_hz = np.array([0.0, *MOVERS_3_12])
-    table = point_table(
+    table = make_point_table(
         radar, frames, range_m=RANGE_M, rcs_m2=[WALL_M2, *MOVERS_3_12.values()],
         velocity_mps=doppler_to_velocity_mps(shifts_hz, radar.wavelength_m),
     )  # fmt: skip
@@ -90,9 +92,9 @@ def make_3_12(material: Material) -> Made:
     baseband = add_noise(synthesise(table, radar), noise_power_v2=noise_power_v2(radar), rng=rng)
     signal = baseband.sel(range=RANGE_M, method="nearest").values * np.hanning(frames)
     shown_hz = np.linspace(-PRF_HZ, PRF_HZ, 4001)
-    power = _power_at(signal, shown_hz)
+    power = _measure_power_at(signal, shown_hz)
     level_db = power_to_db(power / power.max())
-    figure = new_figure(width_in=11.0, height_in=4.5)
+    figure = make_figure(width_in=11.0, height_in=4.5)
     axes = figure.add_subplot()
     axes.plot(shown_hz, level_db, color=LINE, lw=0.9)
     for edge_hz in (-PRF_HZ / 2, PRF_HZ / 2):
@@ -108,13 +110,13 @@ def make_3_12(material: Material) -> Made:
         y="power (dB re maximum)",
     )
     fine_hz = np.arange(-PRF_HZ / 2, PRF_HZ / 2, 0.05)
-    own = _power_at(signal, fine_hz)
+    own = _measure_power_at(signal, fine_hz)
     near = [np.abs(fine_hz - shift_hz) < 5.0 for shift_hz in shifts_hz]
     places = [float(fine_hz[around][own[around].argmax()]) for around in near]
     # Smallest shift, from 50 Hz on in steps of 1 Hz, at which the spectrum is itself again.
     grid_hz, trial_hz = np.linspace(-60.0, 60.0, 61), np.arange(50.0, 2 * PRF_HZ + 1)
-    own_hz = _power_at(signal, grid_hz)
-    shifted = _power_at(signal, (trial_hz[:, None] + grid_hz).ravel()).reshape(trial_hz.size, grid_hz.size)
+    own_hz = _measure_power_at(signal, grid_hz)
+    shifted = _measure_power_at(signal, (trial_hz[:, None] + grid_hz).ravel()).reshape(trial_hz.size, grid_hz.size)
     unlike = np.abs(shifted - own_hz).sum(axis=1) / own_hz.sum()
     readings = [
         Reading("wall, at shift", places[0], "Hz", 0.0, 0.5, given=True),
@@ -138,28 +140,28 @@ def make_3_12(material: Material) -> Made:
         "noise is everywhere, the wall at 0 Hz, who recedes at negative and who approaches "
         "at positive shifts. The spectrum repeats after f_p = 300 Hz, not after f_p/2."
     )
-    return Made(figure, readings, judged(readings, text))
+    return EntryResult(figure, readings, format_judgement(readings, text))
 
 
-def _power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
+def _measure_power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
     values = np.asarray(signal, dtype=np.complex128)
     carriers = np.exp(-2j * np.pi * np.outer(frequency_hz, np.arange(values.size)) / PRF_HZ)
     return np.asarray(np.abs(carriers @ values) ** 2)
 
 
-def make_3_13(material: Material) -> Made:
+def make_3_13(material: Material) -> EntryResult:
     """Make Fig. 3.13: spectra of two points, four spacings."""
-    radar = _radar(material)
-    figure = new_figure(width_in=11.0, height_in=7.0)
+    radar = _make_radar(material)
+    figure = make_figure(width_in=11.0, height_in=7.0)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     seen: dict[str, tuple[int, float]] = {}
     for panel, (letter, spacing_hz) in zip(panels.flat, SPACINGS_3_13_HZ.items(), strict=True):
         shifts_hz = np.array([-spacing_hz / 2, spacing_hz / 2])
         for shift_hz in shifts_hz:
-            alone_hz, alone = spectrum(tones(radar, CPI_FRAMES, shift_hz), PRF_HZ, points=POINTS)
+            alone_hz, alone = compute_spectrum(simulate_tones(radar, CPI_FRAMES, shift_hz), PRF_HZ, points=POINTS)
             panel.plot(alone_hz, np.sqrt(alone), color="#b0b0b0", lw=1)
             panel.axvline(shift_hz, color=LINE, ls=":", lw=1.2)
-        frequency_hz, power = spectrum(tones(radar, CPI_FRAMES, shifts_hz), PRF_HZ, points=POINTS)
+        frequency_hz, power = compute_spectrum(simulate_tones(radar, CPI_FRAMES, shifts_hz), PRF_HZ, points=POINTS)
         panel.plot(frequency_hz, np.sqrt(power), color="black", lw=1.4)
         name_axes(
             panel,
@@ -170,7 +172,7 @@ def make_3_13(material: Material) -> Made:
         panel.tick_params(labelleft=True, labelbottom=True)
         seen[letter] = count_and_dip(power)
     panels[0, 0].set_xlim(-110, 110)
-    null_hz = first_null(*spectrum(tones(radar, CPI_FRAMES, 0.0), PRF_HZ, points=POINTS))
+    null_hz = measure_first_null(*compute_spectrum(simulate_tones(radar, CPI_FRAMES, 0.0), PRF_HZ, points=POINTS))
     stated = {"a": 2.0, "b": 2.0, "c": None, "d": 1.0}
     readings = [
         Reading("resolution: peak to first null", null_hz, "Hz", 10.0, 0.5, "f_p / M = 9.68 Hz; 10 Hz is 1 / 0.1 s"),
@@ -187,7 +189,7 @@ def make_3_13(material: Material) -> Made:
         f"peaks are {counts}; at 14 Hz they run into each other (a dip of {seen['c'][1]:.1f} dB). Two points in phase "
         "need more than the 10 Hz of the Rayleigh criterion, which is for powers added."
     )
-    return Made(figure, readings, judged(readings, text))
+    return EntryResult(figure, readings, format_judgement(readings, text))
 
 
 def count_and_dip(power: FloatArray) -> tuple[int, float]:
@@ -208,8 +210,8 @@ def smallest_spacing_hz(radar: Radar) -> float:
     Of two equal points in phase.
     """
     for spacing_hz in np.arange(5.0, 30.0, 0.1):
-        both = tones(radar, CPI_FRAMES, [-spacing_hz / 2, spacing_hz / 2])
-        if count_and_dip(spectrum(both, PRF_HZ, points=POINTS)[1])[0] == 2:
+        both = simulate_tones(radar, CPI_FRAMES, [-spacing_hz / 2, spacing_hz / 2])
+        if count_and_dip(compute_spectrum(both, PRF_HZ, points=POINTS)[1])[0] == 2:
             return float(spacing_hz)
     return float("nan")
 
@@ -246,17 +248,17 @@ ENDS_S = 0.2
 """Level at the start and at the end: mean over this time."""
 
 
-def _two_panels(recording: Recording, title: str) -> Figure:
+def _plot_two_panels(recording: Recording, title: str) -> Figure:
     """Plot all points' ranges next to the data matrix."""
-    figure = new_figure(width_in=13.0, height_in=5.0)
+    figure = make_figure(width_in=13.0, height_in=5.0)
     left, right = figure.subplots(1, 2)
     for truth in recording.truth:
-        draw_part_lines(left, part_lines(truth.scatterers["range"]))
+        plot_part_lines(left, group_lines(truth.scatterers["range"]))
     name_axes(left, title=f"(a) range of every point, {title}", x="time (s)", y="range (m)")
-    image = draw_range_time(right, recording.baseband, tracks=None, db_range=None)
+    image = plot_range_time(right, recording.baseband, tracks=None, db_range=None)
     name_axes(right, title="(b) radar data matrix", x="time (s)", y="range (m)")
     left.set(xlim=right.get_xlim(), ylim=right.get_ylim())
-    colour_bar(image, right, quantity="magnitude (re maximum)", reference="1 V")
+    add_colour_bar(image, right, quantity="magnitude (re maximum)", reference="1 V")
     return figure
 
 
@@ -266,9 +268,9 @@ def _gain_db(power: FloatArray, rate_hz: float) -> float:
     return float(power_to_db(power[-ends:].mean() / power[:ends].mean()))
 
 
-def make_3_14(material: Material) -> Made:
+def make_3_14(material: Material) -> EntryResult:
     """Make Fig. 3.14: a galloping dog approaches."""
-    dog = material.galloping_dog()
+    dog = material.find_galloping_dog()
     seconds = min(SECONDS_3_14, dog.seconds)
     radar = material.radar(prf_hz=PRF_3_14_HZ, range_start_m=6.5, range_stop_m=14.8)
     target = Target(
@@ -298,14 +300,14 @@ def make_3_14(material: Material) -> Made:
         "do not fit together: the frame rate is above the range of Table 5.1, and 162 bins reach far enough only if "
         "every 8th sample is kept."
     )
-    return Made(_two_panels(recording, dog.gait or "dog"), readings, judged(readings, text))
+    return EntryResult(_plot_two_panels(recording, dog.gait or "dog"), readings, format_judgement(readings, text))
 
 
-def make_3_15(material: Material) -> Made:
+def make_3_15(material: Material) -> EntryResult:
     """Make Fig. 3.15: two people pass each other."""
     first = material.person()
     speed_mps = _speed_mps(first)
-    others = [one for one in material.walkers() if one.name != first.name and one.seconds >= 2.0] or [first]
+    others = [one for one in material.make_walkers() if one.name != first.name and one.seconds >= 2.0] or [first]
     second = material.use(max(others, key=lambda one: abs(_speed_mps(one) - speed_mps)))
     seconds = min(first.seconds, second.seconds, 4.0)
     targets = [
@@ -331,21 +333,21 @@ def make_3_15(material: Material) -> Made:
     ]  # fmt: skip
     times = "once" if crossings.size == 1 else f"{crossings.size} times"
     text = f"the two sets of lines cross {times}; the echo changes by {rises_db:+.0f} dB to the end."
-    return Made(_two_panels(recording, "two people"), readings, judged(readings, text))
+    return EntryResult(_plot_two_panels(recording, "two people"), readings, format_judgement(readings, text))
 
 
-def _speed_mps(mover: Mover) -> float:
+def _speed_mps(mover: NamedMotion) -> float:
     from doppelgait.motion.retime import travel_speed_mps
 
     return travel_speed_mps(mover.motion)
 
 
-def make_table_3_2(material: Material) -> Made:
+def make_table_3_2(material: Material) -> EntryResult:
     """Make Table 3.2: radar cross sections."""
     import pandas as pd
 
     rows, readings = [], []
-    for mover in (material.person(), material.galloping_dog()):
+    for mover in (material.person(), material.find_galloping_dog()):
         scatterers = material.recording(mover, prf_hz=1491.0).truth[0].scatterers
         total_m2 = float(scatterers["rcs"].values.sum(axis=1).mean())
         mass_kg = mover.motion.facts.mass_kg
@@ -361,19 +363,19 @@ def make_table_3_2(material: Material) -> Made:
         "every scatterer takes an equal share of the report's total. As the totals are a label in disguise, "
         "datasets take 0.01 m² per kilogram for people and dogs alike, shared out by body part (E-08)."
     )
-    return Made(None, readings, judged(readings, text), pd.DataFrame(rows))
+    return EntryResult(None, readings, format_judgement(readings, text), pd.DataFrame(rows))
 
 
-def make_table_3_3(material: Material) -> Made:
+def make_table_3_3(material: Material) -> EntryResult:
     """Make Table 3.3: four scales of time and frequency."""
     import pandas as pd
 
-    from doppelgait.reproduce.chapter3_frame import half_power_width, spectrum
+    from doppelgait.reproduce.chapter3_frame import compute_spectrum, measure_half_power_width
 
     radar, cpi_s = material.radar(), 0.1
     frames = round(cpi_s * radar.prf_hz)
-    line_hz, line = spectrum(tones(radar, frames, 0.0), radar.prf_hz, points=POINTS)
-    width_hz = half_power_width(line_hz, line)
+    line_hz, line = compute_spectrum(simulate_tones(radar, frames, 0.0), radar.prf_hz, points=POINTS)
+    width_hz = measure_half_power_width(line_hz, line)
     band_hz = radar.pulse_bandwidth_hz(3)
     table = pd.DataFrame(
         [
@@ -393,7 +395,7 @@ def make_table_3_3(material: Material) -> Made:
         f"for the report's Gaussian pulse B = 1/τ is {1.0 / readings[0].ours:.1f} times too much; the other three "
         "scales are inverse to each other by definition."
     )
-    return Made(None, readings, judged(readings, text), table)
+    return EntryResult(None, readings, format_judgement(readings, text), table)
 
 
 DATA_ENTRIES = (

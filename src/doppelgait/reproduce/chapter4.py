@@ -13,26 +13,26 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
-from doppelgait.reproduce.drawing import numbered_marks, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged, verdict
+from doppelgait.reproduce.drawing import make_panels, plot_numbered_marks
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement, summarise_readings
 from doppelgait.reproduce.measures import (
     column_level_rise_db,
-    columns_per_second,
     find_peaks,
     half_power_width_bins,
     main_frequency_hz,
-    printed_window,
+    make_printed_window,
+    measure_column_rate_hz,
     share_near_lines,
     side_lobe_db,
     torso_line_hz,
     upper_envelope_hz,
 )
-from doppelgait.viz.maps import colour_bar, velocity_axis
-from doppelgait.viz.motion import draw_part_lines, part_lines
-from doppelgait.viz.signatures import draw_signature
-from doppelgait.viz.style import ACCENT, DOPPLER_LABEL, LINE, LINE_COLOURS, legend_below, name_axes, new_axes
+from doppelgait.viz.maps import add_colour_bar, add_velocity_axis
+from doppelgait.viz.motion import group_lines, plot_part_lines
+from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.style import ACCENT, DOPPLER_LABEL, LINE, LINE_COLOURS, make_axes, name_axes, place_legend_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,14 +62,14 @@ def walk(material: Material) -> tuple[Recording, Result]:
 
     Five gait cycles towards the radar at 1000 Hz, by the report's method.
     """
-    walker = material.walker()
+    walker = material.make_walker()
     return material.recording(walker, prf_hz=1000.0), material.result(walker, prf_hz=1000.0)
 
 
-def make_window(material: Material) -> Made:
+def make_window(material: Material) -> EntryResult:
     """Make Fig. 4.3: window and its spectrum."""
     window = gaussian_window(WINDOW_PULSES, WINDOW_STEEPNESS)
-    figure, (left, right) = panels(2)
+    figure, (left, right) = make_panels(2)
     left.plot(np.arange(1, window.size + 1), window, color=LINE, marker=".")
     name_axes(left, title="(a) window", x="number of the frame", y="weight")
     magnitude = np.abs(np.fft.fftshift(np.fft.fft(window, 8192)))
@@ -87,16 +87,20 @@ def make_window(material: Material) -> Made:
     readings = [
         Reading("highest side lobe, M = 40, sigma_w = 0.3", lobe_db, "dB", -65.4, 0.05),
         Reading(
-            "the same of the window as Eq. 4.4 prints it", side_lobe_db(printed_window(40, 0.3)), "dB",
+            "the same of the window as Eq. 4.4 prints it", side_lobe_db(make_printed_window(40, 0.3)), "dB",
             note="half a sample off its centre: the report's figure was made with the centred window",
         ),
         Reading("main lobe, full width at half power", half_power_width_bins(window), "1/T_d"),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"with the centred window the side lobes lie at {lobe_db:.1f} dB; the printed formula is half "
-               f"a sample off its centre and gives {readings[1].ours - lobe_db:.1f} dB more."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"with the centred window the side lobes lie at {lobe_db:.1f} dB; the printed formula is half "
+            f"a sample off its centre and gives {readings[1].ours - lobe_db:.1f} dB more.",
+        ),
+    )
 
 
 def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, Result, float]:
@@ -111,24 +115,24 @@ def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, Result, flo
         blocks = range_doppler(recording.baseband, analysis, wavelength_m=recording.radar.wavelength_m, columns=[frame])
         return next(iter(blocks)).isel(time=0)
 
-    return material.once(("range-Doppler map", frame), make), result, float(doppler_hz[frame].min())
+    return material.compute_once(("range-Doppler map", frame), make), result, float(doppler_hz[frame].min())
 
 
 def _crop(power: xr.DataArray, centre_m: float) -> xr.DataArray:
-    return power.isel(range=np.abs(axis(power, "range") - centre_m) <= SHOWN_M)
+    return power.isel(range=np.abs(read_axis(power, "range") - centre_m) <= SHOWN_M)
 
 
 def _centre_m(result: Result, time_s: float) -> float:
     return float(result.gate.centre_at(time_s))
 
 
-def make_range_doppler(material: Material) -> Made:
+def make_range_doppler(material: Material) -> EntryResult:
     """Make Fig. 4.5: range-Doppler map of a walking person."""
     power, result, lowest_hz = _map_at_backward_foot(material)
     shown = _crop(power, _centre_m(result, float(power.coords["time"])))
     strongest = shown.values.max(axis=1)
-    torso_hz = float(axis(shown, "doppler")[int(strongest.argmax())])
-    below = axis(shown, "doppler") < min(lowest_hz / 2.0, 0.0)
+    torso_hz = float(read_axis(shown, "doppler")[int(strongest.argmax())])
+    below = read_axis(shown, "doppler") < min(lowest_hz / 2.0, 0.0)
     foot_db = 10.0 * np.log10(strongest[below].max() / strongest.max()) if below.any() else float("nan")
     # Doppler of the strongest cell of range-Doppler maps, mean over one whole step in the middle of the walk.
     recording, _ = walk(material)
@@ -139,13 +143,13 @@ def make_range_doppler(material: Material) -> Made:
     def make() -> float:
         analysis = Analysis(method="liland2018")
         blocks = range_doppler(recording.baseband, analysis, wavelength_m=recording.radar.wavelength_m, columns=frames)
-        found = [axis(block, "doppler")[block.values.max(axis=2).argmax(axis=1)] for block in blocks]
+        found = [read_axis(block, "doppler")[block.values.max(axis=2).argmax(axis=1)] for block in blocks]
         return float(np.concatenate(found).mean())
 
     readings = [
         Reading(
             "Doppler of the strongest cell, mean over a whole step",
-            material.once("strongest cell over a step", make),
+            material.compute_once("strongest cell over a step", make),
             "Hz",
             TORSO_HZ,
             TORSO_READ_HZ,
@@ -168,21 +172,25 @@ def make_range_doppler(material: Material) -> Made:
     ]
     figure = viz.range_doppler_map(shown, db_range=40.0, title="Range-Doppler map of a walking person")
     figure.axes[0].set_ylim(SHOWN_HZ)
-    return Made(
-        figure, readings,
-        judged(readings, f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
-               f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm goes back."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
+            f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm goes back.",
+        ),
+    )
 
 
-def make_gate_figure(material: Material) -> Made:
+def make_gate_figure(material: Material) -> EntryResult:
     """Make Fig. 4.7: range-Doppler map with the gate."""
     power, result, _ = _map_at_backward_foot(material)
     time_s = float(power.coords["time"])
     shown = _crop(power, _centre_m(result, time_s))
     gate, band_hz = result.gate, result.gate.doppler_hz or (-np.inf, np.inf)
-    ranges = np.abs(axis(power, "range") - _centre_m(result, time_s)) <= gate.span_m / 2.0
-    rows = (axis(power, "doppler") >= band_hz[0]) & (axis(power, "doppler") <= band_hz[1])
+    ranges = np.abs(read_axis(power, "range") - _centre_m(result, time_s)) <= gate.span_m / 2.0
+    rows = (read_axis(power, "doppler") >= band_hz[0]) & (read_axis(power, "doppler") <= band_hz[1])
     inside = float(power.values[np.ix_(rows, ranges)].sum() / power.values.sum())
     readings = [
         Reading("range span R_t of the gate", gate.span_m, "m", 1.0, 0.0, given=True),
@@ -191,17 +199,21 @@ def make_gate_figure(material: Material) -> Made:
     ]
     figure = viz.range_doppler_map(shown, gate=gate.limits, db_range=40.0, title="Gate on the range-Doppler map")
     figure.axes[0].set_ylim(SHOWN_HZ)
-    return Made(
-        figure, readings,
-        judged(readings, f"the gate from the truth holds {100.0 * inside:.0f} % of the map's power. As in the report "
-               "it knows class and Doppler of the target, which a tracker would not; our own method takes one span "
-               "for all classes and no Doppler limits."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the gate from the truth holds {100.0 * inside:.0f} % of the map's power. As in the report "
+            "it knows class and Doppler of the target, which a tracker would not; our own method takes one span "
+            "for all classes and no Doppler limits.",
+        ),
+    )
 
 
-def make_span_table(material: Material) -> Made:
+def make_span_table(material: Material) -> EntryResult:
     """Make Table 4.1."""
-    movers = {"human": [material.walker(), material.person()], "dog": [material.galloping_dog()]}
+    movers = {"human": [material.make_walker(), material.person()], "dog": [material.find_galloping_dog()]}
     readings, too_long = [], []
     for label, several in movers.items():
         for mover in several:
@@ -213,15 +225,17 @@ def make_span_table(material: Material) -> Made:
             too_long += [label] if extent_m.max() > SPANS_M[label] else []
     words = f"at full stride the points of a {' and of a '.join(dict.fromkeys(too_long))} spread further than the gate"
     held = "both hold all points of their target at all times"
-    return Made(
-        None, readings,
-        f"{verdict(readings)}: the spans are a choice, not a measurement; {words if too_long else held}. Taking "
+    return EntryResult(
+        None,
+        readings,
+        f"{summarise_readings(readings)}: the spans are a choice, not a measurement; {words if too_long else held}. "
+        f"Taking "
         "the span by class tells the class to the signature.",
         pd.DataFrame({"target": list(SPANS_M), "R_t (m)": list(SPANS_M.values())}),
-    )  # fmt: skip
+    )
 
 
-def make_doppler_limits(material: Material) -> Made:
+def make_doppler_limits(material: Material) -> EntryResult:
     """Make Fig. 4.8: Doppler limits of the gate."""
     recording, result = walk(material)
     wavelength_m = recording.radar.wavelength_m
@@ -242,16 +256,20 @@ def make_doppler_limits(material: Material) -> Made:
         Reading("B_H", high_hz, "Hz", note=f"highest of all points: {doppler_hz.max():.1f} Hz"),
         Reading("B_L", low_hz, "Hz", note=f"lowest of all points: {doppler_hz.min():.1f} Hz"),
     ]
-    return Made(
-        figure, readings,
-        judged(readings, "the gate takes its limits from all true Doppler lines over the whole observation, so that "
-               "the measured bandwidth is bounded by the truth; our own method does without such limits."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            "the gate takes its limits from all true Doppler lines over the whole observation, so that "
+            "the measured bandwidth is bounded by the truth; our own method does without such limits.",
+        ),
+    )
 
 
-def make_normalisation(material: Material) -> Made:
+def make_normalisation(material: Material) -> EntryResult:
     """Make Fig. 4.9: a dog's signature, normalised."""
-    dog = material.galloping_dog()
+    dog = material.find_galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     result = material.result(dog, prf_hz=DOG_PRF_HZ)
     figure = viz.signature_normalisation(result.signature, normalised=result.normalised_signature, db_range=40.0)
@@ -266,11 +284,15 @@ def make_normalisation(material: Material) -> Made:
         Reading("the same after normalisation", column_level_rise_db(result.normalised_signature), "dB", 0.0, 0.01,
                 "by its definition", given=True),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"the signature changes by {rise_db:+.1f} dB towards the right, {expected_db:+.1f} dB of it "
-               "by the radar equation, and is even once every column is divided by its maximum."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the signature changes by {rise_db:+.1f} dB towards the right, {expected_db:+.1f} dB of it "
+            "by the radar equation, and is even once every column is divided by its maximum.",
+        ),
+    )
 
 
 CHAPTER4_ENTRIES = (
@@ -311,7 +333,7 @@ LINE_REACH_HZ = 15.0
 SMOOTHING_S = 0.03
 
 
-def make_lines_and_signature(material: Material) -> Made:
+def make_lines_and_signature(material: Material) -> EntryResult:
     """Make Fig. 4.10: true Doppler and signature."""
     recording, result = walk(material)
     lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=recording.radar.wavelength_m)
@@ -319,58 +341,67 @@ def make_lines_and_signature(material: Material) -> Made:
     first_s, last_s = stride_s, 2.0 * stride_s
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     limits_hz = float(doppler_hz.min()) - 50.0, float(doppler_hz.max()) + 50.0
-    figure, (left, right) = panels(2, height_in=5.6)
-    draw_part_lines(left, part_lines(lines), bold=1.8)
+    figure, (left, right) = make_panels(2, height_in=5.6)
+    plot_part_lines(left, group_lines(lines), bold=1.8)
     left.set(xlim=(first_s, last_s), ylim=limits_hz)
     name_axes(left, title="(a) true Doppler frequency of every point", x="time (s)", y=DOPPLER_LABEL)
-    image = draw_signature(right, result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
+    image = plot_signature(right, result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
     right.set_xlim(first_s, last_s)
     name_axes(right, title="(b) micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
-    velocity_axis(right, recording.radar.wavelength_m)
-    colour_bar(image, right, quantity="power")
-    legend_below(figure, left)
+    add_velocity_axis(right, recording.radar.wavelength_m)
+    add_colour_bar(image, right, quantity="power")
+    place_legend_below(figure, left)
     top_hz = upper_envelope_hz(result.normalised_signature, ENVELOPE)
     inside = slice(100, -100)  # ends are zero-padded
     true_top_hz = doppler_hz.max(axis=1)
-    ankle = axis(recording.truth[0].scatterers, "marker").tolist().index("right_ankle")
+    ankle = read_axis(recording.truth[0].scatterers, "marker").tolist().index("right_ankle")
     readings = [
         Reading("peak Doppler of the right ankle", float(doppler_hz[:, ankle].max()), "Hz", 300.0, 15.0),
         Reading(
             "share of the signature's power within 15 Hz of a true line",
-            share_near_lines(result.normalised_signature, doppler_hz, axis(lines, "slow_time"), reach_hz=LINE_REACH_HZ),
+            share_near_lines(
+                result.normalised_signature, doppler_hz, read_axis(lines, "slow_time"), reach_hz=LINE_REACH_HZ
+            ),
             "1",
         ),
-        Reading("upper edge of the signature over the true highest line, median",
-                float(np.median((top_hz - true_top_hz)[inside])), "Hz",
-                note="a single line is 28.6 Hz wide at t_mu, so up to 14 Hz belong to the window"),
-    ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"{100.0 * readings[1].ours:.0f} % of the signature's power lies within {LINE_REACH_HZ:g} Hz "
-               "of a true line, about the width of the window."),
-    )  # fmt: skip
+        Reading(
+            "upper edge of the signature over the true highest line, median",
+            float(np.median((top_hz - true_top_hz)[inside])),
+            "Hz",
+            note="a single line is 28.6 Hz wide at t_mu, so up to 14 Hz belong to the window",
+        ),
+    ]
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"{100.0 * readings[1].ours:.0f} % of the signature's power lies within {LINE_REACH_HZ:g} Hz "
+            "of a true line, about the width of the window.",
+        ),
+    )
 
 
-def make_five_cycles(material: Material) -> Made:
+def make_five_cycles(material: Material) -> EntryResult:
     """Make Fig. 4.11: signature of five gait cycles."""
     recording, result = walk(material)
     mu, truth = result.normalised_signature, recording.truth[0]
-    rate_hz = columns_per_second(mu)
+    rate_hz = measure_column_rate_hz(mu)
     top_hz, bottom_hz = (
         upper_envelope_hz(mu, ENVELOPE),
         -upper_envelope_hz(
-            mu.isel(doppler=slice(None, None, -1)).assign_coords(doppler=-axis(mu, "doppler")[::-1]), ENVELOPE
+            mu.isel(doppler=slice(None, None, -1)).assign_coords(doppler=-read_axis(mu, "doppler")[::-1]), ENVELOPE
         ),
     )
     steps = find_peaks(top_hz, rate_hz, smoothing_s=SMOOTHING_S)
     torso_hz = torso_line_hz(mu, reach_hz=40.0)
-    figure, axes = new_axes()
-    image = draw_signature(axes, mu, db_range=30.0)
+    figure, axes = make_axes()
+    image = plot_signature(axes, mu, db_range=30.0)
     name_axes(axes, title="Five gait cycles", x="time (s)", y=DOPPLER_LABEL)
-    velocity_axis(axes, recording.radar.wavelength_m)
-    colour_bar(image, axes, quantity="power")
-    axes.plot(axis(mu, "time"), torso_hz, color=LINE_COLOURS[0], lw=1.2)
-    _mark_parts(axes, axis(mu, "time")[steps], torso_hz, float(np.quantile(top_hz, 0.98)), float(bottom_hz.min()))
+    add_velocity_axis(axes, recording.radar.wavelength_m)
+    add_colour_bar(image, axes, quantity="power")
+    axes.plot(read_axis(mu, "time"), torso_hz, color=LINE_COLOURS[0], lw=1.2)
+    _mark_parts(axes, read_axis(mu, "time")[steps], torso_hz, float(np.quantile(top_hz, 0.98)), float(bottom_hz.min()))
     observed_s = mu.sizes["time"] / rate_hz
     swing = main_frequency_hz(torso_hz, rate_hz)
     readings = [
@@ -381,12 +412,16 @@ def make_five_cycles(material: Material) -> Made:
         Reading("mean of the main line", float(torso_hz.mean()), "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading("from the highest to the lowest edge (label 4)", float(top_hz.max() - bottom_hz.min()), "Hz"),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"{steps.size} steps in {readings[1].ours:.0f} gait cycles, and a main line that oscillates "
-               f"{readings[2].ours:.1f} times a cycle. Labels as in the report: 1 main line, 2 gait cycle, 3 step, "
-               "4 bandwidth, 5 width of the main line, 6 zero Doppler."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"{steps.size} steps in {readings[1].ours:.0f} gait cycles, and a main line that oscillates "
+            f"{readings[2].ours:.1f} times a cycle. Labels as in the report: 1 main line, 2 gait cycle, 3 step, "
+            "4 bandwidth, 5 width of the main line, 6 zero Doppler.",
+        ),
+    )
 
 
 def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: float, bottom_hz: float) -> None:
@@ -409,7 +444,7 @@ def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: fl
         axes.annotate("", (late_s, wide_hz[0]), (late_s, wide_hz[1]), arrowprops=both)
         marks["5"] = (late_s + 0.08, wide_hz[1] + 15.0)
     axes.axhline(0.0, color="white", lw=0.8, ls=":")
-    numbered_marks(axes, marks)
+    plot_numbered_marks(axes, marks)
 
 
 SIGNATURE_ENTRIES = (

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import cadence_map
 from doppelgait.reproduce.chapter4 import TORSO_HZ, TORSO_READ_HZ, walk
-from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, draw_cadence_amplitude, draw_mean_doppler, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
+from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, make_panels, plot_cadence_amplitude, plot_mean_doppler
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait.reproduce.material import THRESHOLD
 from doppelgait.reproduce.measures import HARMONICS, prominence_db
-from doppelgait.viz.style import new_axes
+from doppelgait.viz.style import make_axes
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result
@@ -40,22 +40,22 @@ def found_hz(result: Result) -> list[float | None]:
 
 def bin_hz(result: Result) -> float:
     """Return the cadence spectrum's bin, 1 / T_o."""
-    return float(axis(result.cadence_spectrum, "cadence")[1])
+    return float(read_axis(result.cadence_spectrum, "cadence")[1])
 
 
-def make_step_doppler(material: Material) -> Made:
+def make_step_doppler(material: Material) -> EntryResult:
     """Make Fig. 4.12: step-Doppler map up to 20 Hz."""
     recording, result = walk(material)
     with_constant = cadence_map(result.normalised_signature, padded=False, tapered=False)
-    figure = viz.step_doppler(
+    figure = viz.cadence_map(
         with_constant, gait_frequency_hz=result.gait_frequency_hz, max_cadence_hz=MAX_CADENCE_HZ, db_range=40.0,
         title="Cadence-velocity diagram, 0 Hz included",
     )  # fmt: skip
     constant = with_constant.values[0]
-    torso_hz = float(axis(with_constant, "doppler")[int(constant.argmax())])
+    torso_hz = float(read_axis(with_constant, "doppler")[int(constant.argmax())])
     wavelength_m = recording.radar.wavelength_m
     step_hz = recording.truth[0].gait_frequency_hz
-    at_step = with_constant.values[abs(axis(with_constant, "cadence") - step_hz).argmin()]
+    at_step = with_constant.values[abs(read_axis(with_constant, "cadence") - step_hz).argmin()]
     readings = [
         Reading("Doppler of the strongest constant row", torso_hz, "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading(
@@ -68,19 +68,23 @@ def make_step_doppler(material: Material) -> Made:
                 float(constant.max() / at_step.max()), "1", note="the report: much higher; it gives no number"),
         Reading("constant part above the step frequency (1: yes)", float(constant.max() > at_step.max()), "1", 1.0),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"the constant part stands at {torso_hz:+.0f} Hz and is {readings[2].ours:.1f} times as high "
-               "as what there is at the step frequency."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the constant part stands at {torso_hz:+.0f} Hz and is {readings[2].ours:.1f} times as high "
+            "as what there is at the step frequency.",
+        ),
+    )
 
 
-def make_cadence_spectrum(material: Material) -> Made:
+def make_cadence_spectrum(material: Material) -> EntryResult:
     """Make Fig. 4.13: step-Doppler spectrum with f_m, f_2 and f_3."""
     recording, result = walk(material)
     true_hz = recording.truth[0].gait_frequency_hz
-    figure, axes = new_axes(height_in=4.6)
-    draw_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="Cadence spectrum")
+    figure, axes = make_axes(height_in=4.6)
+    plot_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="Cadence spectrum")
     step = found_hz(result)[0]
     readings = [
         Reading("f_m", float("nan") if step is None else step, "Hz",
@@ -95,23 +99,27 @@ def make_cadence_spectrum(material: Material) -> Made:
             for h, name in zip(HARMONICS, HARMONIC_NAMES, strict=True)
         ),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"the peaks stand out by {', '.join(f'{one.ours:.0f}' for one in readings[-3:])} dB. Once the "
-               "mean is taken off every row there is no peak of f_0 left, unlike what the report's text says of its "
-               "figure."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the peaks stand out by {', '.join(f'{one.ours:.0f}' for one in readings[-3:])} dB. Once the "
+            "mean is taken off every row there is no peak of f_0 left, unlike what the report's text says of its "
+            "figure.",
+        ),
+    )
 
 
-def make_first_column(material: Material) -> Made:
+def make_first_column(material: Material) -> EntryResult:
     """Make Fig. 4.14: constant part with torso Doppler."""
     recording, result = walk(material)
-    figure, (axes,) = panels(1, width_in=10.5)
-    doppler_hz = axis(result.signature, "doppler")
-    draw_mean_doppler(
+    figure, (axes,) = make_panels(1, width_in=10.5)
+    doppler_hz = read_axis(result.signature, "doppler")
+    plot_mean_doppler(
         axes, result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz, title="Mean Doppler spectrum"
     )
-    ours = material.result(material.walker(), method="standard", prf_hz=1000.0)
+    ours = material.result(material.make_walker(), method="standard", prf_hz=1000.0)
     true_mps = float(recording.truth[0].centre_velocity_mps.mean())
     readings = [
         Reading("f_d", float(result.torso_doppler_hz or float("nan")), "Hz", TORSO_HZ, TORSO_READ_HZ),
@@ -122,24 +130,30 @@ def make_first_column(material: Material) -> Made:
                 note=f"true {true_mps:.2f} m/s; equal cross sections of all 17 points hide the torso, by body part it "
                      "is the strongest"),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        f"{judged(readings, '')}the highest value lies at {readings[0].ours:.0f} Hz. Its height is below 1 because "
+    return EntryResult(
+        figure,
+        readings,
+        f"{format_judgement(readings, '')}the highest value lies at {readings[0].ours:.0f} Hz. Its height is below 1 "
+        f"because "
         "the torso is not the strongest part in every column; the report's heights (0.79 for its dog) fit this "
         "normalisation only.",
-    )  # fmt: skip
+    )
 
 
-def make_bandwidth(material: Material) -> Made:
+def make_bandwidth(material: Material) -> EntryResult:
     """Make Fig. 4.15: micro-Doppler bandwidth from the constant part."""
     recording, result = walk(material)
-    figure, (axes,) = panels(1, width_in=10.5)
-    draw_mean_doppler(
-        axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"), threshold=THRESHOLD, normalised=True,
+    figure, (axes,) = make_panels(1, width_in=10.5)
+    plot_mean_doppler(
+        axes,
+        result.mean_doppler_spectrum,
+        read_axis(result.signature, "doppler"),
+        threshold=THRESHOLD,
+        normalised=True,
         title=f"Mean Doppler spectrum, normalised; dashed: threshold {THRESHOLD:g}",
-    )  # fmt: skip
+    )
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
-    ours = material.result(material.walker(), method="standard", prf_hz=1000.0)
+    ours = material.result(material.make_walker(), method="standard", prf_hz=1000.0)
     readings = [
         Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, given=True),
         Reading("B_mu by the report's method", float(result.features.doppler_bandwidth_hz or float("nan")), "Hz",
@@ -147,11 +161,15 @@ def make_bandwidth(material: Material) -> Made:
         Reading("B_mu by ours (edges of the signature)", float(ours.features.doppler_bandwidth_hz or float("nan")),
                 "Hz"),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"the band of {readings[1].ours:.0f} Hz compares with a true span of {np.ptp(doppler_hz):.0f} "
-               "Hz; all 17 points are equally strong here, and what a foot reaches for moments only is averaged away."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the band of {readings[1].ours:.0f} Hz compares with a true span of {np.ptp(doppler_hz):.0f} "
+            "Hz; all 17 points are equally strong here, and what a foot reaches for moments only is averaged away.",
+        ),
+    )
 
 
 ENTRIES = (

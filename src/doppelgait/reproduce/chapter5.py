@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.reproduce.chapter4 import ENVELOPE
 from doppelgait.reproduce.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
-from doppelgait.reproduce.drawing import draw_cadence_amplitude, draw_mean_doppler, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
+from doppelgait.reproduce.drawing import make_panels, plot_cadence_amplitude, plot_mean_doppler
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db, side_lobe_of_cadence_db
-from doppelgait.viz.maps import colour_bar, doppler_limits_hz
-from doppelgait.viz.motion import draw_part_lines, part_lines
-from doppelgait.viz.signatures import draw_signature
-from doppelgait.viz.style import DOPPLER_LABEL, draw_grid, legend_below, name_axes
+from doppelgait.viz.maps import add_colour_bar, doppler_limits_hz
+from doppelgait.viz.motion import group_lines, plot_part_lines
+from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.style import DOPPLER_LABEL, draw_grid, name_axes, place_legend_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from doppelgait.pipeline import Result
     from doppelgait.radar.recording import Recording
-    from doppelgait.reproduce.material import Material, Mover
+    from doppelgait.reproduce.material import Material, NamedMotion
 
 PRF_HZ = 1300.0
 """Upper end of the report's frame rates, for all four: nothing aliases, and their spectra have equal bins."""
@@ -52,36 +52,39 @@ REPORT_RADAR = {
 """Its Table 5.1 by parameter: words, value, unit and that unit in ours."""
 
 
-def number(value: float | None) -> float:
+def format_number(value: float | None) -> float:
     """Return a feature as a number, NaN where unknown."""
     return NAN if value is None else float(value)
 
 
-def four(material: Material) -> list[tuple[str, Mover, Recording, Result]]:
+def analyze_four(material: Material) -> list[tuple[str, NamedMotion, Recording, Result]]:
     """Analyse slow and fast persons and walkers."""
     people = material.people()
     fast = material.use(max(people, key=lambda one: travel_speed_mps(one.motion)))
     movers = [
-        material.person(), fast, material.walker(SLOW_WALKER_MPS, cycles=5), material.walker(FAST_WALKER_MPS, cycles=6)
-    ]  # fmt: skip
+        material.person(),
+        fast,
+        material.make_walker(SLOW_WALKER_MPS, cycles=5),
+        material.make_walker(FAST_WALKER_MPS, cycles=6),
+    ]
     return [
         (name, mover, material.recording(mover, prf_hz=PRF_HZ), material.result(mover, prf_hz=PRF_HZ))
         for name, mover in zip(NAMES, movers, strict=True)
     ]
 
 
-def _four_panels(
+def _plot_four_panels(
     material: Material, draw: Callable[[Axes, Recording, Result], None], *, height_in: float = 7.6
 ) -> Figure:
-    figure, axes = panels(2, 2, height_in=height_in)
-    for letter, panel, (name, mover, recording, result) in zip("abcd", axes, four(material), strict=True):
+    figure, axes = make_panels(2, 2, height_in=height_in)
+    for letter, panel, (name, mover, recording, result) in zip("abcd", axes, analyze_four(material), strict=True):
         draw(panel, recording, result)
         speed = f"{travel_speed_mps(mover.motion):.1f} m/s"
         panel.set_title(f"({letter}) {name}, {speed}", fontsize=11, loc="left")
     return figure
 
 
-def make_radar_table(material: Material) -> Made:
+def make_radar_table(material: Material) -> EntryResult:
     """Make Table 5.1."""
     radar = material.radar()
     readings = [
@@ -95,16 +98,20 @@ def make_radar_table(material: Material) -> Made:
         Reading("bandwidth at -3 dB of the pulse", radar.pulse_bandwidth_hz(3) / 1e9, "GHz", 1.0, 0.05,
                 "a Gaussian of 1 ns standard deviation has 0.265 / tau; 1 GHz would take 0.265 ns"),
     ]  # fmt: skip
-    return Made(
-        None, readings,
-        judged(readings, f"the parameters themselves were set. Of what the report concludes from them, 300 Hz is "
-               f"unambiguous to {readings[-2].ours:.1f} m/s, and a pulse of 1 ns has {readings[-1].ours:.3f} GHz."),
-    )  # fmt: skip
+    return EntryResult(
+        None,
+        readings,
+        format_judgement(
+            readings,
+            f"the parameters themselves were set. Of what the report concludes from them, 300 Hz is "
+            f"unambiguous to {readings[-2].ours:.1f} m/s, and a pulse of 1 ns has {readings[-1].ours:.3f} GHz.",
+        ),
+    )
 
 
-def make_analysis_table(material: Material) -> Made:
+def make_analysis_table(material: Material) -> EntryResult:
     """Make Table 5.2."""
-    result = four(material)[0][3]
+    result = analyze_four(material)[0][3]
     cpi_s = result.signature.attrs["cpi_pulses"] / PRF_HZ
     readings = [
         Reading(
@@ -113,26 +120,28 @@ def make_analysis_table(material: Material) -> Made:
         Reading("steepness sigma_w", STEEPNESS, "1", 0.4, 0.0, given=True),
         Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, given=True),
     ]
-    return Made(None, readings, judged(readings, "these are the parameters of all figures of this chapter."))
+    return EntryResult(
+        None, readings, format_judgement(readings, "these are the parameters of all figures of this chapter.")
+    )
 
 
-def make_ranges(material: Material) -> Made:
+def make_ranges(material: Material) -> EntryResult:
     """Make Fig. 5.1: range of every walking point."""
-    movers = (material.person(), material.walker(SLOW_WALKER_MPS, cycles=5))
-    figure, axes = panels(2, height_in=5.4)
+    movers = (material.person(), material.make_walker(SLOW_WALKER_MPS, cycles=5))
+    figure, axes = make_panels(2, height_in=5.4)
     counts, swings = [], []
     for letter, panel, mover in zip("ab", axes, movers, strict=True):
         truth = material.recording(mover, prf_hz=PRF_HZ).truth[0]
         scatterers = truth.scatterers
-        draw_part_lines(panel, part_lines(scatterers["range"]))
+        plot_part_lines(panel, group_lines(scatterers["range"]))
         name_axes(panel, title=f"({letter}) {mover.about}"[:80], x="time (s)", y="range (m)")
         draw_grid(panel)
         counts.append(scatterers.sizes["scatterer"])
         # Span of the distance of a foot ahead of the body centre; NaN where no foot is known.
-        feet = [n for n, part in enumerate(axis(scatterers, "part")) if str(part).endswith("_foot")]
+        feet = [n for n, part in enumerate(read_axis(scatterers, "part")) if str(part).endswith("_foot")]
         ahead_m = truth.centre_range_m[:, None] - scatterers["range"].values[:, feet]
         swings.append(float((ahead_m.max(axis=0) - ahead_m.min(axis=0)).mean()) if feet else NAN)
-    legend_below(figure, axes[0])
+    place_legend_below(figure, axes[0])
     readings = [
         Reading("points of the recorded person", float(counts[0]), "1", 50.0, 20.0,
                 "the report: 30 to 70" + ("" if movers[0].real else "; a model of 17 points stands in")),
@@ -140,31 +149,38 @@ def make_ranges(material: Material) -> Made:
         *(Reading(f"swing of the feet about the body, {name}", swing, "m")
           for name, swing in zip(("person", "walker"), swings, strict=True)),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"the feet swing about the body by {swings[0]:.2f} m (person) and {swings[1]:.2f} m (walker).")
-        + ("" if movers[0].real else " Without recordings a model stands in for the person and has no more points than "
-           "the walker; --motion-folder brings the dense bundle of lines of a real one."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings, f"the feet swing about the body by {swings[0]:.2f} m (person) and {swings[1]:.2f} m (walker)."
+        )
+        + (
+            ""
+            if movers[0].real
+            else " Without recordings a model stands in for the person and has no more points than "
+            "the walker; --motion-folder brings the dense bundle of lines of a real one."
+        ),
+    )
 
 
-def make_signatures(material: Material) -> Made:
+def make_signatures(material: Material) -> EntryResult:
     """Make Fig. 5.3: signatures of people and walkers."""
-    results = four(material)
+    results = analyze_four(material)
     limits = [doppler_limits_hz(result.normalised_signature) for *_, result in results]
     shared_hz = min(low for low, _ in limits), max(high for _, high in limits)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        image = draw_signature(axes, result.normalised_signature, db_range=30.0, doppler_hz=shared_hz)
-        colour_bar(image, axes, quantity="power")
+        image = plot_signature(axes, result.normalised_signature, db_range=30.0, doppler_hz=shared_hz)
+        add_colour_bar(image, axes, quantity="power")
         name_axes(axes, title="", x="time (s)", y=DOPPLER_LABEL)
 
-    figure = _four_panels(material, draw)
+    figure = _plot_four_panels(material, draw)
     readings = []
     for name, _, recording, result in results:
         body_hz = float(2.0 * recording.truth[0].centre_velocity_mps.mean() / recording.radar.wavelength_m)
         note = f"true mean of the body {body_hz:.0f} Hz"
-        readings.append(Reading(f"main line, {name}", number(result.torso_doppler_hz), "Hz", note=note))
+        readings.append(Reading(f"main line, {name}", format_number(result.torso_doppler_hz), "Hz", note=note))
     readings += [
         Reading(f"part of the signature above {ENVELOPE:g} of its column, {name}",
                 float((result.normalised_signature.values >= ENVELOPE).mean()), "1")
@@ -173,7 +189,9 @@ def make_signatures(material: Material) -> Made:
     readings += _compare_speeds(
         "main line at a higher Doppler for the faster", [reading.ours for reading in readings[:4]]
     )
-    return Made(figure, readings, judged(readings, "the main lines of slow and fast are compared, pair by pair."))
+    return EntryResult(
+        figure, readings, format_judgement(readings, "the main lines of slow and fast are compared, pair by pair.")
+    )
 
 
 def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
@@ -184,20 +202,20 @@ def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
     ]
 
 
-def make_step_spectra(material: Material) -> Made:
+def make_step_spectra(material: Material) -> EntryResult:
     """Make Fig. 5.4: step-Doppler spectra of the four."""
-    results = four(material)
+    results = analyze_four(material)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
         true_hz = recording.truth[0].gait_frequency_hz
-        draw_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, max_cadence_hz=12.0)
+        plot_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, max_cadence_hz=12.0)
 
-    figure = _four_panels(material, draw)
+    figure = _plot_four_panels(material, draw)
     readings = []
     for name, _, recording, result in results:
         true_hz = recording.truth[0].gait_frequency_hz
         readings.append(
-            Reading(f"f_m, {name}", number(found_hz(result)[0]), "Hz",
+            Reading(f"f_m, {name}", format_number(found_hz(result)[0]), "Hz",
                     note=f"true {true_hz:.2f} Hz; a bin is {bin_hz(result):.2f} Hz")
         )  # fmt: skip
     sides = [side_lobe_of_cadence_db(one[3].cadence_spectrum, one[2].truth[0].gait_frequency_hz) for one in results]
@@ -222,23 +240,27 @@ def make_step_spectra(material: Material) -> Made:
         Reading("step frequency of the fast walker over that of the slow one", fast / slow, "1", 1.0, 0.02,
                 "the published model's stride rate goes with the root of the speed; the report seems to have held it")
     )  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, "a rectangular record has side lobes of -13.3 dB however long it is, what changes is how far "
-               "off they are. In the published model the walkers' step frequency rises with speed."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            "a rectangular record has side lobes of -13.3 dB however long it is, what changes is how far "
+            "off they are. In the published model the walkers' step frequency rises with speed.",
+        ),
+    )
 
 
-def make_torso_lines(material: Material) -> Made:
+def make_torso_lines(material: Material) -> EntryResult:
     """Make Fig. 5.5: torso line Doppler and height."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"),
+        plot_mean_doppler(axes, result.mean_doppler_spectrum, read_axis(result.signature, "doppler"),
                           peak_hz=result.torso_doppler_hz)  # fmt: skip
 
-    results = four(material)
-    figure = _four_panels(material, draw)
-    readings = [Reading(f"f_d, {name}", number(result.torso_doppler_hz), "Hz") for name, _, _, result in results]
+    results = analyze_four(material)
+    figure = _plot_four_panels(material, draw)
+    readings = [Reading(f"f_d, {name}", format_number(result.torso_doppler_hz), "Hz") for name, _, _, result in results]
     heights = [float(result.quality["torso_amplitude"]) for *_, result in results]
     readings += [Reading(f"A_fd, {name}", height, "1") for name, height in zip(NAMES, heights, strict=True)]
     readings.append(
@@ -254,31 +276,42 @@ def make_torso_lines(material: Material) -> Made:
                 float(max(heights) / min(heights) <= 1.0 + SAME), "1", 1.0, note="the report gives no number for it")
     )  # fmt: skip
     readings += _compare_speeds("f_d higher for the faster", [reading.ours for reading in readings[:4]])
-    return Made(
-        figure, readings,
-        judged(readings, f"the heights differ by a factor of {max(heights) / min(heights):.2f}; the report calls its "
-               "own much the same.")
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the heights differ by a factor of {max(heights) / min(heights):.2f}; the report calls its "
+            "own much the same.",
+        )
         + " They say how steady the torso's line is, since every column was divided by its maximum; the equal radar "
         "cross section that the report gives as the reason has no part in it.",
-    )  # fmt: skip
+    )
 
 
-def make_bandwidths(material: Material) -> Made:
+def make_bandwidths(material: Material) -> EntryResult:
     """Make Fig. 5.6: micro-Doppler bandwidth of the four."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"), threshold=THRESHOLD,
-                          normalised=True)  # fmt: skip
+        plot_mean_doppler(
+            axes,
+            result.mean_doppler_spectrum,
+            read_axis(result.signature, "doppler"),
+            threshold=THRESHOLD,
+            normalised=True,
+        )
 
-    results = four(material)
-    figure = _four_panels(material, draw)
-    widths = [number(result.features.doppler_bandwidth_hz) for *_, result in results]
+    results = analyze_four(material)
+    figure = _plot_four_panels(material, draw)
+    widths = [format_number(result.features.doppler_bandwidth_hz) for *_, result in results]
     readings = []
     for width, (name, _, recording, _) in zip(widths, results, strict=True):
         span_hz = float(np.ptp(recording.truth[0].doppler_hz(recording.radar.wavelength_m)))
         readings.append(Reading(f"B_mu, {name}", width, "Hz", note=f"true span of the points {span_hz:.0f} Hz"))
     readings += _compare_speeds("B_mu larger for the faster", widths)
-    return Made(figure, readings, judged(readings, "the bandwidths of slow and fast are compared, pair by pair."))
+    return EntryResult(
+        figure, readings, format_judgement(readings, "the bandwidths of slow and fast are compared, pair by pair.")
+    )
 
 
 ENTRIES = (

@@ -12,20 +12,20 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.reproduce.drawing import panels
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
+from doppelgait.reproduce.drawing import make_panels
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement
 from doppelgait.reproduce.material import RUNS
 from doppelgait.reproduce.scenarios import (
     METHOD_NAMES,
     METHODS,
     WRONG,
-    all_scenarios,
     cohens_d,
+    fit_line,
     is_wrong,
-    line_through,
+    make_scenarios,
     roc_area,
-    separation_table,
-    study,
+    run_study,
+    tabulate_separation,
 )
 from doppelgait.viz.style import (
     BLUE,
@@ -35,9 +35,9 @@ from doppelgait.viz.style import (
     SKY,
     VERMILLION,
     draw_grid,
-    legend_below,
+    label_quantity,
     name_axes,
-    quantity_label,
+    place_legend_below,
 )
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ FEWEST_STRIDES = 1.2
 """Shorter recorded stretches show no repetition at all."""
 
 
-def table_of(material: Material) -> pd.DataFrame:
+def make_study_table(material: Material) -> pd.DataFrame:
     """Return study features by scenario and method.
 
     Speeds and step lengths are without sign.
@@ -77,28 +77,28 @@ def table_of(material: Material) -> pd.DataFrame:
             }
             for movers in (material.people(), material.dogs())
         )  # fmt: skip
-        found = study(all_scenarios(people, dogs, seed=material.seed), material.radar())
+        found = run_study(make_scenarios(people, dogs, seed=material.seed), material.radar())
         unsigned = {name: found[name].abs() for name in ("torso_velocity_mps", "step_length_m")}
         wrong = is_wrong(found, WRONG)
         return found.assign(**unsigned, wrong=wrong)
 
-    table = material.once("study", make)
+    table = material.compute_once("study", make)
     counts = table.drop_duplicates("number")["group"].value_counts(sort=False)
     material.note("scenarios: " + ", ".join(f"{count} {group}" for group, count in counts.items()))
     return table
 
 
-def counted(table: pd.DataFrame) -> str:
+def describe_counts(table: pd.DataFrame) -> str:
     """Describe the number of scenarios by group."""
     sizes = table[table["method"] == METHODS[0]].groupby("group", sort=False).size()
     words = [f"{size} {group}{'' if size == 1 else 's'}" for group, size in sizes.items()]
     return ", ".join(words).replace("persons", "people")
 
 
-def make_step_length(material: Material) -> Made:
+def make_step_length(material: Material) -> EntryResult:
     """Make Fig. 5.8: step length against speed."""
-    table = table_of(material)
-    figure, axes = panels(2, height_in=5.6)
+    table = make_study_table(material)
+    figure, axes = make_panels(2, height_in=5.6)
     for letter, panel, method in zip("ab", axes, METHODS, strict=True):
         part = table[table["method"] == method]
         _plot_groups(panel, part, "torso_velocity_mps", "step_length_m")
@@ -108,7 +108,7 @@ def make_step_length(material: Material) -> Made:
         panel.axhline(LONG_M, color=REFERENCE, lw=0.8, ls=":")
         panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
         name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="torso speed (m/s)", y="step length (m)")
-    legend_below(figure, axes[0])
+    place_legend_below(figure, axes[0])
     length_readings = []
     for length_method in METHODS:
         length_part, name = table[table["method"] == length_method], METHOD_NAMES[length_method]
@@ -118,9 +118,9 @@ def make_step_length(material: Material) -> Made:
         long_steps = length_part[length_part["step_length_m"] > LONG_M]
         length_readings += [
             Reading(f"slope of the line through the people, {name}", _fit_line(length_part)[0], "s"),
-            Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _on_the_line(length_part), "%"),
+            Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _count_near_line(length_part), "%"),
             Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
-            *_off_readings(length_part, name),
+            *_read_distance_below_line(length_part, name),
             Reading(f"steps longer than {LONG_M} m, {name}", float(len(long_steps)), "1"),
             Reading(f"of these, share with a wrong step frequency, {name}",
                     float(long_steps["wrong"].mean()) if len(long_steps) else math.nan, "1", 1.0, 0.05,
@@ -130,7 +130,7 @@ def make_step_length(material: Material) -> Made:
             length_readings.append(
                 Reading(
                     f"most people within {NEAR_M} m of the line, {name} (1: yes)",
-                    float(_on_the_line(length_part) > 0.5),
+                    float(_count_near_line(length_part) > 0.5),
                     "1",
                     1.0,
                     note="more than half of them",
@@ -143,9 +143,9 @@ def make_step_length(material: Material) -> Made:
             "%", note=f"of {len(length_part)}"
             + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
         ))  # fmt: skip
-        length_readings += wrong_readings(length_part, name)
+        length_readings += read_wrong_shares(length_part, name)
     readings = length_readings
-    return Made(figure, readings, judged(readings, _describe_lengths(table)), table)
+    return EntryResult(figure, readings, format_judgement(readings, _describe_lengths(table)), table)
 
 
 def _plot_groups(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
@@ -158,10 +158,10 @@ def _plot_groups(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
 
 def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
     people = part[part["label"] == "human"]
-    return line_through(people["torso_velocity_mps"], people["step_length_m"])
+    return fit_line(people["torso_velocity_mps"], people["step_length_m"])
 
 
-def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
+def _compare_with_line(part: pd.DataFrame, label: str) -> pd.Series:
     """Return step lengths relative to the people's line.
 
     At the same speed.
@@ -171,17 +171,17 @@ def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
     return chosen["step_length_m"] - offset - slope * chosen["torso_velocity_mps"]
 
 
-def _on_the_line(part: pd.DataFrame) -> float:
+def _count_near_line(part: pd.DataFrame) -> float:
     """Return the share of people near the line."""
-    return float(_off_the_line(part, "human").dropna().abs().le(NEAR_M).mean())
+    return float(_compare_with_line(part, "human").dropna().abs().le(NEAR_M).mean())
 
 
-def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
+def _read_distance_below_line(part: pd.DataFrame, name: str) -> list[Reading]:
     """Read how far dogs lie below the line.
 
     By kind of gait, with the separation of the classes.
     """
-    people_m, dogs_m = (_off_the_line(part, label) for label in CLASSES)
+    people_m, dogs_m = (_compare_with_line(part, label) for label in CLASSES)
     asymmetric = part.loc[dogs_m.index, "gait"].isin(RUNS)
     kinds = {"walk, pace, trot": dogs_m[~asymmetric], "canter, gallop, bound": dogs_m[asymmetric]}
     readings = [
@@ -196,7 +196,7 @@ def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
     return readings
 
 
-def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
+def read_wrong_shares(part: pd.DataFrame, name: str) -> list[Reading]:
     """Read the shares of wrong step frequencies.
 
     Of all, by class, and beyond the resolution of its bin.
@@ -228,22 +228,22 @@ def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
 def _describe_lengths(table: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
     ours = table[table["method"] == METHODS[1]]
-    near = [100.0 * _on_the_line(part) for part in (report, ours)]
+    near = [100.0 * _count_near_line(part) for part in (report, ours)]
     left_out = table.attrs.get("left_out", {})
     words = (
         f"{near[0]:.0f} % of the people lie within {NEAR_M} m of one straight line by the report's method, "
         f"{near[1]:.0f} % by ours. Dogs that walk, pace or trot take shorter steps at the same speed; in a canter, "
         "gallop or bound f_m is the stride's, and so is the length. Steps above 1.5 m are not always wrong: runners "
-        f"and galloping dogs have them. Scenarios: {counted(table)}"
+        f"and galloping dogs have them. Scenarios: {describe_counts(table)}"
     )
     return words + (f"; {len(left_out)} could not be observed." if left_out else ".")
 
 
-def make_features(material: Material) -> Made:
+def make_features(material: Material) -> EntryResult:
     """Make Fig. 5.9: six features of all scenarios."""
-    table = table_of(material)
+    table = make_study_table(material)
     # Every feature against the number of the scenario, the report's method on the left, ours on the right.
-    feature_figure, axes = panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
+    feature_figure, axes = make_panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
     for row, name in enumerate(FEATURE_UNITS):
         for column, method in enumerate(METHODS):
             panel, part = axes[2 * row + column], table[table["method"] == method]
@@ -260,11 +260,11 @@ def make_features(material: Material) -> Made:
                 panel,
                 title=title,
                 x="scenario number" if row == 5 else "",
-                y=quantity_label(name),
+                y=label_quantity(name),
             )
-    legend_below(feature_figure, axes[0])
+    place_legend_below(feature_figure, axes[0])
     figure = feature_figure
-    separation = separation_table(table, COMPARED, classes=CLASSES)
+    separation = tabulate_separation(table, COMPARED, classes=CLASSES)
     separation["method"] = separation["method"].map(METHOD_NAMES)
     feature_readings = []
     for feature_method in METHODS:
@@ -279,7 +279,7 @@ def make_features(material: Material) -> Made:
         feature_readings += [
             Reading(f"rho of the walkers over that of the other people, medians, {feature_name}",
                     float(walkers[rho].median() / people[rho].median()), "1"),
-            Reading(f"rho of people over that of dogs, medians, {feature_name}", _ratio(feature_part, rho), "1"),
+            Reading(f"rho of people over that of dogs, medians, {feature_name}", _read_ratio(feature_part, rho), "1"),
             Reading(f"B_mu of the walkers over that of other people at their speeds, medians, {feature_name}",
                     float(walkers[width].median() / as_fast[width].median()), "1"),
             *(
@@ -289,7 +289,7 @@ def make_features(material: Material) -> Made:
                 for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
             ),
         ]  # fmt: skip
-    feature_readings += _stated_readings(feature_readings, METHOD_NAMES[METHODS[0]])
+    feature_readings += _compare_statements(feature_readings, METHOD_NAMES[METHODS[0]])
     for feature_row in separation.to_dict("records"):
         feature_readings.append(
             Reading(
@@ -300,10 +300,10 @@ def make_features(material: Material) -> Made:
             )
         )
     readings = feature_readings
-    return Made(figure, readings, judged(readings, _describe_features(table, separation)), separation)
+    return EntryResult(figure, readings, format_judgement(readings, _describe_features(table, separation)), separation)
 
 
-def _stated_readings(readings: list[Reading], name: str) -> list[Reading]:
+def _compare_statements(readings: list[Reading], name: str) -> list[Reading]:
     """Compare the report's statements on features with numbers."""
     ours = {reading.name: reading.ours for reading in readings}
     said = {
@@ -317,7 +317,7 @@ def _stated_readings(readings: list[Reading], name: str) -> list[Reading]:
     return [Reading(f"{words}, {name} (1: yes)", float(is_so), "1", 1.0) for words, is_so in said.items()]
 
 
-def _ratio(part: pd.DataFrame, name: str) -> float:
+def _read_ratio(part: pd.DataFrame, name: str) -> float:
     return float(part.loc[part["label"] == "human", name].median() / part.loc[part["label"] == "dog", name].median())
 
 
@@ -325,7 +325,7 @@ def _describe_features(table: pd.DataFrame, separation: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
     told = separation.assign(apart=(separation["roc_area"] - 0.5).abs()).sort_values("apart")
     best = told[told["method"] == METHOD_NAMES[METHODS[0]]].iloc[-1]
-    higher = _ratio(report, "limb_torso_ratio") > 1.0
+    higher = _read_ratio(report, "limb_torso_ratio") > 1.0
     return (
         f"by the report's method rho is {'higher' if higher else 'not higher'} for people than for dogs; its rho adds "
         "up rows and so depends on the frame rate of the scenario. "

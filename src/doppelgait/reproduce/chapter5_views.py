@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.motion import loop
@@ -26,19 +26,19 @@ from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.reproduce.chapter4 import ENVELOPE
 from doppelgait.reproduce.chapter4_features import bin_hz, found_hz
-from doppelgait.reproduce.chapter5 import number
-from doppelgait.reproduce.drawing import draw_cadence_amplitude, draw_mean_doppler, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
-from doppelgait.reproduce.material import RCS_M2, RUNS, THRESHOLD, Mover
+from doppelgait.reproduce.chapter5 import format_number
+from doppelgait.reproduce.drawing import make_panels, plot_cadence_amplitude, plot_mean_doppler
+from doppelgait.reproduce.entry import Entry, EntryResult, Reading, format_judgement
+from doppelgait.reproduce.material import RCS_M2, RUNS, THRESHOLD, NamedMotion
 from doppelgait.reproduce.measures import torso_line_hz, upper_envelope_hz
 from doppelgait.reproduce.scenarios import WRONG
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
-from doppelgait.viz.maps import colour_bar
-from doppelgait.viz.motion import draw_part_lines, part_lines
-from doppelgait.viz.signatures import draw_signature
-from doppelgait.viz.spectra import draw_step_doppler
-from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, LINE_COLOURS, name_axes, new_figure
+from doppelgait.viz.maps import add_colour_bar
+from doppelgait.viz.motion import group_lines, plot_part_lines
+from doppelgait.viz.signatures import plot_signature
+from doppelgait.viz.spectra import plot_cadence_map
+from doppelgait.viz.style import CADENCE_LABEL, DOPPLER_LABEL, LINE_COLOURS, make_figure, name_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +54,7 @@ PRF_HZ = 1491.0
 """The report's 1938 frames in 1.3 s (its Fig. 3.14)."""
 
 
-def fast_dog(material: Material) -> Mover:
+def find_fast_dog(material: Material) -> NamedMotion:
     """Return the fastest recorded galloping dog, or a model.
 
     The model has the speed of the report's f_d = 263 Hz, 5.41 m/s.
@@ -64,16 +64,16 @@ def fast_dog(material: Material) -> Mover:
         return material.use(max(recorded, key=lambda one: travel_speed_mps(one.motion)))
     speed_mps = float(doppler_to_velocity_mps(REPORT_DOPPLER_HZ, material.radar().wavelength_m))
 
-    def make() -> Mover:
+    def make() -> NamedMotion:
         motion = quadruped_gait(gait="gallop", speed_mps=speed_mps, withers_m=DOG_WITHERS_M, duration_s=SECONDS)
-        return Mover(f"galloping dog, {DOG_WITHERS_M} m, {speed_mps:.2f} m/s", "dog", motion)
+        return NamedMotion(f"galloping dog, {DOG_WITHERS_M} m, {speed_mps:.2f} m/s", "dog", motion)
 
-    return material.use(material.once("fast dog", make))
+    return material.use(material.compute_once("fast dog", make))
 
 
-def make_ranges(material: Material) -> Made:
+def make_ranges(material: Material) -> EntryResult:
     """Make Fig. 5.2: range of every galloping point."""
-    dog = material.galloping_dog()
+    dog = material.find_galloping_dog()
     recording = material.recording(dog, prf_hz=PRF_HZ)
     truth = recording.truth[0]
     figure = viz.range_lines(truth.scatterers, title="Range of every point of a galloping dog")
@@ -85,40 +85,46 @@ def make_ranges(material: Material) -> Made:
         Reading("radial speed", float(-line[0]), "m/s", note="the report: about 3 m/s read off its Fig. 2.20"),
         Reading("largest departure of the body from a straight line", float(np.abs(off_m).max()), "m"),
     ]  # fmt: skip
-    return Made(
-        figure, readings,
-        judged(readings, f"the body keeps to a straight line within {readings[2].ours:.2f} m. It is another dog than "
-               "the report's, so there is no number to compare."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the body keeps to a straight line within {readings[2].ours:.2f} m. It is another dog than "
+            "the report's, so there is no number to compare.",
+        ),
+    )
 
 
-def make_features(material: Material) -> Made:
+def make_features(material: Material) -> EntryResult:
     """Make Fig. 5.7: features of the galloping dog."""
-    dog = fast_dog(material)
+    dog = find_fast_dog(material)
     recording, result = material.recording(dog, prf_hz=PRF_HZ), material.result(dog, prf_hz=PRF_HZ)
     ours = material.result(dog, prf_hz=PRF_HZ, method="standard")
-    figure = _five_panels(recording, result)
+    figure = _plot_five_panels(recording, result)
     stride_hz = recording.truth[0].stride_frequency_hz
     first, second, _ = found_hz(result)
     other = "another dog" if dog.real else "a model stands in for the dog"
     readings = [
-        Reading("f_m by the report's method", number(first), "Hz",
+        Reading("f_m by the report's method", format_number(first), "Hz",
                 note=f"the report: 2.98 Hz; true stride frequency {stride_hz:.2f} Hz, a bin is {bin_hz(result):.2f} "
                      f"Hz; {other}"),
-        Reading("f_2 by the report's method", number(second), "Hz", note="the report: 6.05 Hz"),
-        Reading("f_m by ours", number(ours.gait_frequency_hz), "Hz"),
-        Reading("f_m over the stride frequency", number(first) / stride_hz, "1",
+        Reading("f_2 by the report's method", format_number(second), "Hz", note="the report: 6.05 Hz"),
+        Reading("f_m by ours", format_number(ours.gait_frequency_hz), "Hz"),
+        Reading("f_m over the stride frequency", format_number(first) / stride_hz, "1",
                 note="1: what was found is the stride"),
-        Reading("B_mu", number(result.features.doppler_bandwidth_hz), "Hz", note="the report: 607 Hz"),
+        Reading("B_mu", format_number(result.features.doppler_bandwidth_hz), "Hz", note="the report: 607 Hz"),
         Reading("A_fd", float(result.quality["torso_amplitude"]), "1", note="the report: 0.79"),
-        Reading("f_d", number(result.torso_doppler_hz), "Hz",
+        Reading("f_d", format_number(result.torso_doppler_hz), "Hz",
                 note="the report: 263 Hz; " + ("another dog at another speed" if dog.real else "the speed was taken "
                                                "from it")),
         Reading("speed that 263 Hz stand for",
                 float(doppler_to_velocity_mps(REPORT_DOPPLER_HZ, recording.radar.wavelength_m)), "m/s", 3.0, 0.5,
                 "the report reads about 3 m/s off its Fig. 2.20 for the same dog: its numbers contradict each other"),
     ]  # fmt: skip
-    return Made(figure, readings, judged(readings, _judge_peak(number(first), stride_hz, bin_hz(result))))
+    return EntryResult(
+        figure, readings, format_judgement(readings, _judge_peak(format_number(first), stride_hz, bin_hz(result)))
+    )
 
 
 def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
@@ -137,8 +143,8 @@ def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
     )
 
 
-def _five_panels(recording: Recording, result: Result) -> Figure:
-    figure = new_figure(width_in=15.0, height_in=8.6)
+def _plot_five_panels(recording: Recording, result: Result) -> Figure:
+    figure = make_figure(width_in=15.0, height_in=8.6)
     grid = figure.add_gridspec(2, 6)
     wavelength_m = recording.radar.wavelength_m
     lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=wavelength_m)
@@ -146,24 +152,24 @@ def _five_panels(recording: Recording, result: Result) -> Figure:
     limits_hz = float(true_hz.min()) - 40.0, float(true_hz.max()) + 40.0
     upper = [figure.add_subplot(grid[0, 2 * n : 2 * n + 2]) for n in range(3)]
     lower = [figure.add_subplot(grid[1, 2 * n : 2 * n + 2]) for n in range(3)]
-    draw_part_lines(upper[0], part_lines(lines), bold=1.6)
-    times_s = axis(lines, "slow_time")
+    plot_part_lines(upper[0], group_lines(lines), bold=1.6)
+    times_s = read_axis(lines, "slow_time")
     upper[0].set(xlim=(times_s[0], times_s[-1]), ylim=limits_hz)
     name_axes(upper[0], title="(a) true Doppler frequencies", x="time (s)", y=DOPPLER_LABEL)
-    image = draw_signature(upper[1], result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
-    colour_bar(image, upper[1], quantity="power")
+    image = plot_signature(upper[1], result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
+    add_colour_bar(image, upper[1], quantity="power")
     name_axes(upper[1], title="(b) signature", x="time (s)", y=DOPPLER_LABEL)
-    image = draw_step_doppler(
+    image = plot_cadence_map(
         upper[2], result.cadence_map, gait_frequency_hz=None, max_cadence_hz=20.0, db_range=30.0, doppler_hz=limits_hz
     )
-    colour_bar(image, upper[2], quantity="magnitude")
+    add_colour_bar(image, upper[2], quantity="magnitude")
     name_axes(upper[2], title="(c) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
-    draw_cadence_amplitude(lower[0], result.cadence_spectrum, found_hz(result),
+    plot_cadence_amplitude(lower[0], result.cadence_spectrum, found_hz(result),
                            true_hz=recording.truth[0].gait_frequency_hz, title="sum of (c)")  # fmt: skip
-    doppler_hz = axis(result.signature, "doppler")
-    draw_mean_doppler(lower[1], result.mean_doppler_spectrum, doppler_hz, threshold=THRESHOLD, normalised=True,
+    doppler_hz = read_axis(result.signature, "doppler")
+    plot_mean_doppler(lower[1], result.mean_doppler_spectrum, doppler_hz, threshold=THRESHOLD, normalised=True,
                       title="(d) mean Doppler spectrum, normalised")  # fmt: skip
-    draw_mean_doppler(lower[2], result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz,
+    plot_mean_doppler(lower[2], result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz,
                       title="(e) mean Doppler spectrum")  # fmt: skip
     return figure
 
@@ -193,35 +199,39 @@ SNR_DB = 20.0
 """SNR of the frames: the tracker needs a noise floor to detect a target."""
 
 
-def make_aspect(material: Material) -> Made:
+def make_aspect(material: Material) -> EntryResult:
     """Make Fig. 5.10: walking across and along sight."""
     person = material.person()
     views = {
         90.0: material.result(person, prf_hz=VIEWS_PRF_HZ, aspect_deg=90.0, range_m=ACROSS_RANGE_M),
         0.0: material.result(person, prf_hz=VIEWS_PRF_HZ),
     }
-    figure, axes = panels(2, height_in=5.0)
+    figure, axes = make_panels(2, height_in=5.0)
     highest_hz = float(upper_envelope_hz(views[0.0].normalised_signature, ENVELOPE).max()) + 60.0
     for letter, panel, (aspect, result) in zip("ab", axes, views.items(), strict=True):
-        image = draw_signature(panel, result.normalised_signature, db_range=30.0, doppler_hz=(-150.0, highest_hz))
-        colour_bar(image, panel, quantity="power")
+        image = plot_signature(panel, result.normalised_signature, db_range=30.0, doppler_hz=(-150.0, highest_hz))
+        add_colour_bar(image, panel, quantity="power")
         name_axes(panel, title=f"({letter}) aspect angle {aspect:.0f}°", x="time (s)", y=DOPPLER_LABEL)
-    widths = {aspect: number(result.features.doppler_bandwidth_hz) for aspect, result in views.items()}
+    widths = {aspect: format_number(result.features.doppler_bandwidth_hz) for aspect, result in views.items()}
     bin_hz = VIEWS_PRF_HZ / views[0.0].signature.sizes["doppler"]
     readings = [
-        Reading("f_d across the line of sight", number(views[90.0].torso_doppler_hz), "Hz", 0.0, bin_hz),
-        Reading("f_d along the line of sight", number(views[0.0].torso_doppler_hz), "Hz"),
+        Reading("f_d across the line of sight", format_number(views[90.0].torso_doppler_hz), "Hz", 0.0, bin_hz),
+        Reading("f_d along the line of sight", format_number(views[0.0].torso_doppler_hz), "Hz"),
         Reading("B_mu across", widths[90.0], "Hz"),
         Reading("B_mu along", widths[0.0], "Hz"),
         Reading("B_mu across over along", widths[90.0] / widths[0.0], "1", note="the report: far smaller envelopes"),
         Reading("B_mu smaller across than along (1: yes)", float(widths[90.0] < widths[0.0]), "1", 1.0),
     ]
-    return Made(
-        figure, readings,
-        judged(readings, f"across the line of sight the main line is at {readings[0].ours:.0f} Hz and B_mu is "
-               f"{readings[4].ours:.2f} of that along it. The report's caption repeats that of Fig. 5.1; its text says "
-               "what is shown."),
-    )  # fmt: skip
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"across the line of sight the main line is at {readings[0].ours:.0f} Hz and B_mu is "
+            f"{readings[4].ours:.2f} of that along it. The report's caption repeats that of Fig. 5.1; its text says "
+            "what is shown.",
+        ),
+    )
 
 
 def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
@@ -232,17 +242,17 @@ def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
     person = material.person()
 
     def make() -> tuple[Recording, Result, Result]:
-        scene, radar = lanes(person.motion), material.radar(prf_hz=VIEWS_PRF_HZ)
+        scene, radar = make_lanes(person.motion), material.radar(prf_hz=VIEWS_PRF_HZ)
         noisy = simulate(scene, radar, rng=Streams(material.seed), snr_db=SNR_DB, angles=False)
         report = analyze(noisy, gate="truth", analysis=Analysis(method="liland2018", hop=5))[0]
         tracks = analyze(noisy, gate="track", analysis=Analysis(extended=False))
         ours = max(tracks, key=lambda one: one.gate.time_s.size)
         return noisy, report, ours
 
-    return material.once("to and fro", make)
+    return material.compute_once("to and fro", make)
 
 
-def lanes(motion: Motion) -> Scene:
+def make_lanes(motion: Motion) -> Scene:
     """Make a scene of a walk along four lanes."""
     points = [(LEG_M * ((lane + end) % 2), LANE_M * lane) for lane in range(LEGS) for end in (0, 1)]
     way_m = LEGS * LEG_M + (LEGS - 1) * LANE_M
@@ -255,18 +265,18 @@ def lanes(motion: Motion) -> Scene:
     return Scene([target], duration_s=seconds)
 
 
-def make_directions(material: Material) -> Made:
+def make_directions(material: Material) -> EntryResult:
     """Make Fig. 5.11: signature of walking to and fro."""
     recording, report, ours = to_and_fro(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure = viz.signature(report.normalised_signature, db_range=25.0, title="A person who walks to and fro")
-    pieces = pieces_of(ours)
+    pieces = tabulate_segments(ours)
     for start_s, stop_s in zip(pieces["from (s)"], pieces["to (s)"], strict=True):
         figure.axes[0].axvspan(start_s, stop_s, ymin=0.97, color=LINE_COLOURS[0], lw=0)
     still_hz = STILL_MPS * 2.0 / recording.radar.wavelength_m
     line_hz = torso_line_hz(report.normalised_signature, reach_hz=VIEWS_PRF_HZ)
     changes = sign_changes(line_hz, still_hz)
-    report_hz, error = number(report.gait_frequency_hz), (pieces["f_m (Hz)"] / true_hz - 1.0).abs().max()
+    report_hz, error = format_number(report.gait_frequency_hz), (pieces["f_m (Hz)"] / true_hz - 1.0).abs().max()
     readings = [
         Reading("changes of direction that the main line shows", float(changes), "1",
                 note=f"true {sign_changes(recording.truth[0].centre_velocity_mps, STILL_MPS)}"),
@@ -277,24 +287,30 @@ def make_directions(material: Material) -> Made:
         Reading("largest relative error of f_m in them", float(error), "1"),
     ]  # fmt: skip
     wrong = not abs(report_hz / true_hz - 1.0) < WRONG
-    return Made(
-        figure, readings,
-        judged(readings, f"the main line changes sign {changes} times. The report's method takes the whole and finds "
-               f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by "
-               "itself (bars at the top), as the report proposes, and without any truth."),
+    return EntryResult(
+        figure,
+        readings,
+        format_judgement(
+            readings,
+            f"the main line changes sign {changes} times. The report's method takes the whole and finds "
+            f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by "
+            "itself (bars at the top), as the report proposes, and without any truth.",
+        ),
         pieces,
-    )  # fmt: skip
+    )
 
 
-def pieces_of(result: Result) -> pd.DataFrame:
+def tabulate_segments(result: Result) -> pd.DataFrame:
     """Tabulate the segments of steady motion of a track."""
     return pd.DataFrame(
         {
-            "from (s)": float(axis(piece.signature, "time")[0]), "to (s)": float(axis(piece.signature, "time")[-1]),
-            "v_m (m/s)": number(piece.features.torso_velocity_mps), "f_m (Hz)": number(piece.gait_frequency_hz),
+            "from (s)": float(read_axis(piece.signature, "time")[0]),
+            "to (s)": float(read_axis(piece.signature, "time")[-1]),
+            "v_m (m/s)": format_number(piece.features.torso_velocity_mps),
+            "f_m (Hz)": format_number(piece.gait_frequency_hz),
         }
         for piece in result.segments or (result,)
-    )  # fmt: skip
+    )
 
 
 def sign_changes(values: npt.ArrayLike, still: float) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.viz.spectra import mark_harmonics
 from doppelgait.viz.style import (
     ACCENT,
@@ -23,8 +23,8 @@ from doppelgait.viz.style import (
     SHADE,
     draw_grid,
     legend_under,
+    make_figure,
     name_axes,
-    new_figure,
 )
 
 if TYPE_CHECKING:
@@ -38,13 +38,15 @@ MAX_CADENCE_HZ = 20.0
 AMPLITUDE_LABEL = "amplitude"
 
 
-def panels(across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4) -> tuple[Figure, list[Axes]]:
+def make_panels(
+    across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4
+) -> tuple[Figure, list[Axes]]:
     """Make a figure with rows of axes."""
-    figure = new_figure(width_in=width_in, height_in=height_in)
+    figure = make_figure(width_in=width_in, height_in=height_in)
     return figure, list(figure.subplots(down, across, squeeze=False).flat)
 
 
-def draw_cadence_amplitude(
+def plot_cadence_amplitude(
     axes: Axes, spectrum: xr.DataArray, found_hz: Sequence[float | None], *, true_hz: float | None = None,
     max_cadence_hz: float = MAX_CADENCE_HZ, title: str = "",
 ) -> None:  # fmt: skip
@@ -61,7 +63,7 @@ def draw_cadence_amplitude(
     max_cadence_hz : float
     title : str
     """
-    cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
+    cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     axes.plot(cadence_hz, values, color=LINE, lw=1.3, marker=".", ms=3)
     axes.set(xlim=(0.0, min(max_cadence_hz, float(cadence_hz[-1]))), ylim=(0.0, 1.22 * float(values.max())))
     if true_hz is not None and np.isfinite(true_hz):
@@ -74,7 +76,7 @@ def draw_cadence_amplitude(
     legend_under(axes, columns=2)
 
 
-def draw_mean_doppler(
+def plot_mean_doppler(
     axes: Axes, values: npt.ArrayLike, doppler_hz: npt.ArrayLike, *, peak_hz: float | None = None,
     threshold: float | None = None, normalised: bool = False, title: str = "",
 ) -> None:  # fmt: skip
@@ -133,7 +135,7 @@ def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tupl
     return float(doppler_hz[above[0]]), float(doppler_hz[above[-1]])
 
 
-def numbered_marks(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
+def plot_numbered_marks(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
     """Draw numbers in circles at places in data coordinates."""
     for name, place in places.items():
         axes.annotate(

@@ -72,7 +72,7 @@ class Reading:
         return {"agrees": True, "differs": False}.get(self.kind)
 
 
-def verdict(readings: Sequence[Reading]) -> str:
+def summarise_readings(readings: Sequence[Reading]) -> str:
     """Summarise the readings of an entry in words.
 
     The words begin a judgement.
@@ -91,14 +91,14 @@ def verdict(readings: Sequence[Reading]) -> str:
     return "Set as stated" if "set" in kinds else "Not compared"
 
 
-def judged(readings: Sequence[Reading], text: str) -> str:
+def format_judgement(readings: Sequence[Reading], text: str) -> str:
     """Format a judgement with verdict and differences."""
     differing = [reading.name for reading in readings if reading.kind == "differs"]
-    return f"{'Differs in: ' + '; '.join(differing) + '. ' if differing else verdict(readings) + ': '}{text}"
+    return f"{'Differs in: ' + '; '.join(differing) + '. ' if differing else summarise_readings(readings) + ': '}{text}"
 
 
 @dataclass(frozen=True)
-class Made:
+class EntryResult:
     """Figure, readings and judgement of an entry.
 
     Attributes
@@ -137,7 +137,7 @@ class Entry:
     number: str
     title: str
     stated: str
-    make: Callable[[Material], Made]
+    make: Callable[[Material], EntryResult]
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class Outcome:
     """
 
     entry: Entry
-    made: Made | None
+    made: EntryResult | None
     used: Sequence[str] = ()
     remarks: Sequence[str] = ()
     seconds: float = 0.0
@@ -194,7 +194,11 @@ class Outcome:
             "error": self.error or None,
             "made_from": list(self.used),
             "readings": [
-                {**{name: _finite(value) for name, value in vars(one).items()}, "agrees": one.agrees, "kind": one.kind}
+                {
+                    **{name: _convert_finite(value) for name, value in vars(one).items()},
+                    "agrees": one.agrees,
+                    "kind": one.kind,
+                }
                 for one in self.readings
             ],
             "judgement": self.made.judgement if self.made else None,
@@ -205,7 +209,7 @@ class Outcome:
         }
 
 
-def _finite(value: str | float | None) -> str | float | None:
+def _convert_finite(value: str | float | None) -> str | float | None:
     """Convert to a float, None if not finite.
 
     Texts, truth values and None stay as they are.
@@ -219,7 +223,7 @@ CHAPTERS = re.compile(r"(chapter\d|appendix)")
 """Modules of this package that hold entries, by the start of their names; each has a tuple ``ENTRIES``."""
 
 
-def all_entries() -> tuple[Entry, ...]:
+def collect_entries() -> tuple[Entry, ...]:
     """Return every entry, chapter by chapter, figures before tables."""
     package = import_module("doppelgait.reproduce")
     names = sorted(module.name for module in pkgutil.iter_modules(package.__path__) if CHAPTERS.match(module.name))

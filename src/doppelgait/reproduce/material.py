@@ -37,7 +37,7 @@ SHOWN_REASONS = 3
 
 
 @dataclass(frozen=True)
-class Mover:
+class NamedMotion:
     """A named motion.
 
     Attributes
@@ -78,7 +78,7 @@ class Mover:
         return f"{'recording' if self.real else 'model'}: {self.name}"
 
 
-def chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
+def make_chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> NamedMotion:
     """Make the walker of the published program (Chen 2011).
 
     For whole gait cycles, right foot landing first.
@@ -96,10 +96,12 @@ def chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
         speed_mps=speed_mps, height_m=PERSON_M, duration_s=cycles / stride_hz, form="chen2011", rate_hz=500.0
     )
     moved_mps = speed_mps / (0.491 * PERSON_M)
-    return Mover(f"walker of Boulic and Chen, {PERSON_M} m, {moved_mps:.2f} m/s, {cycles} gait cycles", "human", motion)
+    return NamedMotion(
+        f"walker of Boulic and Chen, {PERSON_M} m, {moved_mps:.2f} m/s, {cycles} gait cycles", "human", motion
+    )
 
 
-def model_people() -> list[Mover]:
+def make_model_people() -> list[NamedMotion]:
     """Make model walkers and a runner.
 
     By the jointed model, with feet locked to the floor.
@@ -110,11 +112,11 @@ def model_people() -> list[Mover]:
     for speed_mps in (1.3, 0.9, 1.8, 3.0):
         motion = human_gait(speed_mps=speed_mps, height_m=PERSON_M, duration_s=4.0)
         name = "walking" if motion.facts.gait == "walk" else "running"
-        found.append(Mover(f"{name} person, {PERSON_M} m, {speed_mps} m/s", "human", motion))
+        found.append(NamedMotion(f"{name} person, {PERSON_M} m, {speed_mps} m/s", "human", motion))
     return found
 
 
-def model_dogs() -> list[Mover]:
+def make_model_dogs() -> list[NamedMotion]:
     """Make the report's bounding dog, and other gaits.
 
     A bound moves left and right legs together.
@@ -127,7 +129,7 @@ def model_dogs() -> list[Mover]:
         speed_mps = DOG_SPEED_MPS if gait == "bound" else None
         motion = quadruped_gait(gait=gait, speed_mps=speed_mps, withers_m=DOG_WITHERS_M, duration_s=2.0)
         speed = f", {speed_mps} m/s" if speed_mps else ""
-        found.append(Mover(f"dog, {gait}, {DOG_WITHERS_M} m{speed}", "dog", motion))
+        found.append(NamedMotion(f"dog, {gait}, {DOG_WITHERS_M} m{speed}", "dog", motion))
     return found
 
 
@@ -141,7 +143,7 @@ def check_folder(folder: Path) -> None:
         )
 
 
-def recorded(folder: Path, label: str) -> list[Mover]:
+def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
     """Read a label's straight, steady segments, longest first.
 
     Parameters
@@ -157,12 +159,12 @@ def recorded(folder: Path, label: str) -> list[Mover]:
         If files are left out, with their number and the reasons of the first.
     """
     from doppelgait.motion import find_segments, read
-    from doppelgait.motion.gait import with_gait_facts
+    from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.segments import crop
 
     root = folder / FOLDERS[label]
     files = sorted(path for path in root.rglob("*") if path.is_file()) if root.is_dir() else []
-    found: list[Mover] = []
+    found: list[NamedMotion] = []
     refused: dict[str, str] = {}
     for file in files:
         try:
@@ -170,7 +172,7 @@ def recorded(folder: Path, label: str) -> list[Mover]:
                 warnings.simplefilter("ignore", DoppelgaitWarning)  # of cleaning; the command "motion info" shows them
                 motion, name = read(file), file.relative_to(folder).as_posix()
                 found += [
-                    Mover(f"{name}, stretch {number}", label, with_gait_facts(crop(motion, segment)), real=True)
+                    NamedMotion(f"{name}, stretch {number}", label, add_gait_facts(crop(motion, segment)), real=True)
                     for number, segment in enumerate(find_segments(motion), start=1)
                 ]
         except DoppelgaitError as error:
@@ -182,7 +184,7 @@ def recorded(folder: Path, label: str) -> list[Mover]:
     return sorted(found, key=lambda mover: (-mover.seconds, mover.name))
 
 
-def point_table(
+def make_point_table(
     radar: Radar, n_frames: int, *, range_m: npt.ArrayLike, velocity_mps: npt.ArrayLike, rcs_m2: npt.ArrayLike = 1.0
 ) -> xr.Dataset:
     """Make a table of points at constant velocity.
@@ -225,7 +227,7 @@ def point_table(
     )
 
 
-def slow_time_signal(radar: Radar, table: xr.Dataset, *, range_m: float) -> npt.NDArray[np.complex128]:
+def simulate_slow_time_signal(radar: Radar, table: xr.Dataset, *, range_m: float) -> npt.NDArray[np.complex128]:
     """Simulate the noise-free slow-time signal at a range, V."""
     baseband = synthesise(table, radar)
     return np.asarray(baseband.sel(range=range_m, method="nearest").values, dtype=np.complex128)
@@ -270,7 +272,7 @@ class Material:
         self._made: dict[Hashable, Any] = {}
         self._used: dict[str, None] = {}
 
-    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+    def compute_once(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the result of ``make``, computed once per key."""
         if key not in self._made:
             self._made[key] = make()
@@ -285,7 +287,7 @@ class Material:
         """Return the entry's sources, such as "model: ..."."""
         return tuple(self._used)
 
-    def use(self, mover: Mover) -> Mover:
+    def use(self, mover: NamedMotion) -> NamedMotion:
         """Note a target as the entry's source."""
         self._used[mover.about] = None
         return mover
@@ -294,23 +296,23 @@ class Material:
         """Note the entry's sources as one text."""
         self._used[text] = None
 
-    def people(self) -> list[Mover]:
+    def people(self) -> list[NamedMotion]:
         """Return recorded people, longest first, or models."""
-        return self.once("people", lambda: self._read_recorded("human") or model_people())
+        return self.compute_once("people", lambda: self._read_recorded("human") or make_model_people())
 
-    def dogs(self) -> list[Mover]:
+    def dogs(self) -> list[NamedMotion]:
         """Return recorded dogs, longest first, or models."""
-        return self.once("dogs", lambda: self._read_recorded("dog") or model_dogs())
+        return self.compute_once("dogs", lambda: self._read_recorded("dog") or make_model_dogs())
 
-    def _read_recorded(self, label: str) -> list[Mover]:
-        return [] if self.motion_folder is None else recorded(self.motion_folder, label)
+    def _read_recorded(self, label: str) -> list[NamedMotion]:
+        return [] if self.motion_folder is None else read_recorded(self.motion_folder, label)
 
-    def walker(self, speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
+    def make_walker(self, speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> NamedMotion:
         """Return the report's "Chen target model"."""
         key = ("walker", speed_mps, cycles)
-        return self.use(self.once(key, lambda: chen_walker(speed_mps, cycles=cycles)))
+        return self.use(self.compute_once(key, lambda: make_chen_walker(speed_mps, cycles=cycles)))
 
-    def walkers(self) -> list[Mover]:
+    def make_walkers(self) -> list[NamedMotion]:
         """Return people walking with known feet.
 
         The most points first: the report's person had 41.
@@ -322,14 +324,14 @@ class Material:
         ]  # fmt: skip
         return sorted(fit, key=lambda one: (-len(one.motion.markers), -one.seconds)) or self.people()
 
-    def person(self) -> Mover:
+    def person(self) -> NamedMotion:
         """Return the recorded walk of the report.
 
-        The first of :meth:`walkers`.
+        The first of :meth:`make_walkers`.
         """
-        return self.use(self.walkers()[0])
+        return self.use(self.make_walkers()[0])
 
-    def galloping_dog(self) -> Mover:
+    def find_galloping_dog(self) -> NamedMotion:
         """Return the longest gallop, canter or bound.
 
         It stands for the recorded dog of the report.
@@ -341,7 +343,7 @@ class Material:
         return Radar.preset("liland2018", **changes)
 
     def recording(
-        self, mover: Mover, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
+        self, mover: NamedMotion, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
         duration_s: float | None = None,
     ) -> Recording:  # fmt: skip
         """Simulate a target's noise-free recording.
@@ -365,9 +367,11 @@ class Material:
             mover.motion, label=mover.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[mover.label]),
             aspect_deg=aspect_deg, range_m=range_m,
         )  # fmt: skip
-        return self.once(key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz)))
+        return self.compute_once(
+            key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz))
+        )
 
-    def result(self, mover: Mover, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
+    def result(self, mover: NamedMotion, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
         """Analyse a target in its true gate.
 
         Parameters
@@ -384,4 +388,4 @@ class Material:
             method=method, cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]
         )  # fmt: skip
         key = ("result", id(seen), method, cpi_s)  # the recording is kept, so its id stays its own
-        return self.once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])
+        return self.compute_once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])

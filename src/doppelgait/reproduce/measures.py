@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.labels import read_axis, sampling_rate_hz
 from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,7 +23,7 @@ CLEAR_DB = 6.0
 """A peak stands out where it is twice the median about it."""
 
 
-def printed_window(n_pulses: int, steepness: float) -> FloatArray:
+def make_printed_window(n_pulses: int, steepness: float) -> FloatArray:
     """Return the window of Eq. 4.4, shape (M,).
 
     It is half a sample off its centre.
@@ -62,7 +62,7 @@ def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
 
     The highest Doppler at which a column reaches a share of its maximum.
     """
-    values, doppler_hz = signature.values, axis(signature, "doppler")
+    values, doppler_hz = signature.values, read_axis(signature, "doppler")
     reached = values >= level * values.max(axis=1, keepdims=True)
     last = values.shape[1] - 1 - np.argmax(reached[:, ::-1], axis=1)
     return np.asarray(doppler_hz[last], dtype=np.float64)
@@ -109,7 +109,7 @@ def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
 
     Within a reach of the strongest row of all.
     """
-    doppler_hz = axis(signature, "doppler")
+    doppler_hz = read_axis(signature, "doppler")
     middle_hz = doppler_hz[int(signature.values.mean(axis=0).argmax())]
     near = np.abs(doppler_hz - middle_hz) <= reach_hz
     power = signature.values[:, near].astype(np.float64) ** 2
@@ -127,8 +127,8 @@ def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time
     line_time_s : array_like, shape (I,)
     reach_hz : float
     """
-    times, doppler_hz = np.asarray(line_time_s), axis(signature, "doppler")
-    nearest = np.abs(times[None, :] - axis(signature, "time")[:, None]).argmin(axis=1)
+    times, doppler_hz = np.asarray(line_time_s), read_axis(signature, "doppler")
+    nearest = np.abs(times[None, :] - read_axis(signature, "time")[:, None]).argmin(axis=1)
     distance = np.abs(doppler_hz[None, :, None] - np.asarray(lines_hz)[nearest][:, None, :]).min(axis=2)
     values = signature.values.astype(np.float64)
     return float(values[distance <= reach_hz].sum() / values.sum())
@@ -153,7 +153,7 @@ def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) ->
     float
         0 dB and about: no peak; the peak is the largest value within 15 % of the fundamental of the expected place.
     """
-    cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
+    cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     off_hz = np.abs(cadence_hz - harmonic * frequency_hz)
     near, around = off_hz <= NEAR * frequency_hz, off_hz <= 0.5 * frequency_hz
     if not near.any() or not values[around].any():
@@ -166,7 +166,7 @@ def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> floa
 
     Relative to the peak of f_m, within 0.3 to 0.7 of the interval.
     """
-    cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
+    cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     phase = cadence_hz / frequency_hz
     between, near = (phase >= 1.3) & (phase <= 1.7), np.abs(phase - 1.0) <= NEAR
     if not between.any() or not near.any():
@@ -184,9 +184,9 @@ def column_level_rise_db(signature: xr.DataArray) -> float:
     return float(10.0 * np.log10(top[-count:].mean() / top[:count].mean()))
 
 
-def columns_per_second(signature: xr.DataArray) -> float:
+def measure_column_rate_hz(signature: xr.DataArray) -> float:
     """Return the column rate of a signature, Hz."""
-    return sampling_rate_hz(axis(signature, "time"))
+    return sampling_rate_hz(read_axis(signature, "time"))
 
 
 def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
@@ -226,7 +226,7 @@ def forward_m(motion: Motion) -> xr.DataArray:
     return motion.positions.isel(space=0).copy(data=along)
 
 
-def part_line(lines: xr.DataArray, part: str) -> FloatArray:
+def average_part_line(lines: xr.DataArray, part: str) -> FloatArray:
     """Average a body part's lines, shape (I,).
 
     Raises
@@ -234,18 +234,18 @@ def part_line(lines: xr.DataArray, part: str) -> FloatArray:
     MotionError
         If no point belongs to it.
     """
-    chosen = axis(lines, "part").astype(str) == part
+    chosen = read_axis(lines, "part").astype(str) == part
     if not chosen.any():
         raise MotionError(f"no point is known to be of the {part.replace('_', ' ')}, whose line is needed")
     return np.asarray(lines.values[:, chosen].mean(axis=1), dtype=np.float64)
 
 
-def parts_of(lines: xr.DataArray) -> list[str]:
+def list_parts(lines: xr.DataArray) -> list[str]:
     """Return the points' body parts, sorted."""
-    return sorted(set(axis(lines, "part").astype(str)))
+    return sorted(set(read_axis(lines, "part").astype(str)))
 
 
-def departure(values: npt.ArrayLike) -> float:
+def measure_departure(values: npt.ArrayLike) -> float:
     """Return a line's rms deviation from a straight fit."""
     line = np.asarray(values, dtype=np.float64)
     time = np.arange(line.size)

@@ -14,7 +14,7 @@ from doppelgait import __version__
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
-from doppelgait.reproduce.entry import KINDS, Outcome, all_entries, pick
+from doppelgait.reproduce.entry import KINDS, Outcome, collect_entries, pick
 from doppelgait.reproduce.material import Material
 from doppelgait.viz.style import save_figure
 
@@ -37,7 +37,7 @@ font-variant-numeric: tabular-nums; white-space: nowrap; }
 """
 
 
-def page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
+def format_page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
     """Format the page as HTML.
 
     It needs only the figures next to it.
@@ -48,7 +48,9 @@ def page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
     recordings : bool
         True for a run with a motion folder.
     """
-    links = " ".join(f'<a href="#{one.entry.number}">{escape(heading(one.entry.number))}</a>' for one in outcomes)
+    links = " ".join(
+        f'<a href="#{one.entry.number}">{escape(format_heading(one.entry.number))}</a>' for one in outcomes
+    )
     return "\n".join([
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
@@ -61,7 +63,7 @@ def page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
     ])  # fmt: skip
 
 
-def heading(number: str) -> str:
+def format_heading(number: str) -> str:
     """Format the number of an entry: "Figure 4.13"."""
     kind, _, rest = number.partition("-")
     return f"{'Figure' if kind == 'fig' else 'Table'} {rest}"
@@ -89,14 +91,14 @@ def _format_introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
 def _format_section(one: Outcome) -> str:
     entry = one.entry
     parts = [
-        f'<section id="{entry.number}">\n<h2>{escape(heading(entry.number))}: {escape(entry.title)}</h2>',
+        f'<section id="{entry.number}">\n<h2>{escape(format_heading(entry.number))}: {escape(entry.title)}</h2>',
         f"<p><b>The report:</b> {escape(entry.stated)}</p>",
     ]
     if one.made is None:
         parts.append(f'<p class="error"><b>Could not be made:</b> {escape(one.error)}</p>')
     else:
         if one.figure_path:
-            alternative = f"{heading(entry.number)}: {entry.title}"
+            alternative = f"{format_heading(entry.number)}: {entry.title}"
             parts.append(f'<img src="{one.figure_path}" alt="{escape(alternative)}" loading="lazy">')
         if one.made.table is not None:
             path = str(one.table_path)
@@ -179,7 +181,7 @@ def reproduce(
         If the folder cannot be written; an earlier one then stays unchanged.
     """
     check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
-    entries = pick(all_entries(), only)
+    entries = pick(collect_entries(), only)
     _keep_other_entries(out, {entry.number for entry in entries})
     material = Material(seed=seed, motion_folder=motion_folder)
     outcomes = []
@@ -227,5 +229,5 @@ def reproduce(
         }
         text = json.dumps(document, indent=2, allow_nan=False)
         (folder / READINGS).write_text(text + "\n", encoding="utf-8")
-        (folder / PAGE).write_text(page(outcomes, recordings=motion_folder is not None), encoding="utf-8")
+        (folder / PAGE).write_text(format_page(outcomes, recordings=motion_folder is not None), encoding="utf-8")
     return outcomes

@@ -16,7 +16,7 @@ from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sa
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, GaitName, froude_speed_mps, hip_height_m
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.pipeline import analyze, simulate, with_lowest_prf
+from doppelgait.pipeline import analyze, choose_lowest_prf, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -72,7 +72,7 @@ def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     return float(below.sum() / (2.0 * a.size * b.size))
 
 
-def separation_table(table: pd.DataFrame, features: Sequence[str], *, classes: tuple[str, str]) -> pd.DataFrame:
+def tabulate_separation(table: pd.DataFrame, features: Sequence[str], *, classes: tuple[str, str]) -> pd.DataFrame:
     """Tabulate medians, Cohen's d and ROC area by method.
 
     Parameters
@@ -118,7 +118,7 @@ def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Seri
     return ~(error_hz <= allowed_hz) & table["true_gait_frequency_hz"].notna()
 
 
-def line_through(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
+def fit_line(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
     """Return a robust line's slope and offset (Theil, Sen).
 
     The slope is the median of the slopes of all pairs.
@@ -185,7 +185,7 @@ class Scenario:
     away: bool = False
 
 
-def all_scenarios(
+def make_scenarios(
     people: Mapping[str, Motion], dogs: Mapping[str, Motion], *, seed: int,
     counts: tuple[int, int, int] = (N_PEOPLE, N_WALKERS, N_DOGS),
 ) -> list[Scenario]:  # fmt: skip
@@ -200,23 +200,23 @@ def all_scenarios(
         People, walkers and dogs; recordings beyond are left out.
     """
     n_people, n_walkers, n_dogs = counts
-    found = [_recorded_scenario("human", name, motion) for name, motion in list(people.items())[:n_people]]
-    found += [_model_person(seed, number) for number in range(n_people - len(found))]
+    found = [_make_recorded_scenario("human", name, motion) for name, motion in list(people.items())[:n_people]]
+    found += [_sample_person(seed, number) for number in range(n_people - len(found))]
     for speed_mps in np.linspace(0.5, 2.5, n_walkers):
         motion = boulic_walk(speed_mps=float(speed_mps), height_m=PERSON_M, duration_s=20.0)
         seconds = WALKER_CYCLES / motion.facts.stride_frequency_hz
         found.append(Scenario("Boulic walker", "human", f"Boulic walker {speed_mps:.1f} m/s", motion, seconds))
-    recorded = [_recorded_scenario("dog", name, motion) for name, motion in list(dogs.items())[:n_dogs]]
-    found += recorded + [_model_dog(seed, number) for number in range(n_dogs - len(recorded))]
+    recorded = [_make_recorded_scenario("dog", name, motion) for name, motion in list(dogs.items())[:n_dogs]]
+    found += recorded + [_sample_dog(seed, number) for number in range(n_dogs - len(recorded))]
     return [replace(one, away=number % AWAY_EVERY == AWAY_EVERY - 1) for number, one in enumerate(found)]
 
 
-def _recorded_scenario(label: str, name: str, motion: Motion) -> Scenario:
+def _make_recorded_scenario(label: str, name: str, motion: Motion) -> Scenario:
     seconds = min(float(np.ptp(motion.time_s)), LONGEST_S)
     return Scenario(f"recorded {'person' if label == 'human' else 'dog'}", label, name, motion, seconds)
 
 
-def _model_person(seed: int, number: int) -> Scenario:
+def _sample_person(seed: int, number: int) -> Scenario:
     """Sample a person who walks or runs.
 
     A walk has 0.7 to 1.4 of the preferred speed.
@@ -235,7 +235,7 @@ def _model_person(seed: int, number: int) -> Scenario:
     return Scenario("model person", "human", f"person {number}", motion, seconds)
 
 
-def _model_dog(seed: int, number: int) -> Scenario:
+def _sample_dog(seed: int, number: int) -> Scenario:
     """Sample a dog of 0.25 to 0.65 m per gait.
 
     Its Froude number is in the middle of the range of the gait.
@@ -271,10 +271,10 @@ def observe(scenario: Scenario, radar: Radar) -> Recording:
     scene = Scene([target], duration_s=scenario.seconds)
     way_m = travel_speed_mps(scenario.motion) * scenario.seconds * (1.0 if height_m is None else 1.5)
     framed = radar.model_copy(update={"range_stop_m": math.ceil(max(5.0 + way_m / 2, way_m + 2.0) + 3.0)})
-    return simulate(scene, with_lowest_prf(scene, framed, cpi_s=0.1), angles=False)
+    return simulate(scene, choose_lowest_prf(scene, framed, cpi_s=0.1), angles=False)
 
 
-def study(
+def run_study(
     scenarios: Sequence[Scenario], radar: Radar, *, on_progress: Callable[[int, int], None] | None = None
 ) -> pd.DataFrame:
     """Measure the features of every scenario by both methods.

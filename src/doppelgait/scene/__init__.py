@@ -2,14 +2,31 @@
 
 from doppelgait.scene.bodies import ellipsoid_rcs_m2
 from doppelgait.scene.companions import leashed_dog, side_by_side
-from doppelgait.scene.observe import LineOfSight, assemble, body_at, body_track, line_of_sight
+from doppelgait.scene.observe import LineOfSight, assemble, compute_body_track, line_of_sight, place_body_at
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, place
-from doppelgait.scene.rcs import TYPICAL_RCS_M2, RcsSpec, part_weights, scatterer_rcs_m2
-from doppelgait.scene.scatterers import Scatterers, merge_close, scatterers_of
+from doppelgait.scene.rcs import TYPICAL_RCS_M2, RcsSpec, compute_part_weights, scatterer_rcs_m2
+from doppelgait.scene.scatterers import Scatterers, compute_scatterers, merge_close
 from doppelgait.scene.scene import Scene, Target
 
 __all__ = [
-    "TYPICAL_RCS_M2", "LineOfSight", "PlacedScene", "PlacedTarget", "RcsSpec", "Scatterers", "Scene", "Target",
-    "assemble", "body_at", "body_track", "ellipsoid_rcs_m2", "leashed_dog", "line_of_sight", "merge_close",
-    "part_weights", "place", "scatterer_rcs_m2", "scatterers_of", "side_by_side",
+    "TYPICAL_RCS_M2",
+    "LineOfSight",
+    "PlacedScene",
+    "PlacedTarget",
+    "RcsSpec",
+    "Scatterers",
+    "Scene",
+    "Target",
+    "assemble",
+    "compute_body_track",
+    "compute_part_weights",
+    "compute_scatterers",
+    "ellipsoid_rcs_m2",
+    "leashed_dog",
+    "line_of_sight",
+    "merge_close",
+    "place",
+    "place_body_at",
+    "scatterer_rcs_m2",
+    "side_by_side",
 ]  # fmt: skip

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
-from doppelgait.motion.skeleton import BOULIC_PARTS, bare_name
+from doppelgait.motion.skeleton import BOULIC_PARTS, strip_subject
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def _round(name: str, part: str, start: str, end: str, radius: float) -> Segment
     return Segment(name, part, start, end, across=radius, upright=radius)
 
 
-def _person() -> tuple[Segment, ...]:
+def _make_person() -> tuple[Segment, ...]:
     radius = {name: metres / CHEN_HEIGHT_M for name, metres in CHEN_RADII_M.items()}
     found = [
         _round("head", "head", "neck", "head", radius["head"]),
@@ -93,7 +93,7 @@ def _person() -> tuple[Segment, ...]:
     return tuple(found)
 
 
-def _animal() -> tuple[Segment, ...]:
+def _make_animal() -> tuple[Segment, ...]:
     hips = ("left_hip", "right_hip")  # not the shoulders: they swing with the scapulae
     found = [
         Segment("chest", "trunk", "breast", "midriff", *CHEST, hips, at=0.0),
@@ -137,9 +137,9 @@ abdomen, and seen from above round, so that the chest's front is at the point of
 root of the tail. Assumed; no measured curvature of an animal's chest is known.
 """
 
-PERSON = _person()
+PERSON = _make_person()
 """16 ellipsoids of a person (Chen 2011 but for the torso), each at the middle of its segment."""
-ANIMAL = _animal()
+ANIMAL = _make_animal()
 """19 ellipsoids of a four-legged animal: semi-axes over the withers height, assumed from the proportions of dogs."""
 
 
@@ -147,7 +147,7 @@ def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     return {name: (name,) for name in names}
 
 
-def _marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
+def _describe_marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
     """Describe a person's joints by means of markers.
 
     The markers are on the skin over the joints, so outside the true centre of rotation.
@@ -174,8 +174,8 @@ ANIMAL_LIMBS = ("shoulder", "elbow", "carpus", "fore_paw", "hip", "knee", "hock"
 
 BODIES: Mapping[str, Body] = {
     "boulic": Body(PERSON, _name_themselves(list(BOULIC_PARTS))),
-    "CMU 41": Body(PERSON, _marker_joints("FWT", "BWT")),
-    "Plug-in Gait": Body(PERSON, _marker_joints("ASI", "PSI")),
+    "CMU 41": Body(PERSON, _describe_marker_joints("FWT", "BWT")),
+    "Plug-in Gait": Body(PERSON, _describe_marker_joints("ASI", "PSI")),
     "quadruped": Body(
         ANIMAL,
         {
@@ -190,7 +190,7 @@ BODIES: Mapping[str, Body] = {
 """Bodies by the set of points that they are known from."""
 
 
-def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
+def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
     """Find a motion's body and every joint's points.
 
     A joint is the mean of its points.
@@ -207,7 +207,7 @@ def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[i
     ConfigError
         If the points give no body; the message names the nearest set and what it lacks.
     """
-    number = {bare_name(marker).upper(): n for n, marker in enumerate(markers)}
+    number = {strip_subject(marker).upper(): n for n, marker in enumerate(markers)}
     lacking: dict[str, list[str]] = {}
     for name, body in BODIES.items():
         lacking[name] = sorted({p for points in body.joints.values() for p in points if p.upper() not in number})
@@ -221,7 +221,7 @@ def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[i
     )
 
 
-def mean_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
+def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
     """Average groups of points.
 
     The result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
@@ -298,7 +298,7 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
     0.0314
     """
     squares = np.asarray(semi_axes_m, dtype=float) ** 2
-    form = _dot(squares, np.asarray(direction, dtype=float) ** 2)
+    form = _multiply_dot(squares, np.asarray(direction, dtype=float) ** 2)
     return np.asarray(np.pi * squares.prod(axis=-1) / (form * form))
 
 
@@ -320,7 +320,7 @@ def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
     return np.asarray(np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * (xx * yy - xy**2) ** 1.5))
 
 
-def skeleton_of(motion: Motion) -> Skeleton:
+def build_skeleton(motion: Motion) -> Skeleton:
     """Build joints and ellipsoids of a motion.
 
     Parameters
@@ -334,10 +334,10 @@ def skeleton_of(motion: Motion) -> Skeleton:
         If the joints or the height are unknown, or two joints of a segment coincide.
     """
     source, height_m = motion.facts.source, motion.facts.height_m
-    body, points = body_of(motion.markers, source)
+    body, points = find_body(motion.markers, source)
     if not height_m > 0:
         raise ConfigError(f"{source}: the height is unknown, so ellipsoids have no size; use another rcs kind")
-    joints = motion.with_points(mean_points(motion, list(points.values())), list(points), [""] * len(points))
+    joints = motion.with_points(average_points(motion, list(points.values())), list(points), [""] * len(points))
     skeleton = Skeleton(joints, body.segments, np.empty(0))
     start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
     half_m = np.median(np.sqrt(((end - start) ** 2).sum(axis=-1)), axis=0) / 2.0
@@ -350,7 +350,7 @@ def skeleton_of(motion: Motion) -> Skeleton:
     return Skeleton(joints, body.segments, np.array(sizes))
 
 
-def nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
+def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
     r"""Compute the motion of the reflecting points.
 
     The echo of a smooth convex body comes from where its surface faces the radar (stationary phase), the point of the
@@ -361,7 +361,7 @@ def nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.A
     ----------
     skeleton : Skeleton
     body : Ellipsoids
-        At the frames of the motion (:func:`ellipsoids_of_frames`).
+        At the frames of the motion (:func:`compute_frame_ellipsoids`).
     radar_position_m : array_like, shape (3,)
 
     Returns
@@ -379,39 +379,39 @@ def nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.A
     return skeleton.joints.with_points(points, names, parts)
 
 
-def ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
+def compute_ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
     """Compute the ellipsoids at times after the first frame.
 
     Positions are on the spline of E-02.
     """
-    return _ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
+    return _compute_ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
 
 
-def ellipsoids_of_frames(skeleton: Skeleton) -> Ellipsoids:
+def compute_frame_ellipsoids(skeleton: Skeleton) -> Ellipsoids:
     """Compute the ellipsoids at the frames of the motion."""
-    return _ellipsoids(skeleton, skeleton.joints.position_m)
+    return _compute_ellipsoids(skeleton, skeleton.joints.position_m)
 
 
-def _ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
+def _compute_ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
     number = {name: n for n, name in enumerate(skeleton.joints.markers)}
     start, end = joint_m[:, skeleton.numbers("start")], joint_m[:, skeleton.numbers("end")]
     span = end - start
-    along = _unit(span)
+    along = _scale_to_unit(span)
     across = np.zeros_like(along)
     sides = {n: segment.sideways for n, segment in enumerate(skeleton.segments) if segment.sideways is not None}
     left, right = (joint_m[:, [number[pair[side]] for pair in sides.values()]] for side in (0, 1))
     line, own = left - right, along[:, list(sides)]
-    across[:, list(sides)] = _unit(line - _dot(line, own)[..., None] * own)
+    across[:, list(sides)] = _scale_to_unit(line - _multiply_dot(line, own)[..., None] * own)
     place = np.array([segment.at for segment in skeleton.segments])[:, None]
     return Ellipsoids(start + place * span, along, across, skeleton.semi_axes_m)
 
 
-def _unit(vector: FloatArray) -> FloatArray:
-    length = np.sqrt(_dot(vector, vector))
+def _scale_to_unit(vector: FloatArray) -> FloatArray:
+    length = np.sqrt(_multiply_dot(vector, vector))
     return np.asarray(vector / np.maximum(length, 1e-12)[..., None])
 
 
-def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+def _multiply_dot(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("...k,...k->...", first, second))  # a third of the time of a product and a sum
 
 
@@ -444,7 +444,7 @@ OWN_REACH = 1.1
 """An ellipsoid never hides points that it contains, up to a tenth beyond its surface: they stand for that surface."""
 
 
-def visible_power(
+def compute_visible_power(
     point_m: FloatArray,
     body: Ellipsoids,
     own: npt.NDArray[np.bool_],
@@ -468,7 +468,7 @@ def visible_power(
     body : Ellipsoids
         At the same I times.
     own : ndarray of bool, shape (P, S)
-        Ellipsoids that never hide a point (:func:`own_points`).
+        Ellipsoids that never hide a point (:func:`find_own_points`).
     radar_position_m : array_like, shape (3,)
     edge_m : float
         Positive.
@@ -489,7 +489,7 @@ def visible_power(
     return amplitude * amplitude
 
 
-def own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
+def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
     """Determine which ellipsoids contain which points.
 
     An ellipsoid contains a point that is inside it (to a tenth beyond its surface) half of the time or more; shape (P,

@@ -6,7 +6,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.follow import steady_speed_mps
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import StraightPath, TurnAroundPath
-from doppelgait.scene.placement import scaled_motion
+from doppelgait.scene.placement import make_scaled_motion
 from doppelgait.scene.scene import Target
 
 
@@ -62,7 +62,7 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
         raise ConfigError("companions: a turn on the spot cannot be made side by side; give the path radius_m")
     companion_path = {
         **path.model_dump(exclude_none=True),
-        "speed_mps": path.speed_mps or steady_speed_mps(scaled_motion(first.replace(path=None))),
+        "speed_mps": path.speed_mps or steady_speed_mps(make_scaled_motion(first.replace(path=None))),
         "side_m": path.side_m + side_m,
         "ahead_m": path.ahead_m + ahead_m,
     }
@@ -74,7 +74,7 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
         heading_deg=first.heading_deg,
         path=companion_path,
     )
-    scaled_motion(companion)  # refuses a motion that cannot follow the path
+    make_scaled_motion(companion)  # refuses a motion that cannot follow the path
     return [first.replace(path=path), companion]
 
 

@@ -17,7 +17,7 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
-from doppelgait.scene.scatterers import Scatterers, View, scatterers_of
+from doppelgait.scene.scatterers import Scatterers, View, compute_scatterers
 from doppelgait.scene.scene import Scene
 
 FloatArray = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ class LineOfSight:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> placed = dg.scene.place(scene)
-    >>> dg.scene.body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
+    >>> dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
     (2,)
     """
 
@@ -117,7 +117,7 @@ def bistatic_line_of_sight(
     )
 
 
-def bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
+def compute_bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
     r"""Compute the gain from monostatic to bistatic radar.
 
     It is a two-way power gain.
@@ -167,10 +167,11 @@ def assemble(
         background body. An empty room has a table of no scatterers.
 
         Where the receiver is elsewhere, ``range`` and ``radial_velocity`` are those of
-        :func:`bistatic_line_of_sight`, ``path_gain`` holds :func:`bistatic_spreading` and the occlusion of both paths,
-        angles are those from the transmitter, and the attribute ``bistatic`` is set. The radar cross section is then
-        the monostatic one along the bisector of the two paths to the body centre, which is exact for smooth convex
-        bodies in the limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not modelled.
+        :func:`bistatic_line_of_sight`, ``path_gain`` holds :func:`compute_bistatic_spreading` and the occlusion of
+        both paths, angles are those from the transmitter, and the attribute ``bistatic`` is set. The radar cross
+        section is then the monostatic one along the bisector of the two paths to the body centre, which is exact for
+        smooth convex bodies in the limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not
+        modelled.
 
     Raises
     ------
@@ -204,7 +205,7 @@ def tabulate(
 
     The table is that of :func:`assemble` with the ``wanted`` angles.
     """
-    return _label(placed, bodies, times, _look(placed.scene, bodies, _splines_of(bodies), times, wanted))
+    return _label(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
 
 
 def tabulate_later(
@@ -215,7 +216,7 @@ def tabulate_later(
     Ranges, velocities and angles are made when they are read. The receiver is where the transmitter is: gains do not
     follow from ranges then.
     """
-    splines, count = _splines_of(bodies), sum(len(body.motion.markers) for body in bodies)
+    splines, count = _fit_splines(bodies), sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not asked for
 
     @lru_cache(maxsize=1)
@@ -231,14 +232,14 @@ def tabulate_later(
     }
     for name in ("rcs", "path_gain"):
         of_body = {"rcs": "rcs_m2", "path_gain": "path_gain"}[name]
-        values[name] = _side_by_side([
+        values[name] = _join_tables([
             np.empty((times.size, 0)),
             *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
         ])  # fmt: skip
     return _label(placed, bodies, times, values)
 
 
-def _splines_of(bodies: Sequence[Scatterers]) -> list[Spline]:
+def _fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
     return [fit_spline(body.motion) for body in bodies]
 
 
@@ -248,7 +249,7 @@ def _look(
     """Observe all scatterers together, by variable of the table."""
     seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
     return seen[0] if len(seen) == 1 else {
-        name: _side_by_side([np.empty((times.size, 0)), *(table[name] for table in seen)])
+        name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)])
         for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
     }  # fmt: skip
 
@@ -273,7 +274,7 @@ def _label(
     )
 
 
-def _side_by_side(parts: list[FloatArray]) -> FloatArray:
+def _join_tables(parts: list[FloatArray]) -> FloatArray:
     """Join tables; repeated rows stay one row."""
     rows = [part[:1] for part in parts if part.shape[1]]
     if rows and all(row.strides[0] == 0 for row in rows):
@@ -287,11 +288,11 @@ def _observe(
 ) -> dict[str, FloatArray]:  # fmt: skip
     """Observe a target's scatterers, by variable of the table."""
     times = check_times(scatterers.motion, times)
-    range_m, approach_mps = _ranges_on(spline, times, scene.radar_position_m)
+    range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
-        back_m, back_mps = _ranges_on(spline, times, scene.receiver_position_m)
-        gain = gain * bistatic_spreading(range_m, back_m)
+        back_m, back_mps = _compute_ranges(spline, times, scene.receiver_position_m)
+        gain = gain * compute_bistatic_spreading(range_m, back_m)
         range_m, approach_mps = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
     values = {
         "range": range_m,
@@ -320,21 +321,21 @@ def _make_scatterers(
     """
     motion, rcs = target.motion, target.target.rcs
     if scene.receiver_position_m is None:
-        return scatterers_of(motion, rcs, times, scene.radar_position_m, rng=rng)
+        return compute_scatterers(motion, rcs, times, scene.radar_position_m, rng=rng)
     # The bisector of an angle divides the opposite side as the adjacent sides are to each other, R_t to R_r: the point
     # between transmitter and receiver to which the bisector at the body centre leads, at its mean ranges.
     centre_m = fit_centre(motion).at(check_times(motion, times))[0]
     ends = np.array([scene.radar_position_m, scene.receiver_position_m])
     there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
     bisector_m = np.asarray(ends[0] + there_m / max(there_m + back_m, 1e-12) * (ends[1] - ends[0]))
-    seen = scatterers_of(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, rng=rng)
+    seen = compute_scatterers(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, rng=rng)
     if not rcs.occlusion:
         return seen
-    there, back = (View(motion, times, end).sight_gain(seen.motion) for end in ends)
+    there, back = (View(motion, times, end).compute_sight_gain(seen.motion) for end in ends)
     return replace(seen, path_gain=np.sqrt(there * back))
 
 
-def ranges_and_velocities(
+def compute_ranges_and_velocities(
     motion: Motion, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and radial velocities of all points (E-03, E-04).
@@ -346,10 +347,10 @@ def ranges_and_velocities(
     MotionError
         If the motion does not cover the times.
     """
-    return _ranges_on(fit_spline(motion), check_times(motion, time_s), radar_position_m)
+    return _compute_ranges(fit_spline(motion), check_times(motion, time_s), radar_position_m)
 
 
-def _ranges_on(
+def _compute_ranges(
     spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     from doppelgait.core.kernels import spline as kernel
@@ -361,7 +362,7 @@ def _ranges_on(
     return range_m, approach_mps
 
 
-def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
+def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
     """Compute the line of sight of a target's body centre.
 
     It holds at the pulse times; each array has the shape (I,).
@@ -371,7 +372,7 @@ def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> placed = dg.scene.place(scene)
-    >>> dg.scene.body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
+    >>> dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
     (2,)
     """
     from doppelgait.core.kernels.spline import angles_of_sight
@@ -384,7 +385,7 @@ def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -
             transmitter_position_m=scene.radar_position_m,
             receiver_position_m=scene.receiver_position_m,
         )
-    range_m, approach_mps = _ranges_on(spline, times, scene.radar_position_m)
+    range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
     azimuth_rad, elevation_rad, aspect_rad = np.empty((3, times.size, 1))
     angles_of_sight(
         spline.values, spline.moments, spline.step_s, times, origin, azimuth_rad, elevation_rad, ASPECT_MIN_SPEED_MPS,
@@ -393,7 +394,7 @@ def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -
     return LineOfSight(*(part[:, 0] for part in (range_m, approach_mps, aspect_rad, azimuth_rad, elevation_rad)))
 
 
-def body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
+def place_body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
     """Compute the points of a placed body at some times.
 
     Times count from the start of the scene; the result is float32 (time, marker, space), m.
@@ -403,7 +404,7 @@ def body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> target = dg.scene.place(scene).targets[0]
-    >>> dg.scene.body_at(target, [0.0, 1.0]).sizes["time"]
+    >>> dg.scene.place_body_at(target, [0.0, 1.0]).sizes["time"]
     2
     """
     times, motion = np.asarray(time_s, dtype=float), target.motion

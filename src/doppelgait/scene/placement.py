@@ -159,7 +159,7 @@ def as_placed(scene: Scene | PlacedScene, streams: Streams | None = None) -> Pla
     return scene if isinstance(scene, PlacedScene) else place(scene, streams)
 
 
-def scaled_motion(target: Target) -> Motion:
+def make_scaled_motion(target: Target) -> Motion:
     """Make or read a target's motion, on its path."""
     motion = target.motion
     if not isinstance(motion, Motion):
@@ -265,11 +265,11 @@ def build_motion(
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
     if kind != "file":
-        from doppelgait.motion.models import MOTION_MODELS, generate, parameters_of
+        from doppelgait.motion.models import MOTION_MODELS, generate, get_parameters
 
         if kind not in MOTION_MODELS:
             raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
-        return generate(validate(parameters_of(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
+        return generate(validate(get_parameters(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
     from doppelgait.motion.hybrid import Hybrid, make_hybrid
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import check_types

@@ -69,7 +69,7 @@ HEIRS = {
 
 
 RCS: Group[Any] = Group("rcs", built_in=("doppelgait.scene.scatterers",), noun="rcs")
-"""Kinds of radar cross section by name: :class:`doppelgait.scene.scatterers.Scatter` and parameters that extend
+"""Kinds of radar cross section by name: :class:`doppelgait.scene.scatterers.RcsKind` and parameters that extend
 :class:`RcsSpec`."""
 
 
@@ -123,7 +123,7 @@ class RcsSpec(FrozenModel):
         return kind
 
     @model_validator(mode="after")
-    def _merges_points(self) -> RcsSpec:
+    def _check_points(self) -> RcsSpec:
         if self.kind == "ellipsoids" and self.merge_closer_than_m is not None:
             raise ValueError("merge_closer_than_m is for points; kind 'ellipsoids' has one scatterer per segment")
         return self
@@ -134,7 +134,7 @@ class RcsSpec(FrozenModel):
         return self.total_spread_db > 0 or self.fluctuation != "none"
 
 
-def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
+def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     """Compute weights by body part, shared by points (E-08).
 
     The marker set then does not matter.
@@ -157,8 +157,8 @@ def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
 
     Examples
     --------
-    >>> from doppelgait.scene import part_weights
-    >>> part_weights(["torso", "left_hand"]).shape
+    >>> from doppelgait.scene import compute_part_weights
+    >>> compute_part_weights(["torso", "left_hand"]).shape
     (2,)
     """
     known = np.array([part in PART_WEIGHTS for part in parts])
@@ -177,7 +177,7 @@ def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
-def splits_by_part(parts: Sequence[str]) -> bool:
+def is_split_by_part(parts: Sequence[str]) -> bool:
     """Return True if ``auto`` splits by body part.
 
     It does where the trunk is known, or every point's part.
@@ -197,7 +197,7 @@ def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
     if spec.kind == "equal" or not unknown or not is_body:
         return
     shown = ", ".join(unknown[:MOST_NAMES]) + (", ..." if len(unknown) > MOST_NAMES else "")
-    if spec.kind == "auto" and not splits_by_part(motion.parts):
+    if spec.kind == "auto" and not is_split_by_part(motion.parts):
         warn_caller(
             f"{motion.label}: no trunk is known and these points have no known body part: {shown}. All points scatter "
             "equally, which makes limbs too strong. Name the points after body parts, or state rcs kind 'equal'."
@@ -230,12 +230,12 @@ def scatterer_rcs_m2(spec: RcsSpec, parts: Sequence[str], mass_kg: float) -> npt
     >>> round(float(rcs_m2.sum()), 2)
     0.5
     """
-    by_part = spec.kind == "body_parts" or (spec.kind == "auto" and splits_by_part(parts))
-    weights = part_weights(parts) if by_part else np.full(len(parts), 1.0 / len(parts))
+    by_part = spec.kind == "body_parts" or (spec.kind == "auto" and is_split_by_part(parts))
+    weights = compute_part_weights(parts) if by_part else np.full(len(parts), 1.0 / len(parts))
     return total_rcs_m2(spec, mass_kg) * weights
 
 
-def fluctuation_factor(
+def sample_fluctuation(
     kind: Literal["swerling1", "swerling3"],
     time_s: npt.ArrayLike,
     n_scatterers: int,
@@ -282,7 +282,7 @@ def fluctuation_factor(
     return factor
 
 
-def spread_factor(spread_db: float, rng: np.random.Generator) -> float:
+def sample_spread(spread_db: float, rng: np.random.Generator) -> float:
     """Draw a log-normal factor of mean 1 (E-08b).
 
     Its decibels have the standard deviation ``spread_db``.

@@ -19,22 +19,22 @@ from doppelgait.motion.retime import resample
 from doppelgait.scene.bodies import (
     Ellipsoids,
     Skeleton,
-    ellipsoids_at,
-    ellipsoids_of_frames,
-    mean_points,
+    average_points,
+    build_skeleton,
+    compute_ellipsoids_at,
+    compute_frame_ellipsoids,
+    compute_visible_power,
+    find_nearest_points,
+    find_own_points,
     mean_rcs_m2,
-    nearest_points,
-    own_points,
     seen_rcs_m2,
-    skeleton_of,
-    visible_power,
 )
 from doppelgait.scene.rcs import (
     RCS,
     RcsSpec,
-    fluctuation_factor,
+    sample_fluctuation,
+    sample_spread,
     scatterer_rcs_m2,
-    spread_factor,
     total_rcs_m2,
     warn_of_unknown_parts,
 )
@@ -61,7 +61,7 @@ class Scatterers:
     >>> import doppelgait as dg
     >>> import numpy as np
     >>> motion = dg.motion.boulic_walk(duration_s=2.0)
-    >>> scatterers = dg.scene.scatterers_of(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
+    >>> scatterers = dg.scene.compute_scatterers(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
     >>> scatterers.rcs_m2.shape
     (17,)
     """
@@ -94,25 +94,25 @@ class View:
 
         A :class:`ConfigError` where its joints or height are unknown.
         """
-        return skeleton_of(self.motion)
+        return build_skeleton(self.motion)
 
     @cached_property
     def frames(self) -> Ellipsoids:
         """Ellipsoids at the frames of the motion."""
-        return ellipsoids_of_frames(self.skeleton)
+        return compute_frame_ellipsoids(self.skeleton)
 
     @cached_property
     def body(self) -> Ellipsoids:
         """Ellipsoids at the pulse times."""
-        return ellipsoids_at(self.skeleton, self.time_s)
+        return compute_ellipsoids_at(self.skeleton, self.time_s)
 
-    def sight_gain(self, points: Motion) -> FloatArray:
+    def compute_sight_gain(self, points: Motion) -> FloatArray:
         """Compute the two-way gain past the body, (I, L)."""
-        own = own_points(points.position_m, self.frames)
-        return visible_power(resample(points, self.time_s)[0], self.body, own, self.radar_position_m)
+        own = find_own_points(points.position_m, self.frames)
+        return compute_visible_power(resample(points, self.time_s)[0], self.body, own, self.radar_position_m)
 
 
-class Scatter(Protocol):
+class RcsKind(Protocol):
     """Kind of radar cross section.
 
     It returns points of the placed motion and their mean cross sections.
@@ -127,7 +127,7 @@ class Scatter(Protocol):
         """
 
 
-def scatterers_of(
+def compute_scatterers(
     motion: Motion,
     spec: RcsSpec,
     time_s: FloatArray,
@@ -158,7 +158,7 @@ def scatterers_of(
     >>> import doppelgait as dg
     >>> import numpy as np
     >>> motion = dg.motion.boulic_walk(duration_s=2.0)
-    >>> scatterers = dg.scene.scatterers_of(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
+    >>> scatterers = dg.scene.compute_scatterers(motion, dg.scene.RcsSpec(), np.array([0.0, 1.0]), (5.0, 0.0, 1.0))
     >>> scatterers.rcs_m2.shape
     (17,)
     """
@@ -175,11 +175,11 @@ def scatterers_of(
         points, rcs_m2 = merge_close(points, rcs_m2, closer_than_m=spec.merge_closer_than_m)
     gain = np.ones(())
     if spec.occlusion:
-        gain = view.sight_gain(points)
+        gain = view.compute_sight_gain(points)
     if rng is not None and spec.total_spread_db > 0:
-        rcs_m2 = rcs_m2 * spread_factor(spec.total_spread_db, rng)
+        rcs_m2 = rcs_m2 * sample_spread(spec.total_spread_db, rng)
     if rng is not None and spec.fluctuation != "none":
-        rcs_m2 = rcs_m2 * fluctuation_factor(
+        rcs_m2 = rcs_m2 * sample_fluctuation(
             spec.fluctuation, time_s, rcs_m2.shape[-1], correlation_s=spec.correlation_s, rng=rng
         )
     return Scatterers(points, rcs_m2, gain)
@@ -202,7 +202,7 @@ def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
     """
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
     seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
-    points = nearest_points(view.skeleton, view.frames, view.radar_position_m)
+    points = find_nearest_points(view.skeleton, view.frames, view.radar_position_m)
     return points, seen_m2 * (total_m2 / mean_rcs_m2(view.frames))
 
 
@@ -243,7 +243,7 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
     groups = close_groups(motion, closer_than_m)
     names, parts = motion.markers, motion.parts
     merged = motion.with_points(
-        mean_points(motion, groups),
+        average_points(motion, groups),
         ["+".join(names[n] for n in group) for group in groups],
         [parts[max(group, key=lambda n: weights[n])] for group in groups],
     ).with_report(merged=[[names[n] for n in group] for group in groups if len(group) > 1])

@@ -40,12 +40,12 @@ def _parse_motion(value: Any) -> Any:
         if not isinstance(options.get("path"), str) or not options["path"]:
             raise ValueError('kind "file" needs path = "..."')
         return dict(value)
-    from doppelgait.motion.models import MOTION_MODELS, parameters_of
+    from doppelgait.motion.models import MOTION_MODELS, get_parameters
 
     if kind not in MOTION_MODELS:
         raise ValueError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
     try:
-        validate(parameters_of(kind), options, where=f"kind {kind!r}")
+        validate(get_parameters(kind), options, where=f"kind {kind!r}")
     except ConfigError as error:
         raise ValueError(str(error)) from None
     return dict(value)
@@ -268,7 +268,7 @@ class Scene(FrozenModel):
         """
         table, text = read_toml(path)
         own = {key: value for key, value in table.items() if key in cls.model_fields}
-        return with_file_paths(validate(cls, own, where=str(path), text=text), FilePath(path).resolve().parent)
+        return resolve_file_paths(validate(cls, own, where=str(path), text=text), FilePath(path).resolve().parent)
 
     def to_toml(self) -> str:
         """Write the scene as TOML text that :meth:`from_toml` reads back.
@@ -308,7 +308,7 @@ class Scene(FrozenModel):
         return tuple(target for target in self.targets if not target.background)
 
 
-def with_file_paths(scene: Scene, folder: FilePath) -> Scene:
+def resolve_file_paths(scene: Scene, folder: FilePath) -> Scene:
     """Resolve relative paths of motion files against a folder."""
 
     def resolve(target: Target) -> Target:

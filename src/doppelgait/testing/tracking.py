@@ -53,7 +53,7 @@ def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0,
     n = max(len(a), len(b))
     if n == 0:
         return 0.0
-    near = np.minimum(_distances(a, b), cutoff) ** order
+    near = np.minimum(_measure_distances(a, b), cutoff) ** order
     rows, columns = _assign(near)
     total = near[rows, columns].sum() + cutoff**order * (n - len(rows))
     return float((total / n) ** (1 / order))
@@ -76,7 +76,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
         point without partner.
     """
     a, b = _to_points(found), _to_points(reference)
-    near = np.minimum(_distances(a, b), cutoff) ** order
+    near = np.minimum(_measure_distances(a, b), cutoff) ** order
     rows, columns = _assign(near)
     pairs = near[rows, columns]
     pairs = pairs[pairs < cutoff**order]
@@ -137,7 +137,9 @@ class Agreement:
     first_match: npt.NDArray[np.int64]
 
 
-def agreement(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Agreement:
+def compare_tracks(
+    found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0
+) -> Agreement:
     """Compare tracks with reference tracks.
 
     Parameters
@@ -197,7 +199,7 @@ def _to_points(values: npt.ArrayLike) -> FloatArray:
     return points[np.isfinite(points).all(axis=1)]
 
 
-def _distances(a: FloatArray, b: FloatArray) -> FloatArray:
+def _measure_distances(a: FloatArray, b: FloatArray) -> FloatArray:
     if not (len(a) and len(b)):
         return np.zeros((len(a), len(b)))
     return np.asarray(np.linalg.norm(a[:, None, :] - b[None, :, :], axis=-1))

@@ -22,19 +22,24 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
-from doppelgait.viewer.payload import as_json, without_folders
-from doppelgait.viewer.recording_panel import MOST_PER_REQUEST, range_doppler_payload, recording_payload, sound_wav
+from doppelgait.viewer.payload import as_json, remove_folders
+from doppelgait.viewer.recording_panel import (
+    MOST_PER_REQUEST,
+    make_range_doppler_payload,
+    make_recording_payload,
+    make_sound_wav,
+)
 from doppelgait.viewer.run import Run
-from doppelgait.viewer.settings import CHANGEABLE, Pairs, Settings, single, whole_of
-from doppelgait.viewer.source import Reference, Shelf, parse_reference, session_facts
-from doppelgait.viewer.target_panel import targets_payload
+from doppelgait.viewer.settings import CHANGEABLE, Pairs, Settings, parse_parameters, parse_whole
+from doppelgait.viewer.source import Reference, RunCache, describe_session, parse_reference
+from doppelgait.viewer.target_panel import make_targets_payload
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
     from doppelgait.viewer.browse import Browser
     from doppelgait.viewer.live_page import Rolling
-    from doppelgait.viewer.source import Opened
+    from doppelgait.viewer.source import OpenedSource
 
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
@@ -132,30 +137,30 @@ class Guard:
             return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
         if scope["method"] not in METHODS:
             return 405, f"{scope['method']} is not allowed; this server only gives: {', '.join(METHODS)}"
-        if _values(headers, b"host") not in [[host] for host in self.hosts]:
+        if _list_values(headers, b"host") not in [[host] for host in self.hosts]:
             return 403, "the Host header must name this computer and the port of this server"
         own = [b"http://" + host for host in self.hosts]
-        origins, sites = _values(headers, b"origin"), _values(headers, b"sec-fetch-site")
+        origins, sites = _list_values(headers, b"origin"), _list_values(headers, b"sec-fetch-site")
         elsewhere = any(site not in (b"same-origin", b"none") for site in sites)
-        if any(origin not in own for origin in origins) or (elsewhere and not self.opens_page(scope)):
+        if any(origin not in own for origin in origins) or (elsewhere and not self.is_page_request(scope)):
             return 403, "requests from other sites are refused"
         first = scope["path"].partition("/")[2].partition("/")[0].encode()
         if not hmac.compare_digest(first, self.token):
             return 403, "the token is missing or wrong; take the address that the command printed"
         return None
 
-    def opens_page(self, scope: Message) -> bool:
+    def is_page_request(self, scope: Message) -> bool:
         """Return True if a browser opens the page itself.
 
         It opens in a tab or window of its own.
         """
         headers = list(scope["headers"])
-        how = _values(headers, b"sec-fetch-mode") + _values(headers, b"sec-fetch-dest")
+        how = _list_values(headers, b"sec-fetch-mode") + _list_values(headers, b"sec-fetch-dest")
         places = (b"document", b"iframe") if self.framed else (b"document",)
         return scope["path"] == f"/{self.token.decode()}/" and how in [[b"navigate", place] for place in places]
 
 
-def _values(headers: Headers, name: bytes) -> list[bytes]:
+def _list_values(headers: Headers, name: bytes) -> list[bytes]:
     return [value.lower() for key, value in headers if key.lower() == name]
 
 
@@ -175,9 +180,14 @@ GONE = 499
 
 
 def make_app(
-    opened: Opened | None, *, token: str, port: int, settings: Settings | None = None, live: Rolling | None = None,
+    opened: OpenedSource | None,
+    *,
+    token: str,
+    port: int,
+    settings: Settings | None = None,
+    live: Rolling | None = None,
     framed: bool = False,
-) -> Guard:  # fmt: skip
+) -> Guard:
     """Make the ASGI application of the viewer, behind its guard.
 
     Parameters
@@ -195,67 +205,67 @@ def make_app(
         Whether a notebook on this computer may show the page in a frame.
     """
     chosen = settings or Settings()
-    shelf, lock = Shelf(opened), anyio.Lock()
+    shelf, lock = RunCache(opened), anyio.Lock()
     table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
-        "recording": (_recording, CHANGEABLE, PAYLOAD),
-        "targets": (_targets, (*CHANGEABLE, "piece"), PAYLOAD),
-        "range-doppler": (_range_doppler, (*CHANGEABLE, "from", "count", "target"), PAYLOAD),
-        "sound": (_sound, (*CHANGEABLE, "target", "pitch", "channels"), WAV),
-        "scene": (_scene, (), JSON),
+        "recording": (_encode_recording, CHANGEABLE, PAYLOAD),
+        "targets": (_encode_targets, (*CHANGEABLE, "piece"), PAYLOAD),
+        "range-doppler": (_encode_range_doppler, (*CHANGEABLE, "from", "count", "target"), PAYLOAD),
+        "sound": (_encode_sound, (*CHANGEABLE, "target", "pitch", "channels"), WAV),
+        "scene": (_encode_scene, (), JSON),
     }
     routes = [
-        Route("/", _page),
-        Route("/static/{name}", _static),
-        Route("/api/session", _answer(partial(_session, opened, chosen, live), JSON)),
-        Route("/api/live", _answer(partial(_live, live), PAYLOAD)),
+        Route("/", _serve_page),
+        Route("/static/{name}", _serve_static),
+        Route("/api/session", _make_endpoint(partial(_describe_session, opened, chosen, live), JSON)),
+        Route("/api/live", _make_endpoint(partial(_encode_live, live), PAYLOAD)),
         *(
             [
                 Route(f"/api/{name}", _run_answer(make, names, media, shelf, lock))
                 for name, (make, names, media) in table.items()
             ]
         ),
-        *_dataset_routes(opened),
+        *_make_dataset_routes(opened),
     ]
     app = Starlette(
         routes=routes,
         exception_handlers={
-            DoppelgaitError: partial(_on_error, folders=opened.folders if opened else ()),
-            HTTPException: _on_http_error,
-            Exception: _on_fault,
+            DoppelgaitError: partial(_answer_error, folders=opened.folders if opened else ()),
+            HTTPException: _answer_http_error,
+            Exception: _answer_fault,
         },
-        lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen, live=live),
+        lifespan=partial(_prepare_app, shelf=shelf, lock=lock, opened=opened, settings=chosen, live=live),
     )
     app.router.redirect_slashes = False
     return Guard(app, token=token, port=port, framed=framed)
 
 
-def _recording(run: Run, reference: Reference) -> bytes:
-    return recording_payload(run, reference.gate, changes=reference.changes)
+def _encode_recording(run: Run, reference: Reference) -> bytes:
+    return make_recording_payload(run, reference.gate, changes=reference.changes)
 
 
-def _targets(run: Run, reference: Reference) -> bytes:
-    return targets_payload(run, reference.gate, reference.changes, piece=reference.piece)
+def _encode_targets(run: Run, reference: Reference) -> bytes:
+    return make_targets_payload(run, reference.gate, reference.changes, piece=reference.piece)
 
 
-def _range_doppler(run: Run, reference: Reference) -> bytes:
-    start = whole_of(reference.further, "from", 0, least=0, most=10**9)
-    count = whole_of(reference.further, "count", 64, least=1, most=MOST_PER_REQUEST)
-    return range_doppler_payload(run, reference.gate, start=start, count=count, changes=reference.changes)
+def _encode_range_doppler(run: Run, reference: Reference) -> bytes:
+    start = parse_whole(reference.further, "from", 0, least=0, most=10**9)
+    count = parse_whole(reference.further, "count", 64, least=1, most=MOST_PER_REQUEST)
+    return make_range_doppler_payload(run, reference.gate, start=start, count=count, changes=reference.changes)
 
 
-def _sound(run: Run, reference: Reference) -> bytes:
-    return sound_wav(run, reference.gate, reference.further, reference.changes)
+def _encode_sound(run: Run, reference: Reference) -> bytes:
+    return make_sound_wav(run, reference.gate, reference.further, reference.changes)
 
 
-def _scene(run: Run, reference: Reference) -> bytes:
-    from doppelgait.viewer.try_it import scene_answer
+def _encode_scene(run: Run, reference: Reference) -> bytes:
+    from doppelgait.viewer.try_it import answer_scene
 
     if reference.key[:1] != ("try",):
         raise ConfigError("try: is missing; only what 'Try it' has simulated can be had as a scene file")
-    return as_json(scene_answer(run, dict(item for item in reference.key[1:] if isinstance(item, tuple))))
+    return as_json(answer_scene(run, dict(item for item in reference.key[1:] if isinstance(item, tuple))))
 
 
-def _dataset_routes(opened: Opened | None) -> list[Route]:
+def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
     """Make the routes about the dataset.
 
     Without an open dataset each answers with an error.
@@ -267,36 +277,36 @@ def _dataset_routes(opened: Opened | None) -> list[Route]:
         return opened.browser
 
     def summary(query: Pairs) -> Any:
-        single(query, ())
+        parse_parameters(query, ())
         return browser().summary()
 
     def row_id(query: Pairs) -> Any:
-        number = whole_of(single(query, ("row",)), "row", -1, least=0, most=10**9)
-        return browser().row_id(number)
+        number = parse_whole(parse_parameters(query, ("row",)), "row", -1, least=0, most=10**9)
+        return browser().get_row_id(number)
 
     return [
-        Route("/api/dataset", _answer(summary, JSON)),
-        Route("/api/rows", _answer(lambda query: browser().rows(query), JSON)),
-        Route("/api/balance", _answer(lambda query: browser().balance(query), JSON)),
-        Route("/api/scatter", _answer(lambda query: browser().scatter(query), PAYLOAD)),
-        Route("/api/sheet", _answer(lambda query: browser().sheet(query), PAYLOAD)),
-        Route("/api/row-id", _answer(row_id, JSON)),
+        Route("/api/dataset", _make_endpoint(summary, JSON)),
+        Route("/api/rows", _make_endpoint(lambda query: browser().rows(query), JSON)),
+        Route("/api/balance", _make_endpoint(lambda query: browser().balance(query), JSON)),
+        Route("/api/scatter", _make_endpoint(lambda query: browser().scatter(query), PAYLOAD)),
+        Route("/api/sheet", _make_endpoint(lambda query: browser().make_sheet(query), PAYLOAD)),
+        Route("/api/row-id", _make_endpoint(row_id, JSON)),
     ]
 
 
-def _session(opened: Opened | None, settings: Settings, live: Rolling | None, query: Pairs) -> Any:
-    single(query, ())
-    return session_facts(opened, settings) | ({} if live is None else {"kind": "live", "name": "live"})
+def _describe_session(opened: OpenedSource | None, settings: Settings, live: Rolling | None, query: Pairs) -> Any:
+    parse_parameters(query, ())
+    return describe_session(opened, settings) | ({} if live is None else {"kind": "live", "name": "live"})
 
 
-def _live(live: Rolling | None, query: Pairs) -> bytes:
-    single(query, ())
+def _encode_live(live: Rolling | None, query: Pairs) -> bytes:
+    parse_parameters(query, ())
     if live is None:
         raise ConfigError("no stream is followed; start the page with 'doppelgait live SOURCE --view'")
     return live.payload()
 
 
-def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
+def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
     """Make an endpoint that needs no run.
 
     It works in a thread; several run at once.
@@ -304,13 +314,13 @@ def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 
     async def endpoint(request: Request) -> Response:
         query = request.query_params.multi_items()
-        content = await in_thread(lambda: make(query))
+        content = await run_in_thread(lambda: make(query))
         return Response(content if isinstance(content, bytes) else as_json(content), media_type=media_type)
 
     return endpoint
 
 
-def give_back_memory() -> None:
+def return_memory() -> None:
     """Give free memory back to the system (glibc).
 
     The arrays of one answer are of other sizes than those of the next: without this, a server of long recordings holds
@@ -322,7 +332,7 @@ def give_back_memory() -> None:
             trim(0)
 
 
-async def in_thread(make: Callable[[], T]) -> T:
+async def run_in_thread(make: Callable[[], T]) -> T:
     """Run a slow function in a thread.
 
     A server that ends does not wait for it.
@@ -331,7 +341,7 @@ async def in_thread(make: Callable[[], T]) -> T:
 
 
 def _run_answer(
-    make: Callable[[Run, Reference], bytes], names: tuple[str, ...], media_type: str, shelf: Shelf, lock: anyio.Lock
+    make: Callable[[Run, Reference], bytes], names: tuple[str, ...], media_type: str, shelf: RunCache, lock: anyio.Lock
 ) -> Endpoint:
     """Make an endpoint about one run.
 
@@ -340,18 +350,18 @@ def _run_answer(
 
     async def endpoint(request: Request) -> Response:
         reference = parse_reference(request.query_params.multi_items(), names)
-        at_once = make is _recording and not reference.key  # is in memory: needs no analysis and waits for none
+        at_once = make is _encode_recording and not reference.key  # is in memory: needs no analysis and waits for none
         async with nullcontext() if at_once else lock:
             if await request.is_disconnected():
                 return Response(status_code=GONE)
-            content = await in_thread(lambda: make(shelf.run(reference), reference))
-            give_back_memory()
+            content = await run_in_thread(lambda: make(shelf.run(reference), reference))
+            return_memory()
         return Response(content, media_type=media_type)
 
     return endpoint
 
 
-def static_files() -> dict[str, tuple[bytes, str]]:
+def read_static_files() -> dict[str, tuple[bytes, str]]:
     """Read content and type of the page's files.
 
     Other files cannot be requested.
@@ -365,15 +375,15 @@ def static_files() -> dict[str, tuple[bytes, str]]:
     return files
 
 
-async def _static(request: Request) -> Response:
-    return _file(request, request.path_params["name"])
+async def _serve_static(request: Request) -> Response:
+    return _serve_file(request, request.path_params["name"])
 
 
-async def _page(request: Request) -> Response:
-    return _file(request, "index.html")
+async def _serve_page(request: Request) -> Response:
+    return _serve_file(request, "index.html")
 
 
-def _file(request: Request, name: str) -> Response:
+def _serve_file(request: Request, name: str) -> Response:
     files: dict[str, tuple[bytes, str]] = request.state.files
     if name not in files:
         raise HTTPException(404)
@@ -382,8 +392,14 @@ def _file(request: Request, name: str) -> Response:
 
 
 @asynccontextmanager
-async def _lifespan(
-    app: Starlette, *, shelf: Shelf, lock: anyio.Lock, opened: Opened | None, settings: Settings, live: Rolling | None
+async def _prepare_app(
+    app: Starlette,
+    *,
+    shelf: RunCache,
+    lock: anyio.Lock,
+    opened: OpenedSource | None,
+    settings: Settings,
+    live: Rolling | None,
 ) -> AsyncIterator[dict[str, Any]]:
     """Read the page's files and prepare its first answers.
 
@@ -392,45 +408,47 @@ async def _lifespan(
 
     async def prepare() -> None:
         async with lock:
-            await in_thread(lambda: _prepare(shelf, opened, settings))
+            await run_in_thread(lambda: _prepare(shelf, opened, settings))
 
     async with anyio.create_task_group() as tasks:
         if live is None:
             tasks.start_soon(prepare)
-        yield {"files": static_files()}
+        yield {"files": read_static_files()}
         tasks.cancel_scope.cancel()
 
 
-def _prepare(shelf: Shelf, opened: Opened | None, settings: Settings) -> None:
+def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -> None:
     """Analyse what was opened.
 
     An error is reported on the page's request. Nothing is prepared for a dataset: its plan is simulated only when the
     user opens an example.
     """
-    session_facts(opened, settings)
+    describe_session(opened, settings)
     if opened is None or opened.browser is None:
         with suppress(DoppelgaitError):
             # Key of the run that the page will ask for first: what was opened, or "Try it".
             shelf.run(Reference(("try",) if opened is None else (), None, {})).targets(None)
 
 
-async def _on_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
+async def _answer_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
     """Answer an error of the library in its own words.
 
     The folders of this computer are left out.
     """
-    return _error(400 if isinstance(error, ConfigError) else 422, without_folders(str(error), *folders))
+    return _make_error(400 if isinstance(error, ConfigError) else 422, remove_folders(str(error), *folders))
 
 
-async def _on_http_error(request: Request, error: Exception) -> Response:
+async def _answer_http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return _error(error.status_code, "there is nothing at this address" if error.status_code == 404 else error.detail)
+    return _make_error(
+        error.status_code, "there is nothing at this address" if error.status_code == 404 else error.detail
+    )
 
 
-async def _on_fault(request: Request, error: Exception) -> Response:
+async def _answer_fault(request: Request, error: Exception) -> Response:
     traceback.print_exception(error)
-    return _error(500, f"{type(error).__name__} in the viewer's server; its terminal tells more")
+    return _make_error(500, f"{type(error).__name__} in the viewer's server; its terminal tells more")
 
 
-def _error(status: int, reason: str) -> Response:
+def _make_error(status: int, reason: str) -> Response:
     return Response(as_json({"error": reason}), status_code=status, media_type=JSON)

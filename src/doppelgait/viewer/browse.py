@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.dataset import Dataset
 from doppelgait.dataset.config import SPLITS
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.viewer.columns import Columns, Filters, parse_query
 from doppelgait.viewer.examples import ExampleRuns
-from doppelgait.viewer.payload import pack, without_folders
-from doppelgait.viewer.settings import Pairs, whole_of
+from doppelgait.viewer.payload import pack, remove_folders
+from doppelgait.viewer.settings import Pairs, parse_whole
 
 if TYPE_CHECKING:
     from doppelgait.viewer.run import Run
@@ -79,7 +79,7 @@ class Browser:
             "classes": self.classes,
             "splits": self.splits,
             "fields": list(description["fields"]),
-            "balance": self._counts(np.arange(len(self.dataset))),
+            "balance": self._count_rows(np.arange(len(self.dataset))),
             "columns": columns,
             "filters": self.filtered,
             "shown": self.shown,
@@ -89,7 +89,7 @@ class Browser:
     @property
     def splits(self) -> list[str]:
         """Splits that have rows."""
-        there = self.columns.codes("split")[1]
+        there = self.columns.read_codes("split")[1]
         return [split for split in SPLITS if split in there]
 
     @property
@@ -106,21 +106,21 @@ class Browser:
     def rows(self, query: Pairs) -> dict[str, Any]:
         """Return one page of the table."""
         filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
-        offset = whole_of(parameters, "offset", 0, least=0, most=10**9)
-        limit = whole_of(parameters, "limit", 50, least=1, most=MOST_ROWS)
-        found = self._sorted(filters, parameters)
+        offset = parse_whole(parameters, "offset", 0, least=0, most=10**9)
+        limit = parse_whole(parameters, "limit", 50, least=1, most=MOST_ROWS)
+        found = self._sort_rows(filters, parameters)
         extra = [*filters.values, *filters.limits, *([parameters["sort"]] if "sort" in parameters else [])]
         shown = list(dict.fromkeys([*self.shown, *extra]))
         page = found[offset : offset + limit]
         records = self.dataset.index[shown].iloc[page].to_dict("records")
-        rows = [{"number": int(n), **json_value(record)} for n, record in zip(page, records, strict=True)]
+        rows = [{"number": int(n), **convert_to_json(record)} for n, record in zip(page, records, strict=True)]
         return {"n_matching": found.size, "offset": offset, "columns": shown, "rows": rows}
 
     def balance(self, query: Pairs) -> dict[str, Any]:
         """Count the matching rows of every class in every split."""
         filters, _ = parse_query(query, self.columns)
         found = filters.rows(self.columns)
-        return {"n_matching": found.size, "splits": self.splits, "counts": self._counts(found)}
+        return {"n_matching": found.size, "splits": self.splits, "counts": self._count_rows(found)}
 
     def scatter(self, query: Pairs) -> bytes:
         """Return two number columns where both are known."""
@@ -129,12 +129,12 @@ class Browser:
         for key in ("x", "y"):
             if key not in parameters:
                 raise ConfigError(f"{key}: is missing; name a number column")
-            names.append(self.columns.of_kind(parameters[key], "number", key=key))
+            names.append(self.columns.check_kind(parameters[key], "number", key=key))
         x, y = names
         found = filters.rows(self.columns)
         known = found[np.isfinite(self.columns.numbers(x)[found]) & np.isfinite(self.columns.numbers(y)[found])]
         numbers = self._class_numbers
-        drawn = even_choice(known, numbers[known], self._lots[known], MOST_POINTS)
+        drawn = choose_evenly(known, numbers[known], self._lots[known], MOST_POINTS)
         facts = {
             "x": self.columns.facts(x),
             "y": self.columns.facts(y),
@@ -149,15 +149,15 @@ class Browser:
             "row": drawn.astype(np.int32),
         })  # fmt: skip
 
-    def sheet(self, query: Pairs) -> bytes:
+    def make_sheet(self, query: Pairs) -> bytes:
         """Return small signatures of one page of the matching rows."""
         filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
-        offset = whole_of(parameters, "offset", 0, least=0, most=10**9)
-        limit = whole_of(parameters, "limit", 24, least=1, most=MOST_THUMBNAILS)
-        found = self._sorted(filters, parameters)
+        offset = parse_whole(parameters, "offset", 0, least=0, most=10**9)
+        limit = parse_whole(parameters, "limit", 24, least=1, most=MOST_THUMBNAILS)
+        found = self._sort_rows(filters, parameters)
         page = found[offset : offset + limit]
-        facts, arrays = thumbnails(self.dataset, page)
-        facts["reasons"] = [reason and without_folders(reason, *self.folders) for reason in facts["reasons"]]
+        facts, arrays = make_thumbnails(self.dataset, page)
+        facts["reasons"] = [reason and remove_folders(reason, *self.folders) for reason in facts["reasons"]]
         chosen = self.dataset.index.iloc[page]
         # What distinguishes the examples of a class, for each row of a page.
         shown = [self.columns.facts(name) for name in self.filtered[2:]]
@@ -168,7 +168,7 @@ class Browser:
         named = {"ids": chosen["id"].tolist(), "labels": chosen["label"].tolist(), "captions": captions}
         return pack({**named, **facts, "n_matching": int(found.size), "offset": offset}, arrays)
 
-    def row_id(self, number: int) -> dict[str, Any]:
+    def get_row_id(self, number: int) -> dict[str, Any]:
         """Return id and class of a row.
 
         Raises
@@ -185,16 +185,16 @@ class Browser:
         """Open an example (:class:`doppelgait.viewer.examples.ExampleRuns`)."""
         return self._runs.run(example_id)
 
-    def _sorted(self, filters: Filters, parameters: dict[str, str]) -> Rows:
+    def _sort_rows(self, filters: Filters, parameters: dict[str, str]) -> Rows:
         """Return the matching rows in the requested order.
 
         Unknown values come last in either direction, equal ones as in the index.
         """
-        descending = whole_of(parameters, "descending", 0, least=0, most=1)
+        descending = parse_whole(parameters, "descending", 0, least=0, most=1)
         found = filters.rows(self.columns)
         if "sort" not in parameters:
             return found[::-1] if descending else found
-        name = self.columns.of_kind(parameters["sort"], "number", "category", "text", key="sort")
+        name = self.columns.check_kind(parameters["sort"], "number", "category", "text", key="sort")
         keys = self.columns.order(name)[found]
         return found[np.argsort(-keys if descending else keys, kind="stable")]
 
@@ -209,15 +209,15 @@ class Browser:
     @property
     def _class_numbers(self) -> npt.NDArray[np.int64]:
         """Class number of every row; shape (rows,)."""
-        codes, labels = self.columns.codes("label")
+        codes, labels = self.columns.read_codes("label")
         strange = [label for label in labels if label not in self.classes]
         if strange:
             raise DatasetError(f"{self.dataset.directory}: dataset.json knows no class {strange[0]!r}; it is damaged")
         return np.array([self.classes.index(label) for label in labels], dtype=np.int64)[codes]
 
-    def _counts(self, rows: Rows) -> dict[str, list[int]]:
+    def _count_rows(self, rows: Rows) -> dict[str, list[int]]:
         """Count the rows of every class, one number per split."""
-        codes, known = self.columns.codes("split")
+        codes, known = self.columns.read_codes("split")
         n_splits = len(known)
         both = np.bincount(
             self._class_numbers[rows] * n_splits + codes[rows], minlength=len(self.classes) * n_splits
@@ -226,7 +226,7 @@ class Browser:
         return {label: both[number, places].tolist() for number, label in enumerate(self.classes)}
 
 
-def even_choice(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
+def choose_evenly(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
     """Choose up to ``most`` rows randomly, classes by share.
 
     The same rows give the same choice.
@@ -257,7 +257,7 @@ LEVELS = 255
 FloatArray = npt.NDArray[np.float64]
 
 
-def thumbnails(
+def make_thumbnails(
     dataset: Dataset, rows: npt.NDArray[np.int64]
 ) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.uint8]]]:
     """Make small images of the signatures of some rows.
@@ -276,7 +276,7 @@ def thumbnails(
     arrays : dict
         ``thumbnails``, uint8 (n, columns, rows); 0 also where there is nothing.
     """
-    found = [_signature(dataset, int(row)) for row in rows]
+    found = [_read_signature(dataset, int(row)) for row in rows]
     signatures = [signature for signature, _ in found if signature is not None]
     facts: dict[str, Any] = {"reasons": [reason for _, reason in found], "image": None}
     if not signatures:
@@ -284,16 +284,16 @@ def thumbnails(
     from doppelgait.viz.maps import doppler_limits_hz, level_limits_db
 
     # All thumbnails share their axes: time from the start of each, and the velocities that any of them occupies.
-    seconds = max(float(np.ptp(axis(s, "time"))) for s in signatures)
+    seconds = max(float(np.ptp(read_axis(s, "time"))) for s in signatures)
     limits = np.array([doppler_limits_hz(s) for s in signatures])
     moving = "Hz"
-    if all(np.isfinite(axis(signature, "velocity")).all() for signature in signatures):
+    if all(np.isfinite(read_axis(signature, "velocity")).all() for signature in signatures):
         limits *= np.array([[s.attrs["wavelength_m"] / 2.0] for s in signatures])
         moving = "m/s"
     n_columns, n_rows = THUMBNAIL
     times_s = np.linspace(0.0, seconds, n_columns + 1)
     velocities = np.linspace(limits[:, 0].min(), limits[:, 1].max(), n_rows + 1)
-    maps = [None if signature is None else _small(signature, times_s, velocities) for signature, _ in found]
+    maps = [None if signature is None else _reduce_signature(signature, times_s, velocities) for signature, _ in found]
     low, high = level_limits_db(np.concatenate([values.ravel() for values in maps if values is not None]), None)
     codes = np.zeros((len(maps), *THUMBNAIL), dtype=np.uint8)
     for number, level_db in enumerate(maps):
@@ -302,8 +302,8 @@ def thumbnails(
             codes[number] = np.rint(np.clip(share, 0.0, 1.0) * LEVELS).astype(np.uint8)
     facts["image"] = {
         "array": "thumbnails",
-        "x": _axis_facts("time", "s", times_s),
-        "y": _axis_facts("velocity" if moving == "m/s" else "doppler", moving, velocities),
+        "x": _describe_axis("time", "s", times_s),
+        "y": _describe_axis("velocity" if moving == "m/s" else "doppler", moving, velocities),
         "db": [low, high],
         "shown_db": [low, high],
         "unit": f"dB re {'1 V²' if signatures[0].attrs['units'] == 'V^2' else '1'}",
@@ -311,7 +311,7 @@ def thumbnails(
     return facts, {"thumbnails": codes}
 
 
-def _signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | None]:
+def _read_signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | None]:
     """Read a row's signature, or why there is none."""
     try:
         dataset.check_fields(["signature"])
@@ -325,22 +325,22 @@ def _signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | N
     return signature, None
 
 
-def _small(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray) -> FloatArray:
+def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray) -> FloatArray:
     """Return the strongest level of every cell in dB.
 
     It is NaN where the signature does not reach.
     """
-    from doppelgait.viz.maps import level_db_of
+    from doppelgait.viz.maps import compute_level_db
 
-    own_s = axis(signature, "time") - axis(signature, "time")[0]
-    own_velocities = axis(signature, "velocity")
+    own_s = read_axis(signature, "time") - read_axis(signature, "time")[0]
+    own_velocities = read_axis(signature, "velocity")
     if not np.isfinite(own_velocities).all():
-        own_velocities = axis(signature, "doppler")
-    power = strongest(np.asarray(signature.values, dtype=np.float64), own_s, times_s)
-    return level_db_of(strongest(power.T, own_velocities, velocities).T)
+        own_velocities = read_axis(signature, "doppler")
+    power = find_strongest(np.asarray(signature.values, dtype=np.float64), own_s, times_s)
+    return compute_level_db(find_strongest(power.T, own_velocities, velocities).T)
 
 
-def strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
+def find_strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
     """Return each cell's largest sample along the first axis.
 
     A cell without samples is NaN.
@@ -364,7 +364,7 @@ def strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> Flo
     return np.asarray(np.where((first < behind)[:, None], found, np.nan))
 
 
-def _axis_facts(name: str, unit: str, edges: FloatArray) -> dict[str, Any]:
+def _describe_axis(name: str, unit: str, edges: FloatArray) -> dict[str, Any]:
     step = float(edges[1] - edges[0])
     first = float(edges[0]) + step / 2
     return {"name": name, "unit": unit, "first": first, "step": step, "n": edges.size - 1, "block": 1}

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.example import nearest, unit_of
-from doppelgait.viewer.settings import Pairs, number_of
+from doppelgait.dataset.example import parse_unit, suggest_names
+from doppelgait.viewer.settings import Pairs, parse_number
 
 NOT_OFFERED = (
     "motion", "environment", "impairments", "warnings", "notes", "citation", "shard", "row", "shard_sha256",
@@ -83,14 +83,14 @@ class Columns:
             return True
         if (
             name in (*NAMES, "quality_flags")
-            or _texts(self.index[name].iloc[: 10 * MOST_VALUES]).nunique() > MOST_VALUES
+            or _convert_to_texts(self.index[name].iloc[: 10 * MOST_VALUES]).nunique() > MOST_VALUES
         ):
             return False
-        return len(self.codes(name)[1]) <= MOST_VALUES
+        return len(self.read_codes(name)[1]) <= MOST_VALUES
 
     def facts(self, name: str) -> dict[str, Any]:
         """Describe a column: name, words, unit, limits or values."""
-        facts: dict[str, Any] = {"name": name, **words_of(name), "kind": self.kinds[name]}
+        facts: dict[str, Any] = {"name": name, **describe_column(name), "kind": self.kinds[name]}
         if facts["kind"] == "number":
             values = self.numbers(name)
             known = values[np.isfinite(values)]
@@ -105,21 +105,21 @@ class Columns:
             self._numbers[name] = self.index[name].to_numpy(dtype=np.float64, na_value=np.nan)
         return self._numbers[name]
 
-    def codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
+    def read_codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
         """Return every row's text code, and the distinct texts.
 
         Unknown counts as the empty text.
         """
         if name not in self._codes:
-            codes, values = pd.factorize(_texts(self.index[name]), sort=True)
+            codes, values = pd.factorize(_convert_to_texts(self.index[name]), sort=True)
             self._codes[name] = codes.astype(np.int64), [str(value) for value in values]
         return self._codes[name]
 
     def values(self, name: str) -> list[str]:
         """Return a column's distinct texts as shown."""
-        return [value or UNKNOWN for value in self.codes(name)[1]]
+        return [value or UNKNOWN for value in self.read_codes(name)[1]]
 
-    def of_kind(self, name: str, *kinds: str, key: str) -> str:
+    def check_kind(self, name: str, *kinds: str, key: str) -> str:
         """Return ``name`` if its column has one of these kinds.
 
         Raises
@@ -129,7 +129,7 @@ class Columns:
         """
         if self.kinds.get(name) not in kinds:
             known = (column for column, kind in self.kinds.items() if kind in kinds)
-            raise ConfigError(f"{key}: {name!r} is no {' or '.join(kinds)} column here{nearest(name, known)}")
+            raise ConfigError(f"{key}: {name!r} is no {' or '.join(kinds)} column here{suggest_names(name, known)}")
         return name
 
     def flag_counts(self) -> dict[str, int]:
@@ -141,7 +141,7 @@ class Columns:
                 counts[flag] = counts.get(flag, 0) + count
         return dict(sorted(counts.items(), key=lambda entry: (-entry[1], entry[0])))
 
-    def flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
+    def select_flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
         """Select rows with a flag that fits a pattern.
 
         ``*`` stands for anything.
@@ -153,7 +153,7 @@ class Columns:
     @property
     def _flag_texts(self) -> tuple[npt.NDArray[np.int64], list[str]]:
         if "quality_flags" in self.index:
-            return self.codes("quality_flags")
+            return self.read_codes("quality_flags")
         return np.zeros(len(self), dtype=np.int64), [""]
 
     def order(self, name: str) -> npt.NDArray[np.float64]:
@@ -165,7 +165,7 @@ class Columns:
         """
         if self.kinds[name] == "number":
             return self.numbers(name)
-        codes, values = self.codes(name)
+        codes, values = self.read_codes(name)
         places = codes.astype(np.float64)
         if values and not values[0]:
             places[codes == 0] = np.nan
@@ -176,14 +176,14 @@ def _can_be_offered(name: Any) -> bool:
     return isinstance(name, str) and name not in (*NOT_OFFERED, *RESERVED) and not name.endswith((".min", ".max"))
 
 
-def _texts(column: pd.Series[Any]) -> pd.Series[str]:
+def _convert_to_texts(column: pd.Series[Any]) -> pd.Series[str]:
     """Convert values to texts, empty if unknown."""
     if isinstance(column.dtype, pd.StringDtype):
         return column.fillna("")
     return column.astype(object).where(column.notna(), "").map(str)
 
 
-def words_of(name: str) -> dict[str, str]:
+def describe_column(name: str) -> dict[str, str]:
     """Return a column's words, unit and group by name.
 
     Returns
@@ -191,15 +191,15 @@ def words_of(name: str) -> dict[str, str]:
     dict
         ``words``, ``unit`` (empty for a pure number or a text) and ``group``.
     """
-    from doppelgait.viz.style import quantity
+    from doppelgait.viz.style import describe_quantity
 
     if name in OWN_WORDS:
         words, unit = OWN_WORDS[name]
         return {"words": words, "unit": unit, "group": "example"}
     beginning = next((prefix for prefix in GROUPS if name.startswith(prefix)), "")
     bare = name.removeprefix(beginning)
-    words, unit = quantity(bare)
-    known = unit if unit_of(bare) != "1" else ""
+    words, unit = describe_quantity(bare)
+    known = unit if parse_unit(bare) != "1" else ""
     return {"words": words, "unit": known, "group": GROUPS.get(beginning, "example")}
 
 
@@ -232,14 +232,14 @@ class Filters:
         """Return the matching rows' numbers in index order."""
         kept = np.ones(len(columns), dtype=bool)
         for name, wanted in self.values.items():
-            kept &= np.isin(columns.values(name), wanted)[columns.codes(name)[0]]
+            kept &= np.isin(columns.values(name), wanted)[columns.read_codes(name)[0]]
         for name, limits in self.limits.items():
             values = columns.numbers(name)
             kept &= (values >= limits.get(".min", -math.inf)) & (values <= limits.get(".max", math.inf))
         for pattern in self.flags:
-            kept &= columns.flagged(pattern)
+            kept &= columns.select_flagged(pattern)
         for pattern in self.no_flags:
-            kept &= ~columns.flagged(pattern)
+            kept &= ~columns.select_flagged(pattern)
         if self.text:
             found = columns.index["id"].astype("str").str.contains(self.text, case=False, regex=False)
             kept &= found.to_numpy(dtype=bool)
@@ -280,22 +280,22 @@ def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> 
         elif key in ("flag", "no_flag"):
             (filters.flags if key == "flag" else filters.no_flags).append(value)
         elif key.endswith(LIMITS):
-            name, side = columns.of_kind(key[:-4], "number", key=key), key[-4:]
+            name, side = columns.check_kind(key[:-4], "number", key=key), key[-4:]
             limits = filters.limits.setdefault(name, {})
             if side in limits:
                 raise ConfigError(f"{key}: comes twice; give it once")
-            limits[side] = number_of(key, value)
+            limits[side] = parse_number(key, value)
             if limits.get(".min", -math.inf) > limits.get(".max", math.inf):
                 raise ConfigError(
                     f"{name}.min: {limits['.min']:g} is above {name}.max, {limits['.max']:g}; no row can be meant"
                 )
         elif columns.kinds.get(key) != "category":
             categories = (name for name, kind in columns.kinds.items() if kind == "category")
-            hint = nearest(key, [*further, "text", "flag", "no_flag", *categories])
+            hint = suggest_names(key, [*further, "text", "flag", "no_flag", *categories])
             raise ConfigError(f"{key!r} is not known here{hint}; numbers are limited with COLUMN.min and COLUMN.max")
         else:
             known_values = columns.values(key)
             if value not in known_values:
-                raise ConfigError(f"{key}: no row has {value!r}{nearest(value, known_values)}")
+                raise ConfigError(f"{key}: no row has {value!r}{suggest_names(value, known_values)}")
             filters.values.setdefault(key, []).append(value)
     return filters, parameters

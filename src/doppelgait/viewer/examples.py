@@ -15,13 +15,13 @@ import numpy as np
 import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
-from doppelgait.dataset.example import nearest, simulated_number
-from doppelgait.dataset.resolve import class_of, resolve_example
-from doppelgait.dataset.shard import truth_columns
+from doppelgait.dataset.example import find_plan_number, suggest_names
+from doppelgait.dataset.resolve import find_class, resolve_example
+from doppelgait.dataset.shard import make_truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run as pipeline_run
 from doppelgait.pipeline import run_simulation
@@ -29,8 +29,8 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateName
 from doppelgait.radar.recording import Recording
 from doppelgait.scene.placement import DEFAULT_DURATION_S
-from doppelgait.viewer.payload import without_folders
-from doppelgait.viewer.run import Run, TargetView, harmonics_of
+from doppelgait.viewer.payload import remove_folders
+from doppelgait.viewer.run import Run, TargetView, compute_harmonics
 from doppelgait.viewer.settings import Settings
 
 MOST_SAMPLES = 24_000_000
@@ -82,17 +82,17 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
         Naming the file.
     """
     motion = resolve(
-        plan.classes[class_of(plan, number)[0]].motion,
-        seed=plan.dataset.seed, example=number, key="motion", turn=class_of(plan, number)[1],
+        plan.classes[find_class(plan, number)[0]].motion,
+        seed=plan.dataset.seed, example=number, key="motion", turn=find_class(plan, number)[1],
     )  # fmt: skip
     named = [
-        *_motion_files([motion, plan.companions, plan.background]),
-        *[(text, "preset") for text in _texts(plan.radar.get("preset")) if text.endswith(".toml")],
+        *_find_motion_files([motion, plan.companions, plan.background]),
+        *[(text, "preset") for text in _collect_texts(plan.radar.get("preset")) if text.endswith(".toml")],
     ]
     for name, start in named:
         if folder is None:
             raise DatasetError(
-                f"its simulation needs {_last(name)!r}, which is no part of the dataset: start the viewer with "
+                f"its simulation needs {_find_last(name)!r}, which is no part of the dataset: start the viewer with "
                 "--motion-folder FOLDER to see its recording"
             )
         # Whether a path is no relative one on some system: looking whether //HOST/... exists already asks that host.
@@ -100,31 +100,31 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
         if (bool(windows.drive or windows.root) or PurePosixPath(name).is_absolute() or ".." in windows.parts) or not (
             Path(name) if start == "skeleton" else folder / name
         ).resolve().is_relative_to(folder.resolve()):
-            raise DatasetError(f"{_last(name)!r} of its plan lies outside of --motion-folder and is not opened")
+            raise DatasetError(f"{_find_last(name)!r} of its plan lies outside of --motion-folder and is not opened")
 
 
-def _motion_files(value: Any) -> Iterator[tuple[str, str]]:
+def _find_motion_files(value: Any) -> Iterator[tuple[str, str]]:
     """Yield files and keys of a motion or its choices."""
     if isinstance(value, Mapping):
-        if "file" in _texts(value.get("kind")):
+        if "file" in _collect_texts(value.get("kind")):
             for key in PATH_KEYS:
-                yield from ((text, key) for text in _texts(value.get(key)))
+                yield from ((text, key) for text in _collect_texts(value.get(key)))
         value = list(value.values())
     if isinstance(value, list | tuple):
         for inner in value:
-            yield from _motion_files(inner)
+            yield from _find_motion_files(inner)
 
 
-def _texts(value: Any) -> list[str]:
+def _collect_texts(value: Any) -> list[str]:
     """Collect the texts of a value or distribution."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):
-        return [text for inner in value for text in _texts(inner)]
+        return [text for inner in value for text in _collect_texts(inner)]
     return [value] if isinstance(value, str) else []
 
 
-def _last(name: str) -> str:
+def _find_last(name: str) -> str:
     return PureWindowsPath(name).name or name
 
 
@@ -164,18 +164,18 @@ class ExampleRuns:
         index = self.dataset.index
         found = np.flatnonzero((index["id"] == example_id).to_numpy(dtype=bool))
         if not found.size:
-            raise DatasetError(f"example: no {example_id!r} in this dataset{nearest(example_id, index['id'])}")
+            raise DatasetError(f"example: no {example_id!r} in this dataset{suggest_names(example_id, index['id'])}")
         rows = found[:1]
         # All targets of a simulated scene; of a recording only this one, as the others are later.
         if self.dataset.description.get("origin") != "imported" and "scene_id" in index:
             rows = np.flatnonzero((index["scene_id"] == index["scene_id"].iloc[found[0]]).to_numpy(dtype=bool))
-        first = json_value(self.dataset.index.iloc[rows[0]].to_dict())
+        first = convert_to_json(self.dataset.index.iloc[rows[0]].to_dict())
         gate: GateName = "track" if first.get("gate") == "track" else "truth"
-        notes = tuple(filter(None, _text(first.get("warnings")).split(";")))
+        notes = tuple(filter(None, _read_text(first.get("warnings")).split(";")))
         run = Run(example_id, "example", Settings(gate=gate), notes=notes)
         run.stored = lambda: [self._view(int(row), place, run) for place, row in enumerate(rows)]
         try:
-            number = simulated_number(self.dataset.description, first)
+            number = find_plan_number(self.dataset.description, first)
             plan = self.dataset.plan_config
             check_files(plan, number, self.folder)
             spec = resolve_example(plan, number, self.folder or Path())
@@ -195,7 +195,7 @@ class ExampleRuns:
             if first.get("source") == "none":
                 return recording
             # Another truth than when the dataset was built: a motion file has changed.
-            truth = truth_columns(recording.truth[0])
+            truth = make_truth_columns(recording.truth[0])
             for name in ("truth_range_m", "truth_ground_speed_mps", "truth_radial_velocity_mps"):
                 made, there = truth[name], first.get(name)
                 if there is None or not np.isclose(made, there, rtol=FACT_TOLERANCE, atol=1e-6):
@@ -210,7 +210,7 @@ class ExampleRuns:
 
     def told(self, error: Exception) -> str:
         """Return an error's text without the folders of this computer."""
-        return without_folders(str(error), *self.folders)
+        return remove_folders(str(error), *self.folders)
 
     @property
     def folders(self) -> tuple[Path, ...]:
@@ -224,9 +224,9 @@ class ExampleRuns:
         """
         example = self.dataset.example(row)
         signature = example.arrays.get("signature")
-        cadence = _cadence(example, run.settings.analysis)
+        cadence = _find_cadence(example, run.settings.analysis)
         line_hz = None if signature is None else processing.main_line_hz(signature, order=1, tapered=True)
-        view = stored_view(example)
+        view = build_stored_view(example)
         # The gate that the example was made with, where it was that of the truth and the recording can be simulated.
         recording, gate = run.recording if view.gate == "truth" else None, None
         if recording is not None and place < len(recording.truth):
@@ -244,23 +244,23 @@ class ExampleRuns:
         )
 
 
-def stored_view(example: Example) -> TargetView:
+def build_stored_view(example: Example) -> TargetView:
     """Build the view of a target from an example's row."""
     row = example.row
     features = {name: _number(row.get(f"feature_{name}")) for name in FEATURE_UNITS}
     gait_frequency_hz = _number(row.get("gait_frequency_hz"))
     return TargetView(
         label=example.label,
-        gate=_text(row.get("gate")),
+        gate=_read_text(row.get("gate")),
         features=features,
         gait_frequency_hz=gait_frequency_hz,
         torso_doppler_hz=_number(row.get("torso_doppler_hz")),
-        harmonics_hz=harmonics_of(features, gait_frequency_hz),
-        quality={name: value for name, value in _beginning(row, "quality_").items() if name != "flags"},
-        standard_deviation=_numbers(row, "sd_"),
-        extended=_numbers(row, "extended_"),
-        flags=tuple(filter(None, _text(row.get("quality_flags")).split(";"))),
-        truth=_truth(row),
+        harmonics_hz=compute_harmonics(features, gait_frequency_hz),
+        quality={name: value for name, value in _select_prefix(row, "quality_").items() if name != "flags"},
+        standard_deviation=_read_numbers(row, "sd_"),
+        extended=_read_numbers(row, "extended_"),
+        flags=tuple(filter(None, _read_text(row.get("quality_flags")).split(";"))),
+        truth=_read_truth(row),
     )
 
 
@@ -272,24 +272,24 @@ def _number(value: Any) -> float | None:
     return value if isinstance(value, int | float) else None
 
 
-def _text(value: Any) -> str:
+def _read_text(value: Any) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _numbers(row: dict[str, Any], prefix: str) -> dict[str, float | None]:
-    return {name: _number(value) for name, value in _beginning(row, prefix).items()}
+def _read_numbers(row: dict[str, Any], prefix: str) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in _select_prefix(row, prefix).items()}
 
 
-def _beginning(row: dict[str, Any], prefix: str) -> dict[str, Any]:
+def _select_prefix(row: dict[str, Any], prefix: str) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in row.items() if name.startswith(prefix)}
 
 
-def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
+def _read_truth(row: dict[str, Any]) -> dict[str, Any] | None:
     """Return true values by feature and frequency name.
 
     It is None for measured data and empty scenes.
     """
-    known = _beginning(row, "truth_")
+    known = _select_prefix(row, "truth_")
     velocity_mps, frequency_hz = (
         _number(known.pop("radial_velocity_mps", None)),
         _number(known.get("gait_frequency_hz")),
@@ -301,7 +301,7 @@ def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
     return {"torso_velocity_mps": velocity_mps, "step_length_m": step_m, **ratios, **known}
 
 
-def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
+def _find_cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
     """Return the stored cadence map, or compute it (E-28 to E-31).
 
     It is None without both.
@@ -314,5 +314,5 @@ def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
     seconds = processing.observation_s(signature)
     rows = processing.normalise(signature, floor_v2, mode=analysis.normalisation)
     if processing.needs_alignment(signature):
-        rows = processing.align(rows, processing.main_line_hz(signature, order=processing.line_order(seconds)))
+        rows = processing.align(rows, processing.main_line_hz(signature, order=processing.choose_line_order(seconds)))
     return processing.cadence_map(processing.detrend(rows, order=processing.detrend_order(seconds)))

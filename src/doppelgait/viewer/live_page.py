@@ -16,9 +16,16 @@ import numpy.typing as npt
 
 from doppelgait.classify.model import Model
 from doppelgait.classify.timeline import TrackDecision, Window
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.pipeline import Result
-from doppelgait.viewer.payload import axis_facts, block_maxima, block_of, doppler_facts, image_facts, pack
+from doppelgait.viewer.payload import (
+    describe_axis,
+    describe_doppler,
+    encode_image,
+    find_block_maxima,
+    find_block_size,
+    pack,
+)
 
 SPAN_S, STEP_S = 30.0, 0.05
 """Time that is shown, and width of a column."""
@@ -89,8 +96,8 @@ class Rolling:
             self._put("range_time", window.start_s + recording.slow_time_s, np.abs(moving) ** 2, recording.range_m)
             for result in results:
                 signature = result.signature
-                times_s = window.start_s + axis(signature, "time")
-                self._put("signature", times_s, signature.values, axis(signature, "doppler"))
+                times_s = window.start_s + read_axis(signature, "time")
+                self._put("signature", times_s, signature.values, read_axis(signature, "doppler"))
             for one in decisions:
                 self._marks.append({
                     "track": one.track, "time_s": one.stop_s, "label": one.label, "reason": one.reason,
@@ -127,15 +134,15 @@ class Rolling:
             power = np.zeros((last - first + 1, columns[0][1].size), dtype=np.float32)
             for number, values in columns:
                 power[number - first] = values
-            time = axis_facts("time", "s", (np.arange(first, last + 1) + 0.5) * STEP_S)
+            time = describe_axis("time", "s", (np.arange(first, last + 1) + 0.5) * STEP_S)
             rows = self._rows[name]
             if name == "range_time":
-                facts[name], arrays[name] = image_facts(
-                    name, power, time, axis_facts("range", "m", rows), unit="dB re 1 V²"
+                facts[name], arrays[name] = encode_image(
+                    name, power, time, describe_axis("range", "m", rows), unit="dB re 1 V²"
                 )
             else:
-                facts[name], arrays[name] = image_facts(
-                    name, power, time, doppler_facts(rows, self._wavelength_m), unit="dB re 1 V²"
+                facts[name], arrays[name] = encode_image(
+                    name, power, time, describe_doppler(rows, self._wavelength_m), unit="dB re 1 V²"
                 )
         return pack(facts, arrays)
 
@@ -146,14 +153,16 @@ class Rolling:
         # A body that stands still in one window leaves its mean in the times when it was elsewhere, where other windows
         # are better. The signatures of two targets lie over each other.
         join = np.minimum if name == "range_time" else np.maximum
-        block = block_of(rows.size, MOST_ROWS)
+        block = find_block_size(rows.size, MOST_ROWS)
         centres = np.array([part.mean() for part in np.array_split(rows, range(block, rows.size, block))])
         if name in self._rows and self._rows[name].size != centres.size:
             self._columns[name].clear()
         self._rows[name] = centres
         numbers = np.floor(times_s / STEP_S).astype(np.int64)
         starts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1))
-        strongest = np.maximum.reduceat(block_maxima(np.asarray(power, dtype=np.float32), 1, block), starts, axis=0)
+        strongest = np.maximum.reduceat(
+            find_block_maxima(np.asarray(power, dtype=np.float32), 1, block), starts, axis=0
+        )
         columns = self._columns[name]
         known = dict(columns)
         for number, values in zip(numbers[starts].tolist(), strongest, strict=True):

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import json_value
-from doppelgait.core.labels import axis
-from doppelgait.core.lazy import tiles_of
+from doppelgait.core.config import convert_to_json
+from doppelgait.core.labels import read_axis
+from doppelgait.core.lazy import read_tiles
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 
 MAGIC = b"DGV1"
@@ -60,10 +60,10 @@ def as_json(value: Any) -> bytes:
 
     A number that is not finite becomes null, NumPy's numbers and arrays become plain ones, everything else text.
     """
-    return json.dumps(json_value(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
+    return json.dumps(convert_to_json(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
-def without_folders(text: str, *folders: Path) -> str:
+def remove_folders(text: str, *folders: Path) -> str:
     """Replace folders in a text by their last name.
 
     The working folder is replaced, too.
@@ -101,7 +101,7 @@ def level_db(power: npt.ArrayLike) -> FloatArray:
     return np.asarray(power_to_db(np.maximum(np.asarray(power), 0.0)))
 
 
-def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
+def describe_axis(name: str, unit: str, values: npt.ArrayLike) -> Axis:
     """Describe a uniform axis: first value, step and number.
 
     Parameters
@@ -115,19 +115,19 @@ def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
     return {"name": name, "unit": unit, "first": float(even[0]), "step": step, "n": int(even.size), "block": 1}
 
 
-def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
+def describe_doppler(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
     """Describe a Doppler axis and its velocity scale.
 
     The second scale is missing where the wavelength is not known.
     """
-    facts = axis_facts("Doppler", "Hz", doppler_hz)
+    facts = describe_axis("Doppler", "Hz", doppler_hz)
     if math.isfinite(wavelength_m):
         scale = float(doppler_to_velocity_mps(1.0, wavelength_m))
         facts["second"] = {"name": "velocity", "unit": "m/s", "scale": scale}
     return facts
 
 
-def image_facts(
+def encode_image(
     name: str, power: FloatArray | xr.DataArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
 ) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
     """Encode a picture of levels.
@@ -139,7 +139,7 @@ def image_facts(
     power : ndarray, or DataArray (slow_time, ...), shape (x.n, y.n)
         Its levels, 10 log10, are shown; 0, negative powers and NaN as the lowest. An array of pulses is read in tiles.
     x, y : dict
-        Axes from :func:`axis_facts`.
+        Axes from :func:`describe_axis`.
     unit : str
         Of the levels, with their reference.
     most : (int, int)
@@ -151,18 +151,18 @@ def image_facts(
         ``array``, ``x``, ``y``, ``db`` (levels of code 0 and 65535), ``shown_db`` (what to show at first) and ``unit``.
     codes : ndarray of uint16, shape (x.n, y.n)
     """
-    blocks = [block_of(size, limit) for size, limit in zip(power.shape, most, strict=True)]
+    blocks = [find_block_size(size, limit) for size, limit in zip(power.shape, most, strict=True)]
     every = max(1, power.size // MEDIAN_OF)
     maxima, some = [], []
-    for first, tile in [(0, power)] if isinstance(power, np.ndarray) else tiles_of(power, blocks[0]):
-        maxima.append(block_maxima(tile, *blocks))
+    for first, tile in [(0, power)] if isinstance(power, np.ndarray) else read_tiles(power, blocks[0]):
+        maxima.append(find_block_maxima(tile, *blocks))
         some.append(tile[-first % every :: every].copy())  # a view would keep the tile
     strongest = level_db(np.concatenate(maxima))  # of the powers: a logarithm of every cell takes ten times as long
     low, high = level_span_db(strongest)
     facts = {
         "array": name,
-        "x": _in_blocks(x, blocks[0]),
-        "y": _in_blocks(y, blocks[1]),
+        "x": _average_axis(x, blocks[0]),
+        "y": _average_axis(y, blocks[1]),
         "db": [low, high],
         "shown_db": shown_range_db(level_db(np.concatenate(some)), high),
         "unit": unit,
@@ -174,26 +174,26 @@ def doppler_picture(
     array: xr.DataArray, power: FloatArray, x: Axis, name: str, unit: str
 ) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
     """Encode powers over some quantity and Doppler as a picture."""
-    doppler_hz, wavelength_m = axis(array, "doppler"), float("nan")
+    doppler_hz, wavelength_m = read_axis(array, "doppler"), float("nan")
     farthest = int(np.abs(doppler_hz).argmax())
     if "velocity" in array.coords and doppler_hz[farthest] != 0:
-        wavelength_m = float(2.0 * axis(array, "velocity")[farthest] / doppler_hz[farthest])
-    return image_facts(name, power, x, doppler_facts(doppler_hz, wavelength_m), unit=unit)
+        wavelength_m = float(2.0 * read_axis(array, "velocity")[farthest] / doppler_hz[farthest])
+    return encode_image(name, power, x, describe_doppler(doppler_hz, wavelength_m), unit=unit)
 
 
 def signature_picture(signature: xr.DataArray, name: str) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
     """Encode a micro-Doppler signature as a picture."""
     unit = "dB re 1 V²" if signature.attrs.get("units") == "V^2" else "dB re 1"
-    time = axis_facts("time", "s", axis(signature, "time"))
+    time = describe_axis("time", "s", read_axis(signature, "time"))
     return doppler_picture(signature, signature.values, time, name, unit)
 
 
-def block_of(size: int, most: int) -> int:
+def find_block_size(size: int, most: int) -> int:
     """Return the block size for at most ``most`` blocks."""
     return max(1, math.ceil(size / most))
 
 
-def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
+def find_block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
     """Return the strongest cell per block of ``columns`` times ``rows``.
 
     The last blocks may hold fewer cells.
@@ -204,7 +204,7 @@ def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
     return values
 
 
-def _in_blocks(facts: Axis, block: int) -> Axis:
+def _average_axis(facts: Axis, block: int) -> Axis:
     """Return the axis of the centres of blocks."""
     if block == 1:
         return facts

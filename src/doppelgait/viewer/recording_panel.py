@@ -13,27 +13,27 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.core.lazy import every_row, lazy_rows, rows_of, tiles_of
+from doppelgait.core.labels import read_axis, sampling_rate_hz
+from doppelgait.core.lazy import lazy_rows, read_pulses, read_tiles, take_every_row
 from doppelgait.core.units import power_to_db
-from doppelgait.processing import Analysis, burst_pulses_of, range_doppler
+from doppelgait.processing import Analysis, get_burst_pulses, range_doppler
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import plan_for
-from doppelgait.processing.sound import Channels, doppler_sound, why_silent, write_wav
+from doppelgait.processing.sound import Channels, explain_silence, make_doppler_sound, write_wav
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.payload import (
     DEEPEST_DB,
-    axis_facts,
-    doppler_facts,
+    describe_axis,
+    describe_doppler,
     encode,
-    image_facts,
+    encode_image,
     level_db,
     pack,
     shown_range_db,
 )
 from doppelgait.viewer.run import Run, clutter_key
-from doppelgait.viewer.settings import Changes, number_of, whole_of
+from doppelgait.viewer.settings import Changes, parse_number, parse_whole
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -44,7 +44,7 @@ TRUTH_FACTS = (
 )  # fmt: skip
 
 
-def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = ()) -> bytes:
+def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = ()) -> bytes:
     """Make the payload of ``api/recording``.
 
     Parameters
@@ -60,21 +60,21 @@ def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = (
         empty = dict.fromkeys(("duration_s", "start_s", "prf_hz", "wavelength_m", "range_time", "scene"))
         return pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
     baseband = run.clean_baseband(gate, changes)
-    times_s = axis(baseband, "slow_time")
+    times_s = read_axis(baseband, "slow_time")
     arrays: Arrays = {}
-    range_time, range_m = None, axis(baseband, "range")
+    range_time, range_m = None, read_axis(baseband, "range")
     if range_m.size > 1:
-        range_time, arrays["range_time"] = image_facts(
+        range_time, arrays["range_time"] = encode_image(
             "range_time",
-            _power(baseband),
-            axis_facts("time", "s", times_s),
-            axis_facts("range", "m", range_m),
+            _make_power(baseband),
+            describe_axis("time", "s", times_s),
+            describe_axis("range", "m", range_m),
             unit="dB re 1 V",
         )
     facts: dict[str, Any] = {
         "name": run.name,
         "kind": run.kind,
-        "facts": list(_facts(recording)),
+        "facts": list(_list_facts(recording)),
         "notes": [*run.notes, *recording.notes],
         "reason": None,
         "duration_s": recording.observation_s,
@@ -83,7 +83,7 @@ def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = (
         "wavelength_m": recording.radar.wavelength_m,
         "clutter": run.analysis(gate, changes).clutter,
         "analysis": run.analysis_facts(gate, changes),
-        "no_sound": why_silent(recording.baseband),
+        "no_sound": explain_silence(recording.baseband),
         "range_time": range_time,
         "scene": None
         if recording.radar_position_m is None
@@ -93,27 +93,29 @@ def recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = (
             "tilt_deg": recording.radar_tilt_deg,
         },
         "bodies": [
-            _body(number, truth, arrays) for number, truth in enumerate(recording.truth) if truth.body is not None
+            _describe_body(number, truth, arrays)
+            for number, truth in enumerate(recording.truth)
+            if truth.body is not None
         ],
-        "truth": [_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
+        "truth": [_describe_truth(number, truth, recording, arrays) for number, truth in enumerate(recording.truth)],
     }
     return pack(facts, arrays)
 
 
-def _power(baseband: xr.DataArray) -> xr.DataArray:
+def _make_power(baseband: xr.DataArray) -> xr.DataArray:
     def rows(first: int, stop: int) -> npt.NDArray[np.float32]:
-        values = rows_of(baseband, first, stop)
+        values = read_pulses(baseband, first, stop)
         return np.asarray(values.real**2 + values.imag**2)
 
     return baseband.copy(data=lazy_rows(baseband.shape, rows, np.float32))
 
 
-def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
+def _list_facts(recording: Recording) -> Iterator[tuple[str, str]]:
     radar, baseband = recording.radar, recording.baseband
-    range_m = axis(baseband, "range")
+    range_m = read_axis(baseband, "range")
     yield "radar", radar.name or radar.waveform.kind
     yield "carrier", f"{radar.carrier_hz / 1e9:.4g} GHz"
-    times_s, prf_hz, pulses = recording.slow_time_s, radar.prf_hz, burst_pulses_of(baseband)
+    times_s, prf_hz, pulses = recording.slow_time_s, radar.prf_hz, get_burst_pulses(baseband)
     if pulses is None:
         yield "frame rate", f"{prf_hz:.4g} Hz"
     else:
@@ -132,28 +134,28 @@ def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "seed", str(recording.seed)
 
 
-def _body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:
-    from doppelgait.motion.rigid import bones_of
-    from doppelgait.viz.motion import part_group
+def _describe_body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:
+    from doppelgait.motion.rigid import find_bones
+    from doppelgait.viz.motion import find_part_group
 
     assert truth.body is not None
     points, bones = f"body_{number}_points", f"body_{number}_bones"
     arrays[points] = truth.body.values.astype(np.float32)
-    arrays[bones] = bones_of(truth.body.values)
+    arrays[bones] = find_bones(truth.body.values)
     return {
         "label": truth.label,
         "target": number,
-        "time": axis_facts("time", "s", axis(truth.body, "time")),
+        "time": describe_axis("time", "s", read_axis(truth.body, "time")),
         "points": points,
-        "parts": [part_group(str(part)) for part in axis(truth.body, "part")],
+        "parts": [find_part_group(str(part)) for part in read_axis(truth.body, "part")],
         "bones": bones,
     }
 
 
-def _truth(number: int, truth: TargetTruth, recording: Recording, arrays: Arrays) -> dict[str, Any]:
-    times_s = axis(truth.scatterers, "slow_time")
+def _describe_truth(number: int, truth: TargetTruth, recording: Recording, arrays: Arrays) -> dict[str, Any]:
+    times_s = read_axis(truth.scatterers, "slow_time")
     step = max(1, -(-times_s.size // MOST_LINE_POINTS))
-    time = axis_facts("time", "s", times_s[::step])
+    time = describe_axis("time", "s", times_s[::step])
     groups, lines_hz = part_lines_hz(truth, recording.radar.wavelength_m, step)
     range_name, doppler_name = f"truth_{number}_range", f"truth_{number}_doppler"
     arrays[range_name] = truth.centre_range_m[::step].astype(np.float32)
@@ -178,17 +180,17 @@ def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[l
         Hz.
     """
     from doppelgait.core.units import velocity_to_doppler_hz
-    from doppelgait.viz.motion import part_group
+    from doppelgait.viz.motion import find_part_group
 
-    velocity_mps = every_row(truth.scatterers["radial_velocity"], step)
-    names = [str(part) for part in axis(truth.scatterers, "part")]
-    parts = sorted(dict.fromkeys(names), key=lambda part: (part_group(part), part))
+    velocity_mps = take_every_row(truth.scatterers["radial_velocity"], step)
+    names = [str(part) for part in read_axis(truth.scatterers, "part")]
+    parts = sorted(dict.fromkeys(names), key=lambda part: (find_part_group(part), part))
     columns = [[n for n, name in enumerate(names) if name == part] for part in parts]
     lines = [
         np.asarray(velocity_to_doppler_hz(velocity_mps[:, chosen].mean(axis=1), wavelength_m)) for chosen in columns
     ]
     values = np.stack(lines) if lines else np.empty((0, velocity_mps.shape[0]))
-    return [part_group(part) for part in parts], values.astype(np.float32)
+    return [find_part_group(part) for part in parts], values.astype(np.float32)
 
 
 MOST_FRAMES = 600
@@ -219,7 +221,9 @@ class Frames:
     shown_db: tuple[float, float]
 
 
-def range_doppler_payload(run: Run, gate: GateChoice | None, *, start: int, count: int, changes: Changes = ()) -> bytes:
+def make_range_doppler_payload(
+    run: Run, gate: GateChoice | None, *, start: int, count: int, changes: Changes = ()
+) -> bytes:
     """Make the payload of ``api/range-doppler``.
 
     Raises
@@ -227,12 +231,12 @@ def range_doppler_payload(run: Run, gate: GateChoice | None, *, start: int, coun
     ConfigError
         If there is no frame ``start``.
     """
-    reason = why_none(run)
+    reason = explain_missing_maps(run)
     if reason is not None:
         return pack({"frames": None, "reason": reason}, {})
     baseband = run.clean_baseband(gate, changes)
-    analysis = frame_analysis(baseband, run.analysis(gate, changes))
-    wavelength_m = run.needed_recording().radar.wavelength_m
+    analysis = make_frame_analysis(baseband, run.analysis(gate, changes))
+    wavelength_m = run.require_recording().radar.wavelength_m
     strongest_v = run.keep(f"strongest, {clutter_key(analysis)}", lambda: find_strongest_v(baseband))
     frames = run.keep(
         f"frames, {analysis.model_dump_json()}", lambda: plan_frames(baseband, analysis, wavelength_m, strongest_v)
@@ -240,11 +244,11 @@ def range_doppler_payload(run: Run, gate: GateChoice | None, *, start: int, coun
     if start >= frames.columns.size:
         raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {frames.columns.size - 1}")
     wanted = frames.columns[start : start + count]
-    cube = _cube(baseband, analysis, wavelength_m, wanted)
+    cube = _compute_cube(baseband, analysis, wavelength_m, wanted)
     levels = level_db(cube.transpose("time", "range", "doppler").values)
-    doppler_hz = axis(cube, "doppler")
-    ranges = axis_facts("range", "m", axis(cube, "range"))
-    rows = doppler_facts(doppler_hz, float(2.0 * axis(cube, "velocity")[0] / doppler_hz[0]))
+    doppler_hz = read_axis(cube, "doppler")
+    ranges = describe_axis("range", "m", read_axis(cube, "range"))
+    rows = describe_doppler(doppler_hz, float(2.0 * read_axis(cube, "velocity")[0] / doppler_hz[0]))
     # No larger than a screen needs: the strongest cell of every block.
     for dim, facts in ((1, ranges), (2, rows)):
         block = math.ceil(levels.shape[dim] / MOST_PARTS[dim - 1])
@@ -253,9 +257,9 @@ def range_doppler_payload(run: Run, gate: GateChoice | None, *, start: int, coun
             first, step = facts["first"] + (block - 1) / 2 * facts["step"], block * facts["step"]
             facts.update({"first": first, "step": step, "n": levels.shape[dim], "block": block})
     transform, prf_hz = plan_for(baseband, analysis)
-    times_s = axis(baseband, "slow_time")[0] + transform.centre_pulses()[frames.columns] / prf_hz
+    times_s = read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses()[frames.columns] / prf_hz
     header = {
-        "time": axis_facts("time", "s", times_s),
+        "time": describe_axis("time", "s", times_s),
         "from": start,
         "count": int(wanted.size),
         "range": ranges,
@@ -271,34 +275,34 @@ def range_doppler_payload(run: Run, gate: GateChoice | None, *, start: int, coun
     return pack(header, {"frames": encode(levels, *frames.db)})
 
 
-def why_none(run: Run) -> str | None:
+def explain_missing_maps(run: Run) -> str | None:
     """Return why a run has no range-Doppler maps, or None."""
     if run.recording is None:
         return run.reason
     baseband = run.recording.baseband
     if baseband.sizes["range"] < 2:
         return ONE_BIN
-    if burst_pulses_of(baseband) is not None:
+    if get_burst_pulses(baseband) is not None:
         return IN_BURSTS
     try:
-        plan_for(baseband, frame_analysis(baseband, run.analysis(None)))
+        plan_for(baseband, make_frame_analysis(baseband, run.analysis(None)))
     except AnalysisError as error:
         return str(error)
     return None
 
 
-def frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
+def make_frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
     """Return the analysis of the frames.
 
     A slow recording has a longer interval, as for people who keep still.
     """
-    least_s = SLOW_PULSES / sampling_rate_hz(axis(baseband, "slow_time"))
+    least_s = SLOW_PULSES / sampling_rate_hz(read_axis(baseband, "slow_time"))
     return analysis if analysis.cpi_s >= least_s else analysis.model_copy(update={"cpi_s": least_s})
 
 
 def find_strongest_v(baseband: xr.DataArray) -> float:
     """Return the largest amplitude of a recording, reading it in tiles."""
-    return max(float(np.abs(values).max()) for _, values in tiles_of(baseband))
+    return max(float(np.abs(values).max()) for _, values in read_tiles(baseband))
 
 
 def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, strongest_v: float) -> Frames:
@@ -310,7 +314,7 @@ def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float,
     step = math.ceil(transform.n_columns / MOST_FRAMES)
     columns = np.arange(0, transform.n_columns, step)
     looked_at = columns[np.unique(np.linspace(0, columns.size - 1, LOOKED_AT).round().astype(int))]
-    levels = level_db(_cube(baseband, analysis, wavelength_m, looked_at).values)
+    levels = level_db(_compute_cube(baseband, analysis, wavelength_m, looked_at).values)
     known = levels[np.isfinite(levels)]
     highest = float(known.max()) if known.size else 0.0
     bound = strongest_v * float(transform.window.sum())
@@ -319,7 +323,7 @@ def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float,
     return Frames(columns, (top - DEEPEST_DB, top), (low, high))
 
 
-def _cube(
+def _compute_cube(
     baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, columns: npt.NDArray[np.int64]
 ) -> xr.DataArray:
     blocks = range_doppler(baseband, analysis, wavelength_m=wavelength_m, columns=columns)
@@ -329,7 +333,7 @@ def _cube(
 MOST_PITCH = 1e6
 
 
-def sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, str], changes: Changes = ()) -> bytes:
+def make_sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, str], changes: Changes = ()) -> bytes:
     """Make a target's WAV file of the recording's length.
 
     Parameters
@@ -338,7 +342,7 @@ def sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, str], 
     gate : str, (float, float) or None
     parameters : mapping
         ``target`` (number, the first by default), ``pitch`` and ``channels`` as for
-        :func:`doppelgait.processing.sound.doppler_sound`.
+        :func:`doppelgait.processing.sound.make_doppler_sound`.
     changes : tuple of (name, value)
 
     Raises
@@ -348,20 +352,20 @@ def sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, str], 
     DoppelgaitError
         If there is no recording, or no such target in it.
     """
-    pitch = number_of("pitch", parameters["pitch"], least=0.0, most=MOST_PITCH) if "pitch" in parameters else None
+    pitch = parse_number("pitch", parameters["pitch"], least=0.0, most=MOST_PITCH) if "pitch" in parameters else None
     channels = parameters.get("channels", get_args(Channels)[0])
     if channels not in get_args(Channels):
         raise ConfigError(f"channels: {channels!r} is not allowed; it must be {' or '.join(get_args(Channels))}")
-    baseband = run.needed_recording().baseband
-    silent = why_silent(baseband)
+    baseband = run.require_recording().baseband
+    silent = explain_silence(baseband)
     if silent is not None:  # said at once: no analysis changes it
         raise AnalysisError(silent)
     targets = run.targets(gate, changes)
-    number = whole_of(parameters, "target", 0, least=0, most=max(len(targets) - 1, 0))
+    number = parse_whole(parameters, "target", 0, least=0, most=max(len(targets) - 1, 0))
     limits = targets[number].gate_limits if targets else None
     if limits is None:
         raise AnalysisError(f"{run.name}: there is no target with a gate to listen to")
-    rate_hz, samples = doppler_sound(baseband, limits, run.analysis(gate, changes), pitch=pitch, channels=channels)
+    rate_hz, samples = make_doppler_sound(baseband, limits, run.analysis(gate, changes), pitch=pitch, channels=channels)
     file = io.BytesIO()
     write_wav(file, rate_hz, samples)
     return file.getvalue()

@@ -19,7 +19,7 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import Result, analyze
-from doppelgait.processing import Analysis, burst_pulses_of, remove_clutter
+from doppelgait.processing import Analysis, get_burst_pulses, remove_clutter
 from doppelgait.processing.gate import Gate, GateChoice
 from doppelgait.processing.signature import plan_for
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -38,13 +38,13 @@ DIGITS = 6
 """Decimals of a true speed: what a model of something that stays adds up to is 0, not 1e-17 m/s."""
 
 
-def span_of(result: Result) -> Span:
+def find_span(result: Result) -> Span:
     """Return start and stop of a segment or gate."""
     quality, gate = result.quality, result.gate
     return float(quality.get("start_s", gate.start_s)), float(quality.get("stop_s", gate.stop_s))
 
 
-def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
+def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths]:
     """Match every result to a body of the simulation.
 
     Each item gives the truth of that body between two times.
@@ -77,35 +77,35 @@ def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
             ]
             found[number] = inside[0] if len(inside) == 1 and touched == inside else None
         else:
-            pairs.append((_distance_m(recording.truth[body], times_s, result, span_of(result)), number, body))
+            pairs.append((_distance_m(recording.truth[body], times_s, result, find_span(result)), number, body))
     for distance_m, number, body in sorted(pairs):
         if distance_m >= NEAR_M or found[number] is not None:
             continue
-        start_s, stop_s = span_of(results[number])
-        spans = [span_of(results[n]) for n, known in enumerate(found) if known == body]
+        start_s, stop_s = find_span(results[number])
+        spans = [find_span(results[n]) for n, known in enumerate(found) if known == body]
         if not any(start_s < other_stop_s and other_start_s < stop_s for other_start_s, other_stop_s in spans):
             found[number] = body
     matched = found
     return [
-        _truths(recording, None if body is None else recording.truth[body], result, times_s)
+        _make_truths(recording, None if body is None else recording.truth[body], result, times_s)
         for body, result in zip(matched, results, strict=True)
     ]
 
 
 def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Result, span: Span) -> float:
     """Return a gate's median distance from a body."""
-    chosen = _during(times_s, span)
+    chosen = _select_pulses(times_s, span)
     middle_m = result.gate.centre_at(times_s[chosen])
     return float(np.median(np.abs(middle_m - truth.centre_range_m[chosen])))
 
 
-def _during(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[np.bool_]:
+def _select_pulses(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[np.bool_]:
     """Select the pulses between two times, or all."""
     inside = (times_s >= span[0] - 1e-9) & (times_s <= span[1] + 1e-9)
     return inside if inside.any() else np.ones(times_s.shape, dtype=bool)
 
 
-def _truths(
+def _make_truths(
     recording: Recording, truth: TargetTruth | None, result: Result, times_s: npt.NDArray[np.float64]
 ) -> Truths:
     def during(start_s: float, stop_s: float) -> dict[str, Any] | None:
@@ -114,12 +114,12 @@ def _truths(
             return None
         if result.gate.source == "track" and _distance_m(truth, times_s, result, span) >= NEAR_M:
             return None
-        return true_values(truth, recording.radar.wavelength_m, _during(times_s, span))
+        return compute_true_values(truth, recording.radar.wavelength_m, _select_pulses(times_s, span))
 
     return during
 
 
-def true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
+def compute_true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
     """Return the true features and frequencies by their names.
 
     Further facts of the simulation have names of their own.
@@ -273,7 +273,7 @@ class Run:
         """The targets that were stored."""
         return list(self.stored()) if self.stored is not None else []
 
-    def needed_recording(self) -> Recording:
+    def require_recording(self) -> Recording:
         """Return the recording, or raise AnalysisError.
 
         The error has the reason for none.
@@ -302,7 +302,7 @@ class Run:
         """
         analysis = self.analysis(gate, changes)
         facts = {name: getattr(analysis, name) for name in CHANGEABLE}
-        if facts["hop"] is None and self.recording is not None and burst_pulses_of(self.recording.baseband) is None:
+        if facts["hop"] is None and self.recording is not None and get_burst_pulses(self.recording.baseband) is None:
             with suppress(AnalysisError):
                 facts["hop"] = plan_for(self.recording.baseband, analysis)[0].hop
         return facts
@@ -313,7 +313,7 @@ class Run:
         key = clutter_key(analysis)
         if self._clean is None or self._clean[0] != key:  # one: it may be as large as the recording
             self._clean = None
-            self._clean = key, remove_clutter(self.needed_recording().baseband, analysis)
+            self._clean = key, remove_clutter(self.require_recording().baseband, analysis)
         return self._clean[1]
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
@@ -335,36 +335,36 @@ class Run:
         DoppelgaitError
             If there is no recording to analyse, or it cannot be analysed so.
         """
-        if self.shows_stored(gate):
+        if self.has_stored_targets(gate):
             return self.stored_targets
-        return self._analysis_in(gate or self.settings.gate, changes)[0]
+        return self._analyze_gate(gate or self.settings.gate, changes)[0]
 
-    def shows_stored(self, gate: GateChoice | None) -> bool:
+    def has_stored_targets(self, gate: GateChoice | None) -> bool:
         """Return True if a gate's targets are stored ones."""
         return gate is None and self.stored is not None
 
     def warnings(self, gate: GateChoice | None, changes: Changes = ()) -> list[str]:
         """Return the warnings of the analysis of :meth:`targets`."""
-        return [] if self.shows_stored(gate) else self._analysis_in(gate or self.settings.gate, changes)[1]
+        return [] if self.has_stored_targets(gate) else self._analyze_gate(gate or self.settings.gate, changes)[1]
 
-    def _analysis_in(self, gate: GateChoice, changes: Changes) -> Analysed:
+    def _analyze_gate(self, gate: GateChoice, changes: Changes) -> Analysed:
         done = self.analysis(gate, changes)
         key = (gate, done.model_dump_json())
 
         def views() -> list[TargetView]:
-            recording = self.needed_recording()
+            recording = self.require_recording()
             results = analyze(recording, gate=gate, analysis=done, tracking=self.settings.tracking)
-            truths = truths_of(recording, results)
+            truths = match_truths(recording, results)
             clean, wavelength_m = self.clean_baseband(gate, changes), recording.radar.wavelength_m
             return [
-                replace(view_of(result, known), track_picture=track_picture(result, clean, wavelength_m))
+                replace(make_view(result, known), track_picture=track_picture(result, clean, wavelength_m))
                 for result, known in zip(results, truths, strict=True)
             ]
 
         if key not in self._analyses:
             while len(self._analyses) >= MOST_ANALYSES:
                 self._analyses.pop(next(iter(self._analyses)))
-            self._analyses[key] = with_warnings(views)
+            self._analyses[key] = collect_warnings(views)
         return self._analyses[key]
 
 
@@ -377,7 +377,7 @@ def track_picture(result: Result, clean: xr.DataArray, wavelength_m: float) -> P
         return None
     gate = result.gate
     signature = processing.signature(gate.crop(clean), gate, result.analysis, wavelength_m=wavelength_m)
-    return signature_picture(processing.within_frame(signature)[0], "track")
+    return signature_picture(processing.crop_to_frame(signature)[0], "track")
 
 
 def clutter_key(analysis: Analysis) -> str:
@@ -385,7 +385,7 @@ def clutter_key(analysis: Analysis) -> str:
     return f"{analysis.clutter} {analysis.clutter_time_s}"
 
 
-def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
+def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
     """Call a function and return its result and doppelgait's warnings.
 
     Each text of a warning appears once.
@@ -397,7 +397,7 @@ def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
     return made, list(dict.fromkeys(texts))
 
 
-def view_of(result: Result, truths: Truths) -> TargetView:
+def make_view(result: Result, truths: Truths) -> TargetView:
     """Build the view of an analysed target.
 
     A tracked target shows its longest segment, and has views of the others.
@@ -408,7 +408,7 @@ def view_of(result: Result, truths: Truths) -> TargetView:
     truths : callable
         Gives what is true of the target from a start to a stop; None where nothing is known.
     """
-    spans = tuple(span_of(piece) for piece in result.segments)
+    spans = tuple(find_span(piece) for piece in result.segments)
     shown = replace(_view(result, truths), pieces=spans)
     if not spans:
         return shown
@@ -420,7 +420,7 @@ def view_of(result: Result, truths: Truths) -> TargetView:
         )
         for number, piece in enumerate(result.segments)
     )  # fmt: skip
-    return replace(shown, piece=spans.index(span_of(result)), piece_views=views)
+    return replace(shown, piece=spans.index(find_span(result)), piece_views=views)
 
 
 def _view(result: Result, truths: Truths) -> TargetView:
@@ -431,7 +431,7 @@ def _view(result: Result, truths: Truths) -> TargetView:
         features=features,
         gait_frequency_hz=result.gait_frequency_hz,
         torso_doppler_hz=result.torso_doppler_hz,
-        harmonics_hz=harmonics_of(features, result.gait_frequency_hz),
+        harmonics_hz=compute_harmonics(features, result.gait_frequency_hz),
         quality=result.quality,
         standard_deviation=result.standard_deviation,
         extended=result.extended,
@@ -441,11 +441,11 @@ def _view(result: Result, truths: Truths) -> TargetView:
         cadence_spectrum=result.cadence_spectrum,
         main_line_hz=result.main_line_hz,
         gate_limits=result.gate,
-        truth=truths(*span_of(result)),
+        truth=truths(*find_span(result)),
     )
 
 
-def harmonics_of(
+def compute_harmonics(
     features: Mapping[str, float | None], gait_frequency_hz: float | None
 ) -> tuple[float | None, float | None]:
     """Return the second and third harmonic, Hz, from their ratios."""

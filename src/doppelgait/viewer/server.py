@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.settings import Settings
-    from doppelgait.viewer.source import Opened
+    from doppelgait.viewer.source import OpenedSource
 
 ADDRESS = "127.0.0.1"
 TOKEN_BYTES = 24
@@ -31,7 +31,7 @@ NO_SERVER = "the viewer needs starlette and uvicorn, which are not installed: pi
 
 
 def serve(
-    opened: Opened | None, *, settings: Settings | None = None, port: int = 0,
+    opened: OpenedSource | None, *, settings: Settings | None = None, port: int = 0,
     on_ready: Callable[[str], None] = lambda url: None,
 ) -> None:  # fmt: skip
     """Serve the viewer until it is interrupted.
@@ -55,7 +55,7 @@ def serve(
     ConfigError
         If the port cannot be taken.
     """
-    with _prepared(port, opened, settings) as (server, listener, url):
+    with _prepare_server(port, opened, settings) as (server, listener, url):
         try:
             on_ready(url)
             server.run(sockets=[listener])
@@ -64,7 +64,7 @@ def serve(
 
 
 @contextmanager
-def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
+def serve_live(live: Rolling, port: int = 0) -> Iterator[str]:
     """Serve the page of a stream from a thread.
 
     It is served for the time of the block.
@@ -85,7 +85,7 @@ def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
     DoppelgaitError, ConfigError
         As :func:`serve`.
     """
-    with _prepared(port, live=live) as (server, listener, url):
+    with _prepare_server(port, live=live) as (server, listener, url):
         thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="page of live")
         thread.start()
         try:
@@ -96,9 +96,9 @@ def serving_live(live: Rolling, port: int = 0) -> Iterator[str]:
 
 
 @contextmanager
-def _prepared(
+def _prepare_server(
     port: int,
-    opened: Opened | None = None,
+    opened: OpenedSource | None = None,
     settings: Settings | None = None,
     live: Rolling | None = None,
     *,
@@ -110,7 +110,7 @@ def _prepared(
     from doppelgait.viewer.limits import make_server
 
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    with listening(port) as listener:
+    with open_socket(port) as listener:
         taken = int(listener.getsockname()[1])
         app = make_app(opened, token=token, port=taken, settings=settings, live=live, framed=framed)
         yield make_server(app), listener, f"http://{ADDRESS}:{taken}/{token}/"
@@ -132,10 +132,12 @@ class View:
         As :func:`serve`.
     """
 
-    def __init__(self, opened: Opened, settings: Settings, port: int = 0) -> None:
+    def __init__(self, opened: OpenedSource, settings: Settings, port: int = 0) -> None:
         self.name = opened.name
         self._ends = ExitStack()
-        self._server, listener, self.url = self._ends.enter_context(_prepared(port, opened, settings, framed=True))
+        self._server, listener, self.url = self._ends.enter_context(
+            _prepare_server(port, opened, settings, framed=True)
+        )
         self._thread = threading.Thread(
             target=self._server.run, args=([listener],), daemon=True, name="page of the viewer"
         )
@@ -170,7 +172,7 @@ PAGE = (
 
 
 @contextmanager
-def page_in_browser(url: str) -> Iterator[None]:
+def open_in_browser(url: str) -> Iterator[None]:
     """Open the page in the user's browser.
 
     What that needs exists for the time of the block. Every user of a computer can read the command lines of all
@@ -212,7 +214,7 @@ def check_installed() -> None:
         raise DoppelgaitError(NO_SERVER)
 
 
-def listening(port: int) -> socket.socket:
+def open_socket(port: int) -> socket.socket:
     """Open a socket that listens on localhost only.
 
     Raises

@@ -17,7 +17,7 @@ from doppelgait.processing.gate import GateChoice
 Pairs = Sequence[tuple[str, str]]
 
 
-def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
+def parse_parameters(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
     """Return parameters by name, each known and present once.
 
     Raises
@@ -30,9 +30,9 @@ def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
         if not allowed:
             raise ConfigError(f"{key!r} is not known here: this address takes no parameters")
         if key not in allowed:
-            from doppelgait.dataset.example import nearest
+            from doppelgait.dataset.example import suggest_names
 
-            hint = nearest(key, list(allowed))
+            hint = suggest_names(key, list(allowed))
             raise ConfigError(f"{key!r} is not known here{hint}; allowed are {', '.join(allowed)}")
         if key in found:
             raise ConfigError(f"{key}: comes twice; give it once")
@@ -40,7 +40,7 @@ def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
     return found
 
 
-def number_of(key: str, value: str, *, least: float = -math.inf, most: float = math.inf) -> float:
+def parse_number(key: str, value: str, *, least: float = -math.inf, most: float = math.inf) -> float:
     """Parse a finite number between two limits.
 
     Raises
@@ -58,7 +58,7 @@ def number_of(key: str, value: str, *, least: float = -math.inf, most: float = m
     return number
 
 
-def whole_of(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
+def parse_whole(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
     """Parse a whole number between two limits.
 
     A ``default`` outside of them stands for none.
@@ -95,7 +95,7 @@ def parse_changes(parameters: Mapping[str, str]) -> Changes:
     for key in CHANGEABLE:
         if key in parameters:
             text = parameters[key]
-            found[key] = text if key == "clutter" else int(text) if text.isdecimal() else number_of(key, text)
+            found[key] = text if key == "clutter" else int(text) if text.isdecimal() else parse_number(key, text)
     validate(Analysis, found)
     return tuple(found.items())
 

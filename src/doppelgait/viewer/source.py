@@ -14,18 +14,18 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.processing import Analysis, burst_pulses_of
+from doppelgait.processing import Analysis, get_burst_pulses
 from doppelgait.processing.gate import Gate, GateChoice, frame_limits_m
 from doppelgait.radar.recording import Recording
 from doppelgait.viewer.browse import Browser
-from doppelgait.viewer.run import Run, view_of, with_warnings
-from doppelgait.viewer.settings import CHANGEABLE, Changes, Pairs, Settings, parse_changes, single
+from doppelgait.viewer.run import Run, collect_warnings, make_view
+from doppelgait.viewer.settings import CHANGEABLE, Changes, Pairs, Settings, parse_changes, parse_parameters
 
 DATASET_FILES = ("dataset.json", "index.parquet")
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedSource:
     """Recording, result or dataset that the viewer was started with.
 
     Parameters
@@ -55,7 +55,7 @@ class Opened:
         return () if self.browser is None else self.browser.folders
 
 
-def open_path(path: str | Path, settings: Settings) -> Opened:
+def open_path(path: str | Path, settings: Settings) -> OpenedSource:
     """Open a recording, a result or a dataset.
 
     Parameters
@@ -81,7 +81,7 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
         dataset = open_dataset(place)
         if not len(dataset):
             raise ConfigError(f"{place}: the dataset has no rows, so there is nothing to look at")
-        return Opened(
+        return OpenedSource(
             "dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder)
         )
     from doppelgait.pipeline.result import is_result_file
@@ -90,19 +90,19 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
         from doppelgait.pipeline.result import read_results
 
         read = read_results(place)
-        views = [view_of(target, lambda start_s, stop_s: None) for target in read.targets]
+        views = [make_view(target, lambda start_s, stop_s: None) for target in read.targets]
         reason = f"a result holds no recording; open {read.source or 'the recording'} to see range, bodies and sound"
         analysis = read.targets[0].analysis if read.targets else Analysis()
         shown = Settings(gate=settings.gate, analysis=analysis, tracking=settings.tracking)
-        return Opened("result", name, name, run=Run(name, "result", shown, reason=reason, stored=lambda: views))
+        return OpenedSource("result", name, name, run=Run(name, "result", shown, reason=reason, stored=lambda: views))
     from doppelgait.radar import read_recording
 
-    recording, said = with_warnings(lambda: read_recording(place, **settings.options))
+    recording, said = collect_warnings(lambda: read_recording(place, **settings.options))
     notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not show the folder
     return open_recording(recording, name, settings, notes)
 
 
-def open_recording(recording: Recording, name: str, settings: Settings, notes: tuple[str, ...] = ()) -> Opened:
+def open_recording(recording: Recording, name: str, settings: Settings, notes: tuple[str, ...] = ()) -> OpenedSource:
     """Open a recording that is in memory.
 
     Raises
@@ -119,10 +119,12 @@ def open_recording(recording: Recording, name: str, settings: Settings, notes: t
             raise ConfigError(f"--gate: {error}, or --gate track") from None
     if not settings.gate_asked and not can_track(recording):
         settings = replace(settings, gate=all_ranges_m(recording))
-    return Opened("recording", name, name, run=Run(name, "recording", settings, load=lambda: recording, notes=notes))
+    return OpenedSource(
+        "recording", name, name, run=Run(name, "recording", settings, load=lambda: recording, notes=notes)
+    )
 
 
-def add_other(opened: Opened, path: str | Path, settings: Settings) -> Opened:
+def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> OpenedSource:
     """Open a second recording to compare the first with.
 
     Raises
@@ -142,7 +144,7 @@ def can_track(recording: Recording) -> bool:
 
     There must be ranges, and no pauses between the pulses.
     """
-    return recording.n_range_bins > 1 and burst_pulses_of(recording.baseband) is None
+    return recording.n_range_bins > 1 and get_burst_pulses(recording.baseband) is None
 
 
 def all_ranges_m(recording: Recording) -> tuple[float, float]:
@@ -201,10 +203,10 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     trying = any(key == "try" for key, _ in query)
     own: list[str] = []
     if trying:
-        from doppelgait.viewer.try_it import controls
+        from doppelgait.viewer.try_it import describe_controls
 
-        own = [str(control["name"]) for control in controls()]
-    found = single(query, ["example", "try", "run", "gate", *names, *own])
+        own = [str(control["name"]) for control in describe_controls()]
+    found = parse_parameters(query, ["example", "try", "run", "gate", *names, *own])
     if "run" in found and (found["run"] != "2" or trying or "example" in found):
         raise ConfigError("run: must be 2, and does not go together with try or example")
     if trying and (found["try"] != "1" or "example" in found):
@@ -226,7 +228,7 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     return Reference(key, gate, further, changes=changes, piece=piece)
 
 
-class Shelf:
+class RunCache:
     """Opened run and the last few others.
 
     It is for one thread at a time.
@@ -236,7 +238,7 @@ class Shelf:
     opened : Opened or None
     """
 
-    def __init__(self, opened: Opened | None) -> None:
+    def __init__(self, opened: OpenedSource | None) -> None:
         self.opened = opened
         self._runs: OrderedDict[tuple[str | tuple[str, str], ...], Run] = OrderedDict()
 
@@ -277,15 +279,15 @@ COLOUR_MAPS = ("magma", "viridis", "inferno", "cividis", "gray", "turbo")
 KNOWN_CLASSES = ("human", "dog", "cat")
 
 
-def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
+def describe_session(opened: OpenedSource | None, settings: Settings) -> dict[str, Any]:
     """Return the content of ``api/session``."""
-    from doppelgait.viewer.try_it import controls
+    from doppelgait.viewer.try_it import describe_controls
 
     browser = None if opened is None else opened.browser
     run = None if opened is None else opened.run
     summary = None if browser is None else browser.summary()
     classes = sorted({*KNOWN_CLASSES, *(summary["classes"] if summary else ())})
-    from doppelgait.viz.style import quantity
+    from doppelgait.viz.style import describe_quantity
 
     further = {"gait_frequency_hz": "Hz", "torso_doppler_hz": "Hz"}
     return {
@@ -294,16 +296,18 @@ def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
         "name": "" if opened is None else opened.name,
         "path_name": "" if opened is None else opened.path_name,
         "other": None if opened is None or opened.other is None else opened.other.name,
-        **_looks(tuple(classes)),
-        "gates": gates_of(run),
-        "default_gate": gate_text(settings.gate if run is None else run.settings.gate),
-        "feature_names": [(name, quantity(name)[0], unit) for name, unit in {**FEATURE_UNITS, **further}.items()],
+        **_list_colours(tuple(classes)),
+        "gates": list_gates(run),
+        "default_gate": format_gate(settings.gate if run is None else run.settings.gate),
+        "feature_names": [
+            (name, describe_quantity(name)[0], unit) for name, unit in {**FEATURE_UNITS, **further}.items()
+        ],
         "dataset": summary,
-        "try_controls": controls(),
+        "try_controls": describe_controls(),
     }
 
 
-def gates_of(run: Run | None) -> list[str]:
+def list_gates(run: Run | None) -> list[str]:
     """Return the named gates that are free of errors."""
     if run is None or run.recording is None:
         return []
@@ -311,18 +315,18 @@ def gates_of(run: Run | None) -> list[str]:
     return [name for name, possible in named.items() if possible]
 
 
-def gate_text(gate: GateChoice) -> str:
+def format_gate(gate: GateChoice) -> str:
     """Format a gate as a request has it."""
     return gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}"
 
 
 @cache
-def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
+def _list_colours(classes: tuple[str, ...]) -> dict[str, Any]:
     """Return the colours of maps, body parts and classes."""
     from matplotlib import colormaps
 
     from doppelgait.viz.motion import PART_COLOURS
-    from doppelgait.viz.style import MAP_COLOURS, class_colours
+    from doppelgait.viz.style import MAP_COLOURS, choose_class_colours
 
     # 256 colours as one text of hexadecimal digits.
     colour_maps = {name: colormaps[name](np.arange(256), bytes=True)[:, :3].tobytes().hex() for name in COLOUR_MAPS}
@@ -330,5 +334,5 @@ def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
         "colour_maps": colour_maps,
         "default_map": MAP_COLOURS,
         "part_colours": dict(PART_COLOURS),
-        "class_colours": class_colours(classes),
+        "class_colours": choose_class_colours(classes),
     }

@@ -11,10 +11,18 @@ import numpy.typing as npt
 
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import axis, with_values
+from doppelgait.core.labels import read_axis, replace_array_values
 from doppelgait.pipeline.target import ALIGNED
 from doppelgait.processing.gate import GateChoice
-from doppelgait.viewer.payload import MOST, axis_facts, block_of, doppler_picture, level_db, pack, signature_picture
+from doppelgait.viewer.payload import (
+    MOST,
+    describe_axis,
+    doppler_picture,
+    find_block_size,
+    level_db,
+    pack,
+    signature_picture,
+)
 from doppelgait.viewer.run import Run, TargetView
 from doppelgait.viewer.settings import Changes
 
@@ -25,7 +33,7 @@ HARMONIC_NAMES = ("2nd", "3rd")
 NO_TARGET = "no target was found: nothing moves steadily or breathes in this recording; try a gate of your own"
 
 
-def targets_payload(
+def make_targets_payload(
     run: Run, gate: GateChoice | None, changes: Changes = (), *, piece: tuple[int, int] | None = None
 ) -> bytes:
     """Make the payload of ``api/targets``.
@@ -47,20 +55,20 @@ def targets_payload(
     """
     arrays: Arrays = {}
     # What was stored is as it was stored, whatever is asked for.
-    applied = () if run.shows_stored(gate) else changes
+    applied = () if run.has_stored_targets(gate) else changes
     done = run.analysis(gate, applied)
     facts = {"clutter": done.clutter, "analysis": run.analysis_facts(gate, applied)}
     try:
         targets, notes = run.targets(gate, changes), run.warnings(gate, changes)
     except AnalysisError as error:
         return pack({**facts, "targets": [], "reason": str(error), "notes": [], "failed": True}, {})
-    views = targets if piece is None else with_piece(targets, *piece)
-    shown = [_target(number, view, done.method, arrays) for number, view in enumerate(views)]
+    views = targets if piece is None else select_segment(targets, *piece)
+    shown = [_describe_target(number, view, done.method, arrays) for number, view in enumerate(views)]
     reason = None if shown else NO_TARGET
     return pack({**facts, "targets": shown, "reason": reason, "notes": notes}, arrays)
 
 
-def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:
+def select_segment(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:
     """Replace a target's view by that of another segment."""
     if number >= len(targets):
         known = f"there are targets 0 to {len(targets) - 1}" if targets else "there is no target"
@@ -73,7 +81,7 @@ def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[T
     return [*targets[:number], shown, *targets[number + 1 :]]
 
 
-def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
+def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
     from doppelgait.viz.maps import doppler_limits_hz
 
     prefix = f"target_{number}_"
@@ -89,10 +97,13 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
     main_lines = [_main_line(one, f"{prefix}main_line_{n}", arrays) for n, one in enumerate(lines)]
     power = None
     if cadence_map is not None:
-        cadence, power = axis_facts("cadence", "Hz", axis(cadence_map, "cadence")), np.square(cadence_map.values)
+        cadence, power = (
+            describe_axis("cadence", "Hz", read_axis(cadence_map, "cadence")),
+            np.square(cadence_map.values),
+        )
         name = f"{prefix}cadence_map"
         pictures["cadence_map"], arrays[name] = doppler_picture(cadence_map, power, cadence, name, "dB re 1")
-    spectrum = _spectrum(view, f"{prefix}cadence_spectrum", method, arrays)
+    spectrum = _describe_spectrum(view, f"{prefix}cadence_spectrum", method, arrays)
     gate_limits = None
     if view.gate_limits is not None:
         gate = view.gate_limits
@@ -122,7 +133,7 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         # Rows of the cadence-velocity diagram that are worth looking at, as in its figure.
         "cadence_band_hz": None
         if cadence_map is None or power is None
-        else doppler_limits_hz(with_values(cadence_map, power)),
+        else doppler_limits_hz(replace_array_values(cadence_map, power)),
         "cadence_map": pictures["cadence_map"],
         "cadence_spectrum": spectrum,
         "gate_limits": gate_limits,
@@ -135,12 +146,12 @@ def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | 
     """Describe a segment's main line at the picture's columns."""
     if view.signature is None or view.signature.sizes["time"] == 0 or view.main_line_hz is None:
         return None
-    times_s, line_hz = axis(view.signature, "time"), view.main_line_hz
-    block = block_of(times_s.size, MOST[0])
+    times_s, line_hz = read_axis(view.signature, "time"), view.main_line_hz
+    block = find_block_size(times_s.size, MOST[0])
     at = np.arange(0, times_s.size, block) + (block - 1) / 2
     columns = np.arange(times_s.size)
     arrays[name] = np.interp(at, columns, line_hz).astype(np.float32)
-    return {"x": axis_facts("time", "s", np.interp(at, columns, times_s)), "values": name}
+    return {"x": describe_axis("time", "s", np.interp(at, columns, times_s)), "values": name}
 
 
 def is_aligned(view: TargetView, method: str) -> bool | None:
@@ -157,7 +168,7 @@ def is_aligned(view: TargetView, method: str) -> bool | None:
     return processing.needs_alignment(view.signature)  # stored by an older version, or in a dataset
 
 
-def _spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
+def _describe_spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
     """Describe the cadence spectrum in dB with its peaks.
 
     The report's own spectrum is a sum of magnitudes.
@@ -169,7 +180,7 @@ def _spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[
     arrays[name] = level_db(values).astype(np.float32)
     named = [("f_mu", view.gait_frequency_hz), *zip(HARMONIC_NAMES, view.harmonics_hz, strict=False)]
     return {
-        "x": axis_facts("cadence", "Hz", axis(spectrum, "cadence")),
+        "x": describe_axis("cadence", "Hz", read_axis(spectrum, "cadence")),
         "db": name,
         "unit": "dB re 1",
         "peaks": [{"hz": hz, "name": name} for name, hz in named if hz is not None],

@@ -20,8 +20,8 @@ from doppelgait.motion.models.quadruped_gaits import (
     hip_height_m,
 )
 from doppelgait.radar import Radar
-from doppelgait.radar.presets import preset_names
-from doppelgait.viewer.settings import number_of
+from doppelgait.radar.presets import list_preset_names
+from doppelgait.viewer.settings import parse_number
 
 BUILD_OF = {"dog": "standard", "cat": "cat"}
 """Build of the animals, by target."""
@@ -52,28 +52,28 @@ class Limit:
     size: str = ""
     power: float = 1.0
 
-    def applies(self, values: Mapping[str, Any]) -> bool:
+    def is_active(self, values: Mapping[str, Any]) -> bool:
         """Return True if the other controls have these values."""
         return all(values.get(name) == value for name, value in self.when.items())
 
 
 @cache
-def speed_limits() -> tuple[Limit, ...]:
+def list_speed_limits() -> tuple[Limit, ...]:
     """Return the speed limits of every gait of every target.
 
     Those next to a second target follow.
     """
     found = []
     for who, size in SIZE_OF.items():
-        for gait, low, high, power in _gaits(who):
+        for gait, low, high, power in _list_gaits(who):
             found.append(Limit({"who": who, "gait": gait}, low, high, size, power))
     for kind, size_m in COMPANY_M.items():
-        _, low, high, power = next(_gaits(kind))
+        _, low, high, power = next(_list_gaits(kind))
         found.append(Limit({"company": kind}, low * size_m**power, high * size_m**power))
     return tuple(found)
 
 
-def _gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
+def _list_gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
     """Yield gaits with their speed limits at 1 m size.
 
     The last item is the power of the size that the speeds scale with; "auto" comes first.
@@ -106,7 +106,7 @@ def seen_m(radar: str) -> tuple[float, float | None]:
     return (preset.range_start_m, preset.range_stop_m) if preset.waveform.ranged else (0.0, None)
 
 
-def range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:
+def list_range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:
     """Return the limits of the range by radar."""
     return tuple(Limit({"radar": name}, *seen_m(name)) for name in radars)
 
@@ -155,7 +155,7 @@ def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
     return min(found)
 
 
-def moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
+def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
     """Return a note that the targets are farther than requested.
 
     It is empty if they are not.
@@ -170,7 +170,7 @@ def moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def beside(range_m: float, aspect_deg: float) -> dict[str, float]:
+def place_beside(range_m: float, aspect_deg: float) -> dict[str, float]:
     """Place a second target next to the first.
 
     Its path is parallel.
@@ -230,7 +230,7 @@ class Control:
     values_by_who: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
 
-    def default_for(self, who: str) -> Value:
+    def get_default(self, who: str) -> Value:
         """Return the default of a target."""
         return self.by_who.get(who, {}).get("default", self.default)
 
@@ -251,7 +251,7 @@ class Control:
                 raise ConfigError(f"{self.name}: {text!r} is not allowed; it must be one of {', '.join(allowed)}")
             return text
         own = self.by_who.get(who, {})
-        number = number_of(self.name, text, least=own.get("low", self.low), most=own.get("high", self.high))
+        number = parse_number(self.name, text, least=own.get("low", self.low), most=own.get("high", self.high))
         if self.kind == "number":
             return number
         if not number.is_integer():
@@ -260,12 +260,12 @@ class Control:
 
 
 @cache
-def all_controls() -> tuple[Control, ...]:
+def list_controls() -> tuple[Control, ...]:
     """Return all controls in the order of the page.
 
     ``who`` comes first.
     """
-    radars = {name: name for name in preset_names() if name not in TOO_SLOW}
+    radars = {name: name for name in list_preset_names() if name not in TOO_SLOW}
     # Who moves, how fast and how.
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}
     return (
@@ -281,7 +281,7 @@ def all_controls() -> tuple[Control, ...]:
                 step=0.05,
                 default=1.2,
                 who=(*LEGGED, "vacuum"),
-                limits=speed_limits(),
+                limits=list_speed_limits(),
                 by_who={
                     "dog": {"default": 2.0, "high": 9.0},
                     "cat": {"default": 0.8, "low": 0.2, "high": 6.0},
@@ -328,7 +328,7 @@ def all_controls() -> tuple[Control, ...]:
         ),
         Control(
             "range_m", "range", "Distance from the radar in the middle of the time; more where a target came too near.",
-            unit="m", low=1.0, high=15.0, step=0.1, default=4.0, limits=range_limits(radars),
+            unit="m", low=1.0, high=15.0, step=0.1, default=4.0, limits=list_range_limits(radars),
         ),
         # The radar, its noise and the analysis.
         Control(

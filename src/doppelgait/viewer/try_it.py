@@ -18,10 +18,10 @@ from doppelgait.viewer.try_controls import (
     MOVERS,
     SIZE_OF,
     Value,
-    all_controls,
-    beside,
+    format_moved_note,
+    list_controls,
     middle_range_m,
-    moved_note,
+    place_beside,
 )
 
 STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.02
@@ -30,15 +30,15 @@ LABELS = {"person": "human"}
 GATE: GateName = "truth"
 
 
-def controls() -> list[dict[str, Any]]:
+def describe_controls() -> list[dict[str, Any]]:
     """Return the controls as the page gets them.
 
     They have the fields of :class:`doppelgait.viewer.try_controls.Control`.
     """
-    return [{**asdict(control), "values": list(control.values.items())} for control in all_controls()]
+    return [{**asdict(control), "values": list(control.values.items())} for control in list_controls()]
 
 
-def chosen(parameters: Mapping[str, str]) -> dict[str, Value]:
+def parse_controls(parameters: Mapping[str, str]) -> dict[str, Value]:
     """Return the value of every control that the target has.
 
     It is that of the request, else the default.
@@ -48,8 +48,8 @@ def chosen(parameters: Mapping[str, str]) -> dict[str, Value]:
     ConfigError
         If a value is not allowed, or a parameter is no control.
     """
-    first, *others = all_controls()
-    unknown = sorted(set(parameters) - {control.name for control in all_controls()})
+    first, *others = list_controls()
+    unknown = sorted(set(parameters) - {control.name for control in list_controls()})
     if unknown:
         raise ConfigError(f"{unknown[0]}: is no control of 'Try it'")
     who = str(first.parse(parameters.get("who", str(first.default)), str(first.default)))
@@ -58,11 +58,11 @@ def chosen(parameters: Mapping[str, str]) -> dict[str, Value]:
         if control.name in parameters:
             found[control.name] = control.parse(parameters[control.name], who)
         elif who in control.who:
-            found[control.name] = control.default_for(who)
+            found[control.name] = control.get_default(who)
     return found
 
 
-def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
+def make_scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
     """Return the tables of the controls' scene file.
 
     See :func:`doppelgait.pipeline.parse_run`.
@@ -70,16 +70,16 @@ def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        As :func:`chosen`.
+        As :func:`parse_controls`.
     """
-    values = chosen(parameters)
+    values = parse_controls(parameters)
     who, company = str(values["who"]), str(values.get("company", "nobody"))
     place = {"range_m": middle_range_m(values), "aspect_deg": float(values["aspect_deg"])}
     targets = [{"label": LABELS.get(who, who), **place, "motion": MOTIONS[who](values)}]
     if company != "nobody":
         size = {SIZE_OF[company]: COMPANY_M[company]}
         motion = MOTIONS[company]({"speed_mps": values["speed_mps"], "gait": "auto", **size})
-        targets.append({"label": LABELS.get(company, company), **beside(**place), "motion": motion})
+        targets.append({"label": LABELS.get(company, company), **place_beside(**place), "motion": motion})
     noise = {"kind": "snr", "snr_db": values["snr_db"]} if values["noise"] == "on" else {"kind": "none"}
     return {
         "seed": values["seed"],
@@ -91,12 +91,12 @@ def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _person(values: Mapping[str, Value]) -> dict[str, Value]:
+def _make_person(values: Mapping[str, Value]) -> dict[str, Value]:
     given = {name: values[name] for name in ("gait", "speed_mps", "height_m")}
     return {"kind": "human", **given, "step_time_sd": STEP_TIME_SD, "step_length_sd": STEP_LENGTH_SD}
 
 
-def _animal(who: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
+def _make_animal(who: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
     def motion(values: Mapping[str, Value]) -> dict[str, Value]:
         given = {name: values[name] for name in ("gait", "speed_mps", "withers_m")}
         return {"kind": "quadruped", "build": BUILD_OF[who], **given, "stride_variation": STRIDE_VARIATION}
@@ -105,9 +105,9 @@ def _animal(who: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
 
 
 MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
-    "person": _person,
-    "dog": _animal("dog"),
-    "cat": _animal("cat"),
+    "person": _make_person,
+    "dog": _make_animal("dog"),
+    "cat": _make_animal("cat"),
     "fan": lambda values: {"kind": "fan", "rotation_hz": values["rotation_hz"]},
     "curtain": lambda values: {"kind": "curtain"},
     "vacuum": lambda values: {"kind": "vacuum", "speed_mps": values["speed_mps"]},
@@ -131,7 +131,7 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     ConfigError
         In one sentence, if a value is not allowed, or values do not go together.
     """
-    table = scene_table(parameters)
+    table = make_scene_table(parameters)
     try:
         spec = parse_run(table, where="")
         with warnings.catch_warnings(record=True) as caught:
@@ -143,23 +143,23 @@ def run_of(parameters: Mapping[str, str]) -> Run:
         head, mark, rest = text.rpartition("': ")
         raise ConfigError(rest if mark and head.startswith("targets.") else text) from None
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, DoppelgaitWarning))
-    values = chosen(parameters)
+    values = parse_controls(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)
     return Run(
         name=f"Try it: {MOVERS[str(values['who'])]}", kind="try", settings=settings, load=lambda: recording,
-        notes=(*moved_note(values), *notes),
+        notes=(*format_moved_note(values), *notes),
     )  # fmt: skip
 
 
-def scene_answer(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
+def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
     """Return the answer of ``api/scene``.
 
     It holds the scene as a file for ``doppelgait simulate``, and notes.
     """
-    return {"toml": scene_toml(scene_table(parameters)), "notes": list(run.notes)}
+    return {"toml": format_scene_toml(make_scene_table(parameters)), "notes": list(run.notes)}
 
 
-def scene_toml(table: Mapping[str, Any]) -> str:
+def format_scene_toml(table: Mapping[str, Any]) -> str:
     """Format a scene file as TOML.
 
     Values come first, then sections, then one section per target.

@@ -17,7 +17,7 @@ _HOME = {
     "signature": "signatures",
     "signature_normalisation": "signatures",
     "contact_sheet": "tables",
-    "step_doppler": "spectra",
+    "cadence_map": "spectra",
     "cadence_spectrum": "spectra",
     "mean_doppler_spectrum": "spectra",
     "feature_scatter": "tables",

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.transforms import Bbox
 
-from doppelgait.viz.style import MAP_COLOURS, new_figure
+from doppelgait.viz.style import MAP_COLOURS, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
 
 
-def domain_page(pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str) -> Figure:
+def plot_domains(
+    pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str
+) -> Figure:
     """Plot recordings of every kind, and a table below.
 
     Parameters
@@ -29,7 +31,7 @@ def domain_page(pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mappi
     title : str
     """
     columns = max(len(row) for row in pictures.values())
-    figure = new_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
+    figure = make_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
     heights = [2.6] * len(pictures) + [0.24 * len(table) + 0.4]
     grid = figure.add_gridspec(len(pictures) + 1, columns, height_ratios=heights)
     figure.suptitle(title, fontsize=12, x=0.01, ha="left")

@@ -23,7 +23,7 @@ AUTO_DB_RANGE = (20.0, 40.0)
 """Smallest and largest dynamic range of a map when the caller asks for none."""
 
 
-def checked(array: xr.DataArray, schema: Schema) -> xr.DataArray:
+def check_array(array: xr.DataArray, schema: Schema) -> xr.DataArray:
     """Return ``array`` if it keeps ``schema`` and holds values.
 
     Otherwise raise an :class:`AnalysisError`.
@@ -34,10 +34,10 @@ def checked(array: xr.DataArray, schema: Schema) -> xr.DataArray:
     return array
 
 
-def checked_signature(array: xr.DataArray) -> xr.DataArray:
+def check_signature(array: xr.DataArray) -> xr.DataArray:
     """Check a signature, raw (V^2) or normalised (1)."""
     raw = getattr(array, "attrs", {}).get("units") == SIGNATURE.units
-    return checked(array, SIGNATURE if raw else NORMALISED_SIGNATURE)
+    return check_array(array, SIGNATURE if raw else NORMALISED_SIGNATURE)
 
 
 def check_db_range(db_range: float) -> float:
@@ -47,7 +47,7 @@ def check_db_range(db_range: float) -> float:
     return float(db_range)
 
 
-def level_db_of(power: npt.ArrayLike) -> FloatArray:
+def compute_level_db(power: npt.ArrayLike) -> FloatArray:
     """Convert powers to levels in dB.
 
     0 and below (a floor was subtracted) give -inf without a warning, NaN stays NaN.
@@ -57,7 +57,7 @@ def level_db_of(power: npt.ArrayLike) -> FloatArray:
 
 def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
     """Convert magnitudes to dB; 0 gives -inf without a warning."""
-    return 2.0 * level_db_of(np.abs(np.asarray(amplitude)))
+    return 2.0 * compute_level_db(np.abs(np.asarray(amplitude)))
 
 
 def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
@@ -110,14 +110,14 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
         known = np.maximum(np.nan_to_num(np.asarray(power[:, part], dtype=np.float64)), 0.0)
         means[part], peaks[part] = known.mean(axis=0), np.quantile(known, 0.97, axis=0, overwrite_input=True)
     for rows in (means, peaks):
-        level_db = level_db_of(np.maximum(rows, 1e-9 * rows.max()))
+        level_db = compute_level_db(np.maximum(rows, 1e-9 * rows.max()))
         quiet, floor = (float(np.quantile(level_db, share, method="lower")) for share in (0.02, 0.2))
         threshold = max(floor + max(3.0, 2.5 * (floor - quiet)), float(level_db.max()) - 40.0)
         occupied |= level_db > threshold
-    return three_in_a_row(occupied)
+    return keep_runs_of_three(occupied)
 
 
-def three_in_a_row(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Keep only flags in a run of three or more.
 
     A line is as wide as that, chance peaks are not.
@@ -144,7 +144,7 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
     return max(low, whole[0]), min(high, whole[1])
 
 
-def cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
+def compute_cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
     """Return cell edges of a uniform axis.
 
     It is None if the steps differ by more than 0.1 %.
@@ -159,7 +159,7 @@ def cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
     return float(values[0]) - half, float(values[-1]) + half
 
 
-def draw_map(
+def plot_map(
     axes: Axes, *, x: npt.ArrayLike, y: npt.ArrayLike, level_db: FloatArray, limits_db: tuple[float, float],
     colours: str = MAP_COLOURS,
 ) -> ScalarMappable:  # fmt: skip
@@ -170,13 +170,13 @@ def draw_map(
     clipped = np.clip(level_db, *limits_db)
     palette = colormaps[colours].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
-    x_edges, y_edges = cell_edges(x), cell_edges(y)
+    x_edges, y_edges = compute_cell_edges(x), compute_cell_edges(y)
     if x_edges and y_edges:
         return axes.imshow(clipped, origin="lower", aspect="auto", extent=(*x_edges, *y_edges), **settings)
     return axes.pcolormesh(x, y, clipped, shading="nearest", **settings)
 
 
-def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
+def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
     """Add a colour bar with quantity, level and range.
 
     A quantity without a reference is normalised.
@@ -190,7 +190,7 @@ def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str
     bar.ax.tick_params(labelsize=9)
 
 
-def velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
+def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
     """Add a second axis in m/s, f lambda / 2.
 
     It is to the right of a Doppler axis, or above it.

@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import MOTION, axis
+from doppelgait.core.labels import MOTION, read_axis
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.viz.maps import checked, velocity_axis
+from doppelgait.viz.maps import add_velocity_axis, check_array
 from doppelgait.viz.style import (
     ACCENT,
     BLUE,
@@ -29,10 +29,10 @@ from doppelgait.viz.style import (
     TARGET_STYLES,
     TIME_LABEL,
     draw_grid,
-    legend_below,
+    make_axes,
+    make_figure,
     name_axes,
-    new_axes,
-    new_figure,
+    place_legend_below,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ TORSO = ("torso", "trunk")
 THIN, BOLD = 0.7, 2.2
 
 
-def part_group(part: str) -> str:
+def find_part_group(part: str) -> str:
     """Return the group of a body part of :mod:`doppelgait.motion.skeleton`.
 
     It is ``"other"`` when unknown.
@@ -84,17 +84,17 @@ def part_group(part: str) -> str:
     return part if part in PART_COLOURS else "other"
 
 
-def limb_rank(part: str) -> int:
+def rank_part(part: str) -> int:
     """Return a part's place in its limb."""
     return next(rank for rank, ending in enumerate(LIMB_ORDER) if part.endswith(ending))
 
 
-def part_colour(part: str) -> str:
+def choose_part_colour(part: str) -> str:
     """Return the colour of a body part."""
-    return PART_COLOURS[part_group(part)]
+    return PART_COLOURS[find_part_group(part)]
 
 
-def bold_name(part: str) -> str | None:
+def format_bold_name(part: str) -> str | None:
     """Return a part's legend entry with a bold line.
 
     These are torso, feet and paws; it is None for all others.
@@ -123,7 +123,7 @@ class PartLines:
     target: npt.NDArray[np.int64]
 
 
-def part_lines(array: xr.DataArray) -> PartLines:
+def group_lines(array: xr.DataArray) -> PartLines:
     """Return the lines of an array (slow_time, scatterer), by ``part``.
 
     Raises
@@ -150,7 +150,7 @@ def part_lines(array: xr.DataArray) -> PartLines:
     )
 
 
-def draw_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
+def plot_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
     """Plot every line thin in its part's colour.
 
     The mean of the torso and of every foot is bold.
@@ -159,29 +159,34 @@ def draw_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: 
     """
     for number in dict.fromkeys(lines.target.tolist() if bold else ()):
         first = number == 0
-        names = [bold_name(part) if lines.target[n] == number else None for n, part in enumerate(lines.parts)]
+        names = [format_bold_name(part) if lines.target[n] == number else None for n, part in enumerate(lines.parts)]
         for name in dict.fromkeys(name for name in names if name):
             chosen = [n for n, other in enumerate(names) if other == name]
             axes.plot(
-                lines.time_s, mean_ignoring_nan(lines.values, chosen), color=part_colour(lines.parts[chosen[0]]),
-                lw=bold, ls=_dash(number), label=f"{name} (mean)" if first else None, zorder=3,
-            )  # fmt: skip
+                lines.time_s,
+                average_without_nan(lines.values, chosen),
+                color=choose_part_colour(lines.parts[chosen[0]]),
+                lw=bold,
+                ls=_choose_dash(number),
+                label=f"{name} (mean)" if first else None,
+                zorder=3,
+            )
     labelled: set[str] = set()
     for column, part in enumerate(lines.parts):
-        group = part_group(part)
+        group = find_part_group(part)
         label = group if group not in labelled else None
         labelled.add(group)
         axes.plot(
             lines.time_s, lines.values[:, column], color=PART_COLOURS[group], lw=width, alpha=0.8,
-            ls=_dash(int(lines.target[column])), label=label,
+            ls=_choose_dash(int(lines.target[column])), label=label,
         )  # fmt: skip
 
 
-def _dash(number: int) -> str:
+def _choose_dash(number: int) -> str:
     return TARGET_STYLES[number % len(TARGET_STYLES)]
 
 
-def mean_ignoring_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
+def average_without_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
     """Average some columns; shape (T,).
 
     The mean is NaN only where all of them are.
@@ -198,7 +203,7 @@ def mean_ignoring_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
 SMALL, LARGE = 18.0, 48.0
 
 
-def _variable(scatterers: xr.Dataset, name: str) -> xr.DataArray:
+def _get_variable(scatterers: xr.Dataset, name: str) -> xr.DataArray:
     if not isinstance(scatterers, xr.Dataset) or name not in scatterers:
         raise AnalysisError(f"scatterers must be a Dataset (slow_time, scatterer) with the variable {name!r}")
     return scatterers[name]
@@ -227,7 +232,7 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     >>> viz.scatterer_doppler(table, wavelength_m=0.04).sizes["slow_time"]
     3
     """
-    velocity = _variable(scatterers, "radial_velocity")
+    velocity = _get_variable(scatterers, "radial_velocity")
     doppler_hz = velocity.copy(data=velocity_to_doppler_hz(velocity.values, wavelength_m)).rename("doppler")
     doppler_hz.attrs["units"] = "Hz"
     return doppler_hz
@@ -265,11 +270,11 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
     >>> len(figure.axes) > 0
     True
     """
-    lines = part_lines(_variable(scatterers, "range"))
-    figure, axes = new_axes(ax)
-    draw_part_lines(axes, lines)
+    lines = group_lines(_get_variable(scatterers, "range"))
+    figure, axes = make_axes(ax)
+    plot_part_lines(axes, lines)
     _finish_lines(axes, lines.time_s, title=title, y=RANGE_LABEL)
-    legend_below(figure, axes, inside=ax is not None)
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
@@ -313,13 +318,13 @@ def doppler_lines(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes(ax)
-    velocity_axis(axes, wavelength_m)
-    lines = part_lines(scatterer_doppler(scatterers, wavelength_m=wavelength_m))
-    draw_part_lines(axes, lines)
+    figure, axes = make_axes(ax)
+    add_velocity_axis(axes, wavelength_m)
+    lines = group_lines(scatterer_doppler(scatterers, wavelength_m=wavelength_m))
+    plot_part_lines(axes, lines)
     axes.axhline(0.0, color="black", lw=0.6, zorder=0)
     _finish_lines(axes, lines.time_s, title=title, y=DOPPLER_LABEL)
-    legend_below(figure, axes, inside=ax is not None)
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
@@ -387,35 +392,35 @@ def stick_frames(
     >>> len(figure.axes) > 0
     True
     """
-    positions = checked(motion.positions, MOTION)
-    times_s, parts = axis(positions, "time"), axis(positions, "part").astype(str).tolist()
+    positions = check_array(motion.positions, MOTION)
+    times_s, parts = read_axis(positions, "time"), read_axis(positions, "part").astype(str).tolist()
     stride_hz = float(motion.facts.stride_frequency_hz)
     if not 2 <= n_frames <= 16:
         raise AnalysisError(f"n_frames is {n_frames}; 2 to 16 fit on a page")
-    frames = _cycle_frames(times_s, stride_hz, start_s, duration_s, n_frames)
+    frames = _choose_cycle_frames(times_s, stride_hz, start_s, duration_s, n_frames)
     side_m = side_view_m(positions.values[frames])
     if not np.isfinite(side_m).any():
         raise AnalysisError("the motion has no known point in these frames: nothing to draw")
-    figure, panels = _panels(side_m, n_frames)
+    figure, panels = _make_panels(side_m, n_frames)
     times_s = times_s[frames]
     for axes, points_m, time_s in zip(panels, side_m, times_s, strict=True):
         # Points, large for torso and feet; the parts of every limb joined from the body outwards.
-        for group in dict.fromkeys(part_group(part) for part in parts):
-            chosen = [n for n, part in enumerate(parts) if part_group(part) == group]
-            colour = part_colour(parts[chosen[0]])
-            sizes = [LARGE if bold_name(parts[n]) else SMALL for n in chosen]
+        for group in dict.fromkeys(find_part_group(part) for part in parts):
+            chosen = [n for n, part in enumerate(parts) if find_part_group(part) == group]
+            colour = choose_part_colour(parts[chosen[0]])
+            sizes = [LARGE if format_bold_name(parts[n]) else SMALL for n in chosen]
             axes.scatter(points_m[chosen, 0], points_m[chosen, 1], s=sizes, color=colour, lw=0, label=group)
-            limb = sorted({parts[n] for n in chosen} & LIMB_PARTS, key=limb_rank)
+            limb = sorted({parts[n] for n in chosen} & LIMB_PARTS, key=rank_part)
             joints = [points_m[[n for n in chosen if parts[n] == part]].mean(axis=0) for part in limb]
             if len(joints) > 1:
                 axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)
         axes.set_title(f"{time_s - times_s[0]:.2f} s", fontsize=10)
     figure.suptitle(f"{title}, from {times_s[0]:.2f} s", fontsize=11.5, x=0.01, ha="left")
-    legend_below(figure, panels[0], columns=8)
+    place_legend_below(figure, panels[0], columns=8)
     return figure
 
 
-def _cycle_frames(
+def _choose_cycle_frames(
     times_s: FloatArray, stride_hz: float, start_s: float | None, duration_s: float | None, n_frames: int
 ) -> list[int]:
     start = float(times_s[0]) if start_s is None else start_s
@@ -455,7 +460,7 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
     return np.stack([along, position_m[..., 2]], axis=-1)
 
 
-def _panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
+def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
     """Make a figure with one panel per frame.
 
     All have one scale that is equal in both directions.
@@ -466,7 +471,7 @@ def _panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
     low, high = min(-0.05, float(np.nanmin(side_m[..., 1]))), 1.06 * float(np.nanmax(side_m[..., 1]))
     panel_in = min(11.0 / across, 2.9 * 2.0 * reach / (high - low))
     height_in = rows * (panel_in * (high - low) / (2.0 * reach) + 0.5) + 0.6
-    figure = new_figure(width_in=max(panel_in * across + 0.6, 7.0), height_in=height_in, compressed=True)
+    figure = make_figure(width_in=max(panel_in * across + 0.6, 7.0), height_in=height_in, compressed=True)
     panels = list(figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False).flat)
     for number, axes in enumerate(panels):
         axes.set(xlim=(-reach, reach), ylim=(low, high), aspect="equal", visible=number < n_frames)

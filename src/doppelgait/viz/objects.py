@@ -15,7 +15,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.viz.page import overview as overview_of_arrays
 from doppelgait.viz.ranges import range_time
 from doppelgait.viz.signatures import signature
-from doppelgait.viz.style import ACCENT, class_colours, name_axes, new_axes
+from doppelgait.viz.style import ACCENT, choose_class_colours, make_axes, name_axes
 
 Place = tuple[float, float]
 
@@ -92,26 +92,26 @@ def overview(
 
 def plot_recording(recording: PlottedRecording, *, ax: Axes | None = None, **settings: Any) -> Axes:
     """Plot the range-time map of a recording."""
-    ax = new_axes(ax)[1]
+    ax = make_axes(ax)[1]
     range_time(recording.baseband, ax=ax, **settings)
     return ax
 
 
 def plot_result(result: Any, *, ax: Axes | None = None, **settings: Any) -> Axes:
     """Plot the signature of a result with its main line."""
-    ax = new_axes(ax)[1]
+    ax = make_axes(ax)[1]
     signature(result.signature, ax=ax, **{"main_line_hz": result.arrays.get("main_line_hz"), **settings})
     return ax
 
 
 def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
     """Plot a scene from above: radar, starts and headings."""
-    ax = new_axes(ax)[1]
+    ax = make_axes(ax)[1]
     radar_m: Place = tuple(scene.radar_position_m[:2])
     ax.plot(*radar_m, marker="^", color=ACCENT, ms=9, ls="none")
     ax.annotate("radar", radar_m, xytext=(6, 6), textcoords="offset points", fontsize=9, color=ACCENT)
     names = [target.label or "target" for target in scene.targets]
-    colours = class_colours(names)
+    colours = choose_class_colours(names)
     for name, target in zip(names, scene.targets, strict=True):
         place_m, heading_deg = _place_of(target, radar_m)
         if place_m is None:
@@ -142,7 +142,7 @@ def _place_of(target: Any, radar_m: Place) -> tuple[Place | None, float | None]:
 
 def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
     """Plot what a radar covers: ranges and velocities."""
-    ax = new_axes(ax)[1]
+    ax = make_axes(ax)[1]
     ranged = radar.waveform.kind != "cw"
     start_m, stop_m = (radar.range_start_m, radar.range_stop_m) if ranged else (0.0, 1.0)
     reach_mps = radar.unambiguous_velocity_mps
@@ -159,7 +159,7 @@ def plot_counts(
     counts: Mapping[str, Mapping[str, int]], *, ax: Axes | None = None, title: str = "Rows by class"
 ) -> Axes:
     """Plot rows by class, stacked by split."""
-    ax = new_axes(ax)[1]
+    ax = make_axes(ax)[1]
     splits = sorted({split for by_split in counts.values() for split in by_split}, key=_order)
     left = np.zeros(len(counts))
     for split, colour in zip(splits, ("#1f3b57", "#56b4e9", "#e69f00", "#b79f00"), strict=False):

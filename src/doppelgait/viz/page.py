@@ -12,19 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.viz.maps import (
-    checked_signature,
-    colour_bar,
+    add_colour_bar,
+    add_velocity_axis,
+    check_signature,
     doppler_limits_hz,
-    velocity_axis,
     wavelength_m,
 )
-from doppelgait.viz.ranges import draw_range_time
-from doppelgait.viz.signatures import draw_signature, reference_of
+from doppelgait.viz.ranges import plot_range_time
+from doppelgait.viz.signatures import choose_reference, plot_signature
 from doppelgait.viz.spectra import (
-    draw_cadence_spectrum,
-    draw_step_doppler,
     from_main_line,
-    step_doppler_label,
+    label_cadence_map,
+    plot_cadence_map,
+    plot_cadence_spectrum,
 )
 from doppelgait.viz.style import (
     ACCENT,
@@ -35,10 +35,10 @@ from doppelgait.viz.style import (
     RANGE_LABEL,
     SHORT_VELOCITY_LABEL,
     TIME_LABEL,
+    describe_quantity,
     legend_under,
+    make_figure,
     name_axes,
-    new_figure,
-    quantity,
 )
 
 
@@ -110,30 +110,30 @@ def overview(
     >>> len(figure.axes) > 0
     True
     """
-    figure = new_figure(width_in=13.0, height_in=8.6)
+    figure = make_figure(width_in=13.0, height_in=8.6)
     figure.suptitle(title, fontsize=13, x=0.01, ha="left")
     above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1.0), squeeze=False)[:, 0]
-    limits_hz = doppler_limits_hz(checked_signature(signature))
+    limits_hz = doppler_limits_hz(check_signature(signature))
     left, right = above.subplots(1, 2)
-    image = draw_range_time(left, baseband, tracks=gate, db_range=None)
+    image = plot_range_time(left, baseband, tracks=gate, db_range=None)
     name_axes(left, title="Range against time", x=TIME_LABEL, y=RANGE_LABEL)
-    colour_bar(image, left, quantity="magnitude", reference="1 V")
+    add_colour_bar(image, left, quantity="magnitude", reference="1 V")
     legend_under(left, columns=6)
-    signature_image = draw_signature(right, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
+    signature_image = plot_signature(right, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
     name_axes(right, title="Micro-Doppler signature", x=TIME_LABEL, y=DOPPLER_LABEL)
-    velocity_axis(right, wavelength_m(signature), label=SHORT_VELOCITY_LABEL)
+    add_velocity_axis(right, wavelength_m(signature), label=SHORT_VELOCITY_LABEL)
     legend_under(right)
-    colour_bar(signature_image, right, quantity="power", reference=reference_of(signature))
+    add_colour_bar(signature_image, right, quantity="power", reference=choose_reference(signature))
     left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
-    cadence_image = draw_step_doppler(
+    cadence_image = plot_cadence_map(
         left, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=None, db_range=None,
         doppler_hz=None if from_main_line(cadence_map) else limits_hz,
     )  # fmt: skip
-    name_axes(left, title="Cadence-velocity diagram", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
-    velocity_axis(left, wavelength_m(cadence_map), label=SHORT_VELOCITY_LABEL)
-    colour_bar(cadence_image, left, quantity="magnitude")
+    name_axes(left, title="Cadence-velocity diagram", x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
+    add_velocity_axis(left, wavelength_m(cadence_map), label=SHORT_VELOCITY_LABEL)
+    add_colour_bar(cadence_image, left, quantity="magnitude")
     ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
-    draw_cadence_spectrum(
+    plot_cadence_spectrum(
         middle,
         cadence_spectrum,
         gait_frequency_hz=gait_frequency_hz,
@@ -148,11 +148,11 @@ def overview(
     name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
     for axes in (left, middle):
         legend_under(axes)
-    _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags, doubtful)
+    _plot_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags, doubtful)
     return figure
 
 
-def _draw_features(
+def _plot_features(
     axes: Axes, values: Mapping[str, float | None], flags: Sequence[str], doubtful: Sequence[str]
 ) -> None:
     axes.set_axis_off()
@@ -160,11 +160,11 @@ def _draw_features(
     step = 1.0 / max(len(values) + 4, 11)
     for row, (name, value) in enumerate(values.items()):
         height = 1.0 - (row + 0.6) * step
-        axes.text(0.0, height, quantity(name)[0], fontsize=10, va="center")
+        axes.text(0.0, height, describe_quantity(name)[0], fontsize=10, va="center")
         axes.text(
             1.0,
             height,
-            value_text(name, value) + " ?" * (name in doubtful and value is not None),
+            format_value(name, value) + " ?" * (name in doubtful and value is not None),
             fontsize=10,
             va="center",
             ha="right",
@@ -178,14 +178,14 @@ def _draw_features(
     axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=ACCENT)
 
 
-def value_text(name: str, value: float | None) -> str:
+def format_value(name: str, value: float | None) -> str:
     """Format a value with its unit in about three digits.
 
     It is "not determined" for None and NaN.
     """
     if value is None or not np.isfinite(value):
         return "not determined"
-    unit = quantity(name)[1]
+    unit = describe_quantity(name)[1]
     digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 20 else 2
     sign = "+" if unit == "m/s" and value > 0 else ""
     return f"{sign}{value:.{digits}f}" + ("" if unit == "1" else f" {unit}")

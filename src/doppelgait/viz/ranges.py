@@ -16,15 +16,15 @@ from matplotlib.patheffects import withStroke
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, Schema
-from doppelgait.core.lazy import LONG_PULSES, every_row
+from doppelgait.core.lazy import LONG_PULSES, take_every_row
 from doppelgait.viz.maps import (
+    add_colour_bar,
+    add_velocity_axis,
     amplitude_to_db,
-    checked,
-    colour_bar,
-    draw_map,
-    level_db_of,
+    check_array,
+    compute_level_db,
     level_limits_db,
-    velocity_axis,
+    plot_map,
     wavelength_m,
 )
 from doppelgait.viz.style import (
@@ -36,11 +36,11 @@ from doppelgait.viz.style import (
     SKY,
     TIME_LABEL,
     draw_grid,
-    legend_below,
+    make_axes,
+    make_figure,
     map_lines,
     name_axes,
-    new_axes,
-    new_figure,
+    place_legend_below,
 )
 
 ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
@@ -103,25 +103,25 @@ def range_time(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes(ax)
-    image = draw_range_time(axes, baseband, tracks=tracks, db_range=db_range)
+    figure, axes = make_axes(ax)
+    image = plot_range_time(axes, baseband, tracks=tracks, db_range=db_range)
     name_axes(axes, title=title, x=TIME_LABEL, y=RANGE_LABEL)
-    colour_bar(image, axes, quantity="magnitude", reference="1 V")
-    legend_below(figure, axes, inside=ax is not None)
+    add_colour_bar(image, axes, quantity="magnitude", reference="1 V")
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
-def draw_range_time(
+def plot_range_time(
     axes: Axes, baseband: xr.DataArray, *, tracks: xr.Dataset | Mapping[str, xr.Dataset] | None, db_range: float | None
 ) -> ScalarMappable:
     """Plot map and gate limits of :func:`range_time` on existing axes."""
-    checked(baseband, BASEBAND)
+    check_array(baseband, BASEBAND)
     count = baseband.sizes["slow_time"]
     every = math.ceil(count / MOST_COLUMNS) if count > LONG_PULSES else 1
-    level_db, range_m = amplitude_to_db(every_row(baseband, every)).T, baseband.coords["range"].values
+    level_db, range_m = amplitude_to_db(take_every_row(baseband, every)).T, baseband.coords["range"].values
     if range_m.size == 1:  # a radar without range: one band, as high as the axis
         level_db, range_m = np.repeat(level_db, 2, axis=0), range_m + np.array([-0.25, 0.25])
-    image = draw_map(
+    image = plot_map(
         axes,
         x=baseband.coords["slow_time"].values[::every],
         y=range_m,
@@ -190,10 +190,10 @@ def range_doppler_map(
     >>> len(figure.axes) > 0
     True
     """
-    checked(power, ONE_MAP)
-    figure, axes = new_axes(ax)
-    level_db = level_db_of(power.values)
-    image = draw_map(
+    check_array(power, ONE_MAP)
+    figure, axes = make_axes(ax)
+    level_db = compute_level_db(power.values)
+    image = plot_map(
         axes,
         x=power.coords["range"].values,
         y=power.coords["doppler"].values,
@@ -222,16 +222,16 @@ def range_doppler_map(
                 label="gate",
             )
         )
-    velocity_axis(axes, wavelength_m(power))
-    colour_bar(image, axes, quantity="power", reference="1 V²")
-    legend_below(figure, axes, inside=ax is not None)
+    add_velocity_axis(axes, wavelength_m(power))
+    add_colour_bar(image, axes, quantity="power", reference="1 V²")
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def twin_figure(
+def plot_sensor_fit(
     *,
     range_m: FloatArray,
     static_db: FloatArray,
@@ -255,7 +255,7 @@ def twin_figure(
         Common phase and gain of every frame.
     title : str
     """
-    figure = new_figure(width_in=10.5, height_in=7.5)
+    figure = make_figure(width_in=10.5, height_in=7.5)
     grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))
     levels = figure.add_subplot(grid[0, :])
     levels.plot(range_m, static_db, color=LINE, lw=1.0, label="static echo")
@@ -268,5 +268,5 @@ def twin_figure(
         axes.plot(time_s, values, color=LINE, lw=0.7)
         name_axes(axes, title="", x=TIME_LABEL, y=words)
         draw_grid(axes)
-    legend_below(figure, levels)
+    place_legend_below(figure, levels)
     return figure

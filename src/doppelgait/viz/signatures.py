@@ -12,16 +12,16 @@ from matplotlib.patheffects import withStroke
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.viz.maps import (
-    checked_signature,
-    colour_bar,
+    add_colour_bar,
+    add_velocity_axis,
+    check_signature,
+    compute_level_db,
     doppler_limits_hz,
-    draw_map,
-    level_db_of,
     level_limits_db,
-    velocity_axis,
+    plot_map,
     wavelength_m,
 )
-from doppelgait.viz.motion import draw_part_lines, part_lines
+from doppelgait.viz.motion import group_lines, plot_part_lines
 from doppelgait.viz.style import (
     DOPPLER_LABEL,
     LINE_COLOURS,
@@ -29,10 +29,10 @@ from doppelgait.viz.style import (
     OVERLAY_COLOURS,
     TIME_LABEL,
     YELLOW,
-    legend_below,
+    make_axes,
+    make_figure,
     name_axes,
-    new_axes,
-    new_figure,
+    place_legend_below,
 )
 
 Limits = tuple[float, float]
@@ -90,9 +90,9 @@ def signature(
     >>> len(figure.axes) > 0
     True
     """
-    wavelength = wavelength_m(checked_signature(signature))
-    figure, axes = new_axes(ax)
-    image = draw_signature(
+    wavelength = wavelength_m(check_signature(signature))
+    figure, axes = make_axes(ax)
+    image = plot_signature(
         axes,
         signature,
         truth_doppler=truth_doppler,
@@ -101,13 +101,13 @@ def signature(
         doppler_hz=doppler_hz,
     )
     name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL)
-    velocity_axis(axes, wavelength)
-    colour_bar(image, axes, quantity="power", reference=reference_of(signature))
-    legend_below(figure, axes, inside=ax is not None)
+    add_velocity_axis(axes, wavelength)
+    add_colour_bar(image, axes, quantity="power", reference=choose_reference(signature))
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
-def reference_of(signature: xr.DataArray) -> str:
+def choose_reference(signature: xr.DataArray) -> str:
     """Return the reference of the levels.
 
     It is 1 V² for a raw signature; a normalised one has none.
@@ -115,7 +115,7 @@ def reference_of(signature: xr.DataArray) -> str:
     return "1 V²" if signature.attrs["units"] == "V^2" else ""
 
 
-def draw_signature(
+def plot_signature(
     axes: Axes,
     signature: xr.DataArray,
     *,
@@ -129,12 +129,12 @@ def draw_signature(
 
     ``limits_db`` fixes the colour scale.
     """
-    checked_signature(signature)
-    level_db = level_db_of(signature.values).T
+    check_signature(signature)
+    level_db = compute_level_db(signature.values).T
     limits_hz = doppler_hz or doppler_limits_hz(
         signature, lines_hz=() if truth_doppler is None else truth_doppler.values
     )
-    image = draw_map(
+    image = plot_map(
         axes,
         x=signature.coords["time"].values,
         y=signature.coords["doppler"].values,
@@ -144,7 +144,7 @@ def draw_signature(
     )
     width_s = axes.get_xlim()
     if truth_doppler is not None:
-        draw_part_lines(axes, part_lines(truth_doppler), width=0.8, bold=0.0)
+        plot_part_lines(axes, group_lines(truth_doppler), width=0.8, bold=0.0)
     if main_line_hz is not None:
         values = np.asarray(main_line_hz, dtype=np.float64)
         count = signature.sizes["time"]
@@ -207,14 +207,14 @@ def signature_normalisation(
     >>> len(figure.axes) > 0
     True
     """
-    checked_signature(signature)
-    limits_hz = doppler_hz or doppler_limits_hz(checked_signature(normalised))
-    figure = new_figure(width_in=12.5, height_in=5.0)
+    check_signature(signature)
+    limits_hz = doppler_hz or doppler_limits_hz(check_signature(normalised))
+    figure = make_figure(width_in=12.5, height_in=5.0)
     pair = figure.subplots(1, 2, sharey=True)
     titles = ("(a) signature", "(b) columns normalised")
     for axes, array, title in zip(pair, (signature, normalised), titles, strict=True):
-        image = draw_signature(axes, array, db_range=db_range, doppler_hz=limits_hz)
+        image = plot_signature(axes, array, db_range=db_range, doppler_hz=limits_hz)
         name_axes(axes, title=title, x=TIME_LABEL, y=DOPPLER_LABEL if axes is pair[0] else "")
-        colour_bar(image, axes, quantity="power", reference=reference_of(array))
-    velocity_axis(pair[1], wavelength_m(normalised))
+        add_colour_bar(image, axes, quantity="power", reference=choose_reference(array))
+    add_velocity_axis(pair[1], wavelength_m(normalised))
     return figure

@@ -15,15 +15,15 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM
 from doppelgait.core.units import power_to_db
 from doppelgait.viz.maps import (
+    add_colour_bar,
+    add_velocity_axis,
     amplitude_to_db,
+    check_array,
     check_db_range,
-    checked,
-    colour_bar,
+    compute_level_db,
     doppler_limits_hz,
-    draw_map,
-    level_db_of,
     level_limits_db,
-    velocity_axis,
+    plot_map,
     wavelength_m,
 )
 from doppelgait.viz.style import (
@@ -37,9 +37,9 @@ from doppelgait.viz.style import (
     REFERENCE,
     SHADE,
     draw_grid,
-    legend_below,
+    make_axes,
     name_axes,
-    new_axes,
+    place_legend_below,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -101,17 +101,17 @@ def cadence_spectrum(
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes(ax, height_in=4.6)
-    draw_cadence_spectrum(
+    figure, axes = make_axes(ax, height_in=4.6)
+    plot_cadence_spectrum(
         axes, spectrum, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
         max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude, doubtful=doubtful,
     )  # fmt: skip
     name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
-    legend_below(figure, axes, inside=ax is not None)
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
-def draw_cadence_spectrum(
+def plot_cadence_spectrum(
     axes: Axes, spectrum: xr.DataArray, *, gait_frequency_hz: float | None, harmonics_hz: Sequence[float | None],
     max_cadence_hz: float | None, db_range: float, amplitude: bool, doubtful: bool = False,
 ) -> None:  # fmt: skip
@@ -119,7 +119,7 @@ def draw_cadence_spectrum(
 
     A doubtful gait frequency has a question mark.
     """
-    shown = below_cadence(checked(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
+    shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
     cadence_hz = shown.coords["cadence"].values
     level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
     axes.plot(cadence_hz, level_db, color=LINE, lw=1.3)
@@ -163,7 +163,7 @@ def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: b
     top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
     if not top > 0:
         return np.full(power.shape, -2.0 * db_range)
-    return np.maximum(level_db_of(power / top), -2.0 * db_range)
+    return np.maximum(compute_level_db(power / top), -2.0 * db_range)
 
 
 def level_axis_db(level_db: FloatArray, db_range: float) -> tuple[float, float]:
@@ -239,7 +239,7 @@ def mean_doppler_spectrum(
         )
     if threshold is not None and not 0 < threshold < 1:
         raise AnalysisError(f"threshold is {threshold}; it is relative to the maximum, between 0 and 1")
-    figure, axes = new_axes(ax, height_in=4.6)
+    figure, axes = make_axes(ax, height_in=4.6)
     level_db = levels_below_peak_db(power, db_range, amplitude=False)
     axes.plot(axis_hz, level_db, color=LINE, lw=1.3)
     draw_grid(axes)
@@ -268,7 +268,7 @@ def mean_doppler_spectrum(
     if torso_doppler_hz is not None:
         level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
         _mark_peak(axes, torso_doppler_hz, level, f"torso {torso_doppler_hz:.1f} Hz")
-    velocity_axis(axes, wavelength_m, above=True)
+    add_velocity_axis(axes, wavelength_m, above=True)
     name_axes(axes, title=title, x=DOPPLER_LABEL, y=LEVEL_LABEL)
     return figure
 
@@ -288,7 +288,7 @@ def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) 
     return middle, middle + span
 
 
-def step_doppler(
+def cadence_map(
     cadence_map: xr.DataArray,
     *,
     gait_frequency_hz: float | None = None,
@@ -329,22 +329,22 @@ def step_doppler(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
-    >>> figure = viz.step_doppler(result.cadence_map)
+    >>> figure = viz.cadence_map(result.cadence_map)
     >>> len(figure.axes) > 0
     True
     """
-    figure, axes = new_axes(ax)
-    image = draw_step_doppler(
+    figure, axes = make_axes(ax)
+    image = plot_cadence_map(
         axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=max_cadence_hz, db_range=db_range
     )
-    name_axes(axes, title=title, x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
-    velocity_axis(axes, wavelength_m(cadence_map))
-    colour_bar(image, axes, quantity="magnitude")
-    legend_below(figure, axes, inside=ax is not None)
+    name_axes(axes, title=title, x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
+    add_velocity_axis(axes, wavelength_m(cadence_map))
+    add_colour_bar(image, axes, quantity="magnitude")
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
-def step_doppler_label(cadence_map: xr.DataArray) -> str:
+def label_cadence_map(cadence_map: xr.DataArray) -> str:
     """Return the label of a cadence map's Doppler axis.
 
     Columns that were moved onto the main line are measured from there.
@@ -360,7 +360,7 @@ def from_main_line(cadence_map: xr.DataArray) -> bool:
     return bool(cadence_map.attrs.get("aligned", False))
 
 
-def draw_step_doppler(
+def plot_cadence_map(
     axes: Axes,
     cadence_map: xr.DataArray,
     *,
@@ -369,10 +369,10 @@ def draw_step_doppler(
     db_range: float | None,
     doppler_hz: tuple[float, float] | None = None,
 ) -> ScalarMappable:
-    """Plot the map of :func:`step_doppler` on existing axes."""
-    shown = below_cadence(checked(cadence_map, CADENCE_MAP), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
+    """Plot the map of :func:`cadence_map` on existing axes."""
+    shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
     level_db = amplitude_to_db(shown.values).T
-    image = draw_map(
+    image = plot_map(
         axes,
         x=shown.coords["cadence"].values,
         y=shown.coords["doppler"].values,
@@ -404,7 +404,7 @@ def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | No
     return min(max(8.0, 3.6 * (gait_frequency_hz or 0.0)), 20.0)
 
 
-def below_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
+def crop_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
     """Cut an array (cadence, ...) at a cadence.
 
     At least two values are left.

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.core.labels import STEP_LENGTHS
 
 DPI = 110
@@ -77,7 +77,7 @@ FEATURE_NAMES = tuple(QUANTITY_NAMES)[:6]
 QUANTITY_NAMES |= STEP_LENGTHS
 
 
-def quantity(name: str) -> tuple[str, str]:
+def describe_quantity(name: str) -> tuple[str, str]:
     """Return a column's words and unit from its name.
 
     ``gait_frequency_hz`` gives ``("gait frequency", "Hz")``.
@@ -88,16 +88,16 @@ def quantity(name: str) -> tuple[str, str]:
     return QUANTITY_NAMES.get(name, words), unit
 
 
-def quantity_label(name: str) -> str:
+def label_quantity(name: str) -> str:
     """Return the axis label of a column: words and unit.
 
     A number without a unit has words alone.
     """
-    words, unit = quantity(name)
+    words, unit = describe_quantity(name)
     return words if unit == "1" else f"{words} ({unit})"
 
 
-def class_colours(classes: Iterable[str]) -> dict[str, str]:
+def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
     """Return the colour of every class.
 
     Known classes have fixed colours, others follow the alphabet.
@@ -122,7 +122,7 @@ def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
     return looks
 
 
-def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
+def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
     """Make an empty figure without global state.
 
     The layout keeps texts apart (``compressed``: panels, too).
@@ -133,7 +133,7 @@ def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bo
     return figure
 
 
-def new_axes(
+def make_axes(
     ax: Axes | None = None, *, width_in: float = 10.5, height_in: float = 5.5
 ) -> tuple[Figure, Axes]:  # fmt: skip
     """Make a figure with one pair of axes.
@@ -143,7 +143,7 @@ def new_axes(
     if ax is not None:
         check_type(ax, Axes, "ax", "make axes with matplotlib.pyplot.subplots()")
         return ax.get_figure(root=True) or ax.figure, ax  # type: ignore[return-value]
-    figure = new_figure(width_in=width_in, height_in=height_in)
+    figure = make_figure(width_in=width_in, height_in=height_in)
     return figure, figure.add_subplot()
 
 
@@ -161,7 +161,7 @@ def draw_grid(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
+def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
     """Put a legend below the axes, or inside them.
 
     Without labelled artists there is none. Below, it needs a figure whose layout makes room.
@@ -244,6 +244,6 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     names = rc_context({"svg.hashsalt": "doppelgait"}) if form == "svg" else nullcontext()  # otherwise random
     with _SETTINGS_LOCK if form == "svg" else nullcontext(), names:
         figure.savefig(image, format=form, dpi=dpi or figure.dpi, metadata=dict.fromkeys(FIGURE_FORMATS[form]))
-    with atomic_path(target) as partial:
+    with open_atomically(target) as partial:
         partial.write_bytes(image.getvalue())
     return target

@@ -15,28 +15,28 @@ from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.viz.maps import (
-    checked_signature,
-    colour_bar,
+    add_colour_bar,
+    add_velocity_axis,
+    check_signature,
+    compute_level_db,
     doppler_limits_hz,
-    level_db_of,
     level_limits_db,
-    velocity_axis,
     wavelength_m,
 )
-from doppelgait.viz.signatures import Limits, draw_signature, reference_of
+from doppelgait.viz.signatures import Limits, choose_reference, plot_signature
 from doppelgait.viz.style import (
     DOPPLER_LABEL,
     FEATURE_NAMES,
     SHORT_VELOCITY_LABEL,
     TIME_LABEL,
-    class_colours,
+    choose_class_colours,
+    describe_quantity,
     draw_grid,
-    legend_below,
+    label_quantity,
+    make_axes,
+    make_figure,
     name_axes,
-    new_axes,
-    new_figure,
-    quantity,
-    quantity_label,
+    place_legend_below,
 )
 
 if TYPE_CHECKING:
@@ -50,7 +50,9 @@ TAIL = 0.002
 """Share at either end that a histogram's first and last bin take in, so that single outliers do not flatten it."""
 
 
-def _columns(table: pd.DataFrame, names: Sequence[str], by: str) -> tuple[dict[str, FloatArray], npt.NDArray[np.str_]]:
+def _select_columns(
+    table: pd.DataFrame, names: Sequence[str], by: str
+) -> tuple[dict[str, FloatArray], npt.NDArray[np.str_]]:
     missing = [name for name in (*names, by) if name not in table.columns]
     if missing:
         raise AnalysisError(f"the table has no columns {missing}; it has {[str(name) for name in table.columns]}")
@@ -107,11 +109,11 @@ def feature_scatter(
     >>> len(figure.axes)
     1
     """
-    values, classes = _columns(table, (x, y), by)
+    values, classes = _select_columns(table, (x, y), by)
     known = np.isfinite(values[x]) & np.isfinite(values[y])
-    figure, axes = new_axes(ax, width_in=9.5, height_in=6.0)
+    figure, axes = make_axes(ax, width_in=9.5, height_in=6.0)
     size = float(np.clip(4000.0 / len(classes), 5.0, 26.0))
-    for name, colour in class_colours(classes.tolist()).items():
+    for name, colour in choose_class_colours(classes.tolist()).items():
         members = classes == name
         chosen = members & known
         axes.scatter(
@@ -119,10 +121,10 @@ def feature_scatter(
             label=_count(name, known, members),
         )  # fmt: skip
     draw_grid(axes)
-    x_label, y_label = quantity_label(x), quantity_label(y)
-    words = f"{quantity(y)[0]} against {quantity(x)[0]}"
+    x_label, y_label = label_quantity(x), label_quantity(y)
+    words = f"{describe_quantity(y)[0]} against {describe_quantity(x)[0]}"
     name_axes(axes, title=title or words[0].upper() + words[1:], x=x_label, y=y_label)
-    legend_below(figure, axes, inside=ax is not None)
+    place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
@@ -166,16 +168,16 @@ def feature_matrix(
     """
     if not 1 <= len(features) <= 12:
         raise AnalysisError(f"features are {len(features)} columns; 1 to 12 fit on a page")
-    values, classes = _columns(table, features, by)
+    values, classes = _select_columns(table, features, by)
     across = min(3, len(features))
     down = -(-len(features) // across)
-    figure = new_figure(width_in=12.0, height_in=1.2 + 2.9 * down)
+    figure = make_figure(width_in=12.0, height_in=1.2 + 2.9 * down)
     panels = list(figure.subplots(down, across, squeeze=False).flat)
     for axes, name in zip(panels, features, strict=False):
         column = values[name]
         known = np.isfinite(column)
-        edges = bin_edges(column[known], len(table))
-        for label, colour in class_colours(classes.tolist()).items():
+        edges = make_bin_edges(column[known], len(table))
+        for label, colour in choose_class_colours(classes.tolist()).items():
             members = classes == label
             inside = np.clip(column[members & known], edges[0], edges[-1])
             counts = np.histogram(inside, edges)[0]
@@ -189,17 +191,17 @@ def feature_matrix(
                 label=label,
             )
         draw_grid(axes)
-        name_axes(axes, title="", x=quantity_label(name), y="share of class (%)")
-        words = ", ".join(_count(label, known, classes == label) for label in class_colours(classes.tolist()))
+        name_axes(axes, title="", x=label_quantity(name), y="share of class (%)")
+        words = ", ".join(_count(label, known, classes == label) for label in choose_class_colours(classes.tolist()))
         axes.set_title("\n".join(textwrap.wrap(words, 56)), fontsize=8.5, loc="left")
     for axes in panels[len(features) :]:
         axes.set_visible(False)
     figure.suptitle(title, fontsize=11.5, x=0.01, ha="left")
-    legend_below(figure, panels[0])
+    place_legend_below(figure, panels[0])
     return figure
 
 
-def bin_edges(known: FloatArray, n_rows: int) -> FloatArray:
+def make_bin_edges(known: FloatArray, n_rows: int) -> FloatArray:
     """Return the edges of 8 to 30 histogram bins.
 
     The bins lie between the outer quantiles of the values, or around equal values.
@@ -257,19 +259,19 @@ def contact_sheet(
     >>> len(figure.axes) > 0
     True
     """
-    arrays = _checked_sheet(signatures, titles, columns)
-    levels = np.concatenate([level_db_of(array.values).ravel() for array in arrays])
+    arrays = _check_sheet(signatures, titles, columns)
+    levels = np.concatenate([compute_level_db(array.values).ravel() for array in arrays])
     limits_db = level_limits_db(levels, db_range)
     across = min(columns or math.ceil(math.sqrt(len(arrays))), len(arrays))
     down = math.ceil(len(arrays) / across)
-    figure = new_figure(width_in=12.0, height_in=1.4 + 2.1 * down)
+    figure = make_figure(width_in=12.0, height_in=1.4 + 2.1 * down)
     grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
     panels = list(grid.flat)
     occupied = np.array([doppler_limits_hz(array) for array in arrays])
     limits_hz = doppler_hz or (float(occupied[:, 0].min()), float(occupied[:, 1].max()))
     ends_s = []
     for axes, array, title in zip(panels, arrays, titles, strict=False):
-        image = draw_signature(axes, array, db_range=db_range, doppler_hz=limits_hz, limits_db=limits_db)
+        image = plot_signature(axes, array, db_range=db_range, doppler_hz=limits_hz, limits_db=limits_db)
         ends_s += axes.get_xlim()
         axes.set_title(title, fontsize=9, loc="left")
         axes.tick_params(labelsize=8)
@@ -281,15 +283,13 @@ def contact_sheet(
     figure.supxlabel(TIME_LABEL, fontsize=10)
     figure.supylabel(DOPPLER_LABEL, fontsize=10)
     for number in range(across - 1, len(arrays), across):
-        velocity_axis(panels[number], wavelength_m(arrays[0]), label=SHORT_VELOCITY_LABEL)
-    colour_bar(image, *panels, quantity="power", reference=reference_of(arrays[0]))
+        add_velocity_axis(panels[number], wavelength_m(arrays[0]), label=SHORT_VELOCITY_LABEL)
+    add_colour_bar(image, *panels, quantity="power", reference=choose_reference(arrays[0]))
     return figure
 
 
-def _checked_sheet(
-    signatures: Sequence[xr.DataArray], titles: Sequence[str], columns: int | None
-) -> list[xr.DataArray]:
-    arrays = [checked_signature(array) for array in signatures]
+def _check_sheet(signatures: Sequence[xr.DataArray], titles: Sequence[str], columns: int | None) -> list[xr.DataArray]:
+    arrays = [check_signature(array) for array in signatures]
     if not 1 <= len(arrays) <= 64 or len(titles) != len(arrays):
         raise AnalysisError(
             f"a contact sheet takes 1 to 64 signatures and one title each; got {len(arrays)} and {len(titles)}"

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.export.device import plan_device
-from doppelgait.classify.export.examples import feature_rows, levels_of_samples, walk_samples, without_still
+from doppelgait.classify.export.examples import convert_samples, feature_rows, remove_running_mean, walk_samples
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, Gate, patches, signature
-from doppelgait.processing.patches import Patch, covering
+from doppelgait.processing.patches import Patch, cut_pictures
 from export_models import export_model_of
 
 
@@ -35,21 +35,21 @@ def test_levels_are_those_of_a_recording_of_the_window(prf_hz, settings):
     )
     expected = patches.levels(whole, device.patch)
     assert expected.shape == (64, device.n_columns)
-    assert np.allclose(levels_of_samples(samples, device), expected, atol=1e-4)
+    assert np.allclose(convert_samples(samples, device), expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("window_s", [2.0, 3.0, 3.9, 7.0])
 def test_pictures_cover_the_window_as_usual(window_s):
     device = device_of(window_s=window_s)
     whole = np.arange(64 * device.n_columns, dtype=np.float32).reshape(64, -1)
-    expected = covering(whole, device.patch)
+    expected = cut_pictures(whole, device.patch)
     assert np.array_equal([whole[:, start : start + 64] for start in device.picture_starts], expected)
 
 
 def test_static_echoes_leave_a_mean_over_the_time_constant():
     device = device_of(still_time_s=0.1)
     step = np.r_[np.full(400, 5.0 + 1j), np.full(400, 7.0 + 1j)][:, None]
-    moving = without_still(step, device)[:, 0]
+    moving = remove_running_mean(step, device)[:, 0]
     assert np.abs(moving[:400]).max() < 1e-12
     after = np.arange(400)
     assert np.allclose(moving[400:], 2.0 * np.exp(-(after + 1) / 50.0), atol=1e-9)

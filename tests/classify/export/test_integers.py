@@ -4,7 +4,7 @@ import numpy as np
 
 from doppelgait.classify.export.integers import quantise
 from doppelgait.classify.learned import log_softmax
-from doppelgait.processing.patches import Patch, covering
+from doppelgait.processing.patches import Patch, cut_pictures
 from export_models import random_levels, random_network
 
 
@@ -38,7 +38,7 @@ def test_integers_are_those_of_the_definition():
     rng, patch = np.random.default_rng(5), Patch(n_velocity=16, n_time=16)
     examples = [random_levels(rng, patch, 16) for _ in range(3)]
     network = quantise(random_network(rng, 3, patch, (3, 4)), examples)
-    found = network.of_pictures(np.stack(examples))
+    found = network.classify_pictures(np.stack(examples))
     expected = np.array([literal(network, picture) for picture in examples])
     assert np.allclose(found, expected, atol=1e-12)
     for layer in network.layers:
@@ -50,8 +50,8 @@ def test_integers_are_near_the_network_they_are_of():
     rng, patch = np.random.default_rng(6), Patch()
     network = random_network(rng, 2, patch, (8, 16, 32, 64))
     examples = [random_levels(rng, patch, 80) for _ in range(30)]
-    pictures = np.concatenate([covering(each, patch) for each in examples])
-    exact, near = network.of_pictures(pictures), quantise(network, examples[:10]).of_pictures(pictures)
+    pictures = np.concatenate([cut_pictures(each, patch) for each in examples])
+    exact, near = network.classify_pictures(pictures), quantise(network, examples[:10]).classify_pictures(pictures)
     apart = np.abs(np.exp(near) - np.exp(exact))
     assert np.exp(exact).std(axis=0).min() > 0.1
     assert apart.mean() < 0.01
@@ -61,4 +61,4 @@ def test_integers_are_near_the_network_they_are_of():
 def test_activations_beyond_the_examples_are_clipped():
     rng, patch = np.random.default_rng(7), Patch(n_velocity=16, n_time=16)
     network = quantise(random_network(rng, 2, patch, (3, 4)), [np.full((16, 16), 0.02, np.float32)])
-    assert np.isfinite(network.of_pictures(np.ones((1, 16, 16), np.float32))).all()
+    assert np.isfinite(network.classify_pictures(np.ones((1, 16, 16), np.float32))).all()

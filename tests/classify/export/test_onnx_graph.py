@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from doppelgait.classify.export.onnx_graph import float_threshold, onnx_model
+from doppelgait.classify.export.onnx_graph import build_onnx_model, round_threshold
 from doppelgait.classify.learned import Constant
 from doppelgait.core.errors import ConfigError
 from export_models import KINDS, export_model_of, inputs_of, network_of, pictures_of, require
@@ -23,7 +23,7 @@ def run():
 
     def run(model, features, levels):
         session = onnxruntime.InferenceSession(
-            onnx_model(model).SerializeToString(), options, providers=["CPUExecutionProvider"]
+            build_onnx_model(model).SerializeToString(), options, providers=["CPUExecutionProvider"]
         )
         named = {"features": features.astype(np.float32)}
         if network_of(model) is not None:
@@ -54,13 +54,13 @@ def test_thresholds_are_rounded_so_that_every_float32_goes_its_way():
     rng = np.random.default_rng(0)
     near = rng.normal(0, 1, 2000).astype(np.float32)
     threshold = near.astype(np.float64) * (1 + rng.choice([-1e-9, 0.0, 1e-9], 2000))
-    assert ((near <= float_threshold(threshold)) == (near.astype(np.float64) <= threshold)).all()
-    assert float_threshold(np.array([np.inf]))[0] == np.inf
+    assert ((near <= round_threshold(threshold)) == (near.astype(np.float64) <= threshold)).all()
+    assert round_threshold(np.array([np.inf]))[0] == np.inf
 
 
 def test_a_graph_holds_the_facts_of_its_model():
     require(find_spec("onnx"), "onnx: pip install 'doppelgait[export]'")
-    made = onnx_model(export_model_of("ensemble"))
+    made = build_onnx_model(export_model_of("ensemble"))
     facts = json.loads(made.metadata_props[0].value)
     assert facts["classes"] == ["a", "b"]
     assert facts["abstain_below"] == 0.8
@@ -69,4 +69,4 @@ def test_a_graph_holds_the_facts_of_its_model():
 def test_without_onnx_one_error_gives_the_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(ConfigError, match=r"pip install 'doppelgait\[export\]'"):
-        onnx_model(export_model_of("linear"))
+        build_onnx_model(export_model_of("linear"))

@@ -5,17 +5,17 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import MOTION_MODELS, BoulicConfig, boulic_points, boulic_walk
+from doppelgait.motion.models import MOTION_MODELS, BoulicConfig, boulic_walk, compute_boulic_points
 from doppelgait.motion.models.boulic import (
     LEG_LENGTH,
     LENGTHS,
     POINTS,
-    body_offset,
+    compute_body_offset,
+    compute_support_fraction,
     cycle_duration_s,
-    joint_knots,
+    find_joint_knots,
     limb_angles_deg,
     pelvic_list_deg,
-    support_fraction,
     trunk_angles_deg,
 )
 from doppelgait.motion.skeleton import HUMAN_PARTS
@@ -29,7 +29,8 @@ def velocity(q, height_m, phase, name, **options):
     """Exact forward speed of a point, m/s: central difference of the closed form over two millionths of a cycle."""
     leg_m, step = LEG_LENGTH * height_m, 1e-6
     ahead, behind = (
-        boulic_points(phase + d, q, height_m, offset_scale_m=leg_m, **options)[:, INDEX[name], 0] for d in (step, -step)
+        compute_boulic_points(phase + d, q, height_m, offset_scale_m=leg_m, **options)[:, INDEX[name], 0]
+        for d in (step, -step)
     )
     return q * leg_m + (ahead - behind) / (2 * step * cycle_duration_s(q))
 
@@ -49,7 +50,7 @@ def test_timing_identities(q, height_m):
     leg_m, cycle_s = LEG_LENGTH * height_m, cycle_duration_s(q)
     speed_mps = q * leg_m
     assert speed_mps * cycle_s == pytest.approx(1.346 * np.sqrt(q) * leg_m)
-    assert support_fraction(q) * cycle_s == pytest.approx(0.752 * cycle_s - 0.143)
+    assert compute_support_fraction(q) * cycle_s == pytest.approx(0.752 * cycle_s - 0.143)
     walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=7)
     facts = walk.facts
     assert facts.stride_frequency_hz == pytest.approx(0.743 * np.sqrt(speed_mps / leg_m), rel=1e-4)
@@ -75,7 +76,9 @@ def test_peak_speed_of_ankle_and_toe_over_body_speed(q, ankle, toe):
 @pytest.mark.parametrize("q", SPEEDS)
 def test_left_is_right_mirrored_half_a_cycle_later(q):
     for signs in ("continuous", "published", "pendulum"):
-        now, later = (boulic_points(PHASE + d, q, 1.75, offset_scale_m=0.86, offset_signs=signs) for d in (0, 0.5))
+        now, later = (
+            compute_boulic_points(PHASE + d, q, 1.75, offset_scale_m=0.86, offset_signs=signs) for d in (0, 0.5)
+        )
         twin = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
         mirrored = later[:, [INDEX[name] for name in twin]] * [1, -1, 1]
         np.testing.assert_allclose(now, mirrored, rtol=0, atol=2e-13)
@@ -93,7 +96,7 @@ BONES = [("neck", "head", "head"), ("base", "neck", "torso")] + [
 
 @pytest.mark.parametrize("q", SPEEDS)
 def test_segments_keep_their_lengths(q):
-    points = boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
+    points = compute_boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
     for a, b, bone in BONES:
         length_m = np.linalg.norm(points[:, INDEX[a]] - points[:, INDEX[b]], axis=1)
         np.testing.assert_allclose(length_m, 1.8 * LENGTHS[bone], rtol=0, atol=1e-12, err_msg=f"{a} {b}")
@@ -105,7 +108,9 @@ def test_curves_close_over_the_cycle(q):
     for name, curve in {**trunk_angles_deg(ends, q), **limb_angles_deg(ends, q)}.items():
         assert abs(curve[0] - curve[1]) < 1e-5, name
     np.testing.assert_allclose(
-        boulic_points(PHASE + 7, q, 1.8, offset_scale_m=1), boulic_points(PHASE, q, 1.8, offset_scale_m=1), atol=1e-11
+        compute_boulic_points(PHASE + 7, q, 1.8, offset_scale_m=1),
+        compute_boulic_points(PHASE, q, 1.8, offset_scale_m=1),
+        atol=1e-11,
     )
     np.testing.assert_allclose(pelvic_list_deg(np.array([0, 0.5, 0.15, 0.65]), q) / 1.66 / q, [0, 0, -2, 2], atol=1e-12)
 
@@ -113,9 +118,9 @@ def test_curves_close_over_the_cycle(q):
 @pytest.mark.parametrize("q", [0.5, 1.3])
 def test_regimes_meet(q):
     below, above = q * (1 - 1e-9), q * (1 + 1e-9)
-    for joint, knots in joint_knots(below).items():
+    for joint, knots in find_joint_knots(below).items():
         values = {round(p, 6) % 1: v for p, v in knots}
-        for p, v in joint_knots(above)[joint]:
+        for p, v in find_joint_knots(above)[joint]:
             assert values[round(p, 6) % 1] == pytest.approx(v, abs=1e-6), (joint, p)
     for name, curve in limb_angles_deg(PHASE, below).items():
         # At 1.3 the one hip knot at 0.9 splits in two, which tilts the curve there: the model's own small step.
@@ -125,21 +130,21 @@ def test_regimes_meet(q):
         np.testing.assert_allclose(trunk_angles_deg(PHASE, above)[name], curve, atol=1e-6, err_msg=name)
     for signs in ("continuous", "pendulum"):
         np.testing.assert_allclose(
-            body_offset(PHASE, below, signs=signs), body_offset(PHASE, above, signs=signs), atol=1e-6
+            compute_body_offset(PHASE, below, signs=signs), compute_body_offset(PHASE, above, signs=signs), atol=1e-6
         )
 
 
 def test_published_offsets_change_sign_at_one_half_and_the_default_leans_over_the_standing_leg():
-    below, above = (body_offset(PHASE, q, signs="published")[:, 1] for q in (0.4999, 0.5001))
+    below, above = (compute_body_offset(PHASE, q, signs="published")[:, 1] for q in (0.4999, 0.5001))
     assert np.corrcoef(below, above)[0, 1] < -0.99
     for q in SPEEDS:
         # The right leg stands around p = 0.3: the body is then to the right, y < 0.
-        assert body_offset(np.array([0.35]), q)[0, 1] < 0
+        assert compute_body_offset(np.array([0.35]), q)[0, 1] < 0
 
 
 def test_the_knee_never_overshoots_its_control_points():
     for q in SPEEDS:
-        values = [v for _, v in joint_knots(q)["knee"]]
+        values = [v for _, v in find_joint_knots(q)["knee"]]
         knee = limb_angles_deg(PHASE, q)["knee"]
         assert knee.min() >= min(values) - 1e-12
         assert knee.max() <= max(values) + 1e-12
@@ -239,7 +244,7 @@ def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(parameters
 @pytest.mark.parametrize("q", [0.0, -1.0, 3.01, float("nan")])
 def test_points_refuse_a_relative_speed_outside_the_model(q):
     with pytest.raises(ConfigError, match="relative speed"):
-        boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
+        compute_boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
 
 
 def test_the_whole_range_of_speeds_is_walkable():

@@ -10,7 +10,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, boulic_walk
 from doppelgait.motion.models.boulic import LENGTHS, POINTS
 from doppelgait.motion.models.human import HumanConfig, human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
-from doppelgait.motion.models.human_body import sample_person, segment_lengths
+from doppelgait.motion.models.human_body import find_segment_lengths, sample_person
 from doppelgait.motion.models.human_curves import walk_duty
 from doppelgait.motion.models.human_feet import ANKLE, FOOT, HEEL, MIDDLE, STANDING_RAD, TIP
 from doppelgait.motion.models.strides import step_series
@@ -347,7 +347,7 @@ def test_walk_ratio_trades_step_length_for_frequency():
 
 
 def test_a_child_walks_as_an_adult_at_the_same_froude_number():
-    lengths = segment_lengths("child", 1.0)
+    lengths = find_segment_lengths("child", 1.0)
     leg_m, adult_m = (lengths["thigh"] + lengths["shank"]) * 1.0, 0.491 * 1.75
     child = human_gait(speed_mps=1.3 * np.sqrt(leg_m / adult_m), height_m=1.0, body="child")
     adult = human_gait(speed_mps=1.3)
@@ -360,13 +360,13 @@ def test_a_child_walks_as_an_adult_at_the_same_froude_number():
 
 def test_a_childs_proportions_add_up_and_become_an_adults():
     for height_m in (0.9, 1.2, 1.6):
-        lengths = segment_lengths("child", height_m)
+        lengths = find_segment_lengths("child", height_m)
         assert sum(lengths[part] for part in ("head", "torso", "thigh", "shank")) == pytest.approx(0.909)
         walk = human_gait(speed_mps=0.8, height_m=height_m, body="child")
         thigh = np.diff(points(walk, "left_hip", "left_knee"), axis=1)
         np.testing.assert_allclose(np.linalg.norm(thigh, axis=2), height_m * lengths["thigh"], atol=1e-9)
-    assert segment_lengths("child", 1.6) == pytest.approx(LENGTHS)
-    assert segment_lengths("child", 0.9)["head"] > 1.3 * LENGTHS["head"]
+    assert find_segment_lengths("child", 1.6) == pytest.approx(LENGTHS)
+    assert find_segment_lengths("child", 0.9)["head"] > 1.3 * LENGTHS["head"]
 
 
 def test_people_are_drawn_as_cited():

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from doppelgait.motion.models.human_body import LENGTHS, POINTS, figure_points, left_hip, legless_points
+from doppelgait.motion.models.human_body import (
+    LENGTHS,
+    POINTS,
+    compute_figure_points,
+    place_left_hip,
+    place_legless_points,
+)
 
 
 def test_a_figure_without_legs_is_the_whole_figure_but_for_them():
@@ -13,8 +19,8 @@ def test_a_figure_without_legs_is_the_whole_figure_but_for_them():
     }
     limbs = {name: generator.normal(0, 0.6, (2, 20)) for name in ("hip", "knee", "ankle", "shoulder", "elbow")}
     base_m = generator.normal(0, 1.0, (20, 3))
-    whole = figure_points(trunk, limbs, LENGTHS) + base_m[:, None]
-    upper = legless_points(base_m, left_hip(trunk, LENGTHS), trunk, limbs, LENGTHS)
+    whole = compute_figure_points(trunk, limbs, LENGTHS) + base_m[:, None]
+    upper = place_legless_points(base_m, place_left_hip(trunk, LENGTHS), trunk, limbs, LENGTHS)
     kept = [number for number, name in enumerate(POINTS) if not name.endswith(("knee", "ankle", "toe"))]
     assert len(kept) == 11
     np.testing.assert_allclose(upper[:, kept], whole[:, kept], rtol=0, atol=1e-14)

@@ -5,13 +5,13 @@ from scipy.interpolate import CubicSpline
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, QuadrupedConfig, quadruped_gait
 from doppelgait.motion.models.quadruped import POINTS
-from doppelgait.motion.models.quadruped_curves import swing_curve
+from doppelgait.motion.models.quadruped_curves import find_swing_curve
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     DUTY_LIMITS,
     GAITS,
     duty_factor,
-    fitted_gait,
+    fit_gait_to_build,
     froude_speed_mps,
     hip_height_m,
     stride_length_m,
@@ -28,12 +28,12 @@ from doppelgait.motion.models.quadruped_limbs import (
     TIBIA,
     TRUNK_POINTS,
     Carriage,
-    all_points,
-    glide,
-    on_trunk,
-    paw_path,
-    regular_course,
-    trunk_motion,
+    compute_all_points,
+    compute_paw_path,
+    compute_trunk_motion,
+    make_regular_course,
+    move_along_limb,
+    place_on_trunk,
 )
 from doppelgait.motion.skeleton import DOG_PARTS
 
@@ -56,7 +56,7 @@ CASES = [(name, fr, withers) for name in GAITS for fr in froudes(name, 4) for wi
 def settings(name, froude, withers_m, build=STANDARD):
     """Gait, speed, stride, stride frequency and duty factors, in SI units."""
     hip = hip_height_m(build, withers_m)
-    gait, speed = fitted_gait(name, build), froude_speed_mps(froude, hip)
+    gait, speed = fit_gait_to_build(name, build), froude_speed_mps(froude, hip)
     stride = stride_length_m(gait, speed, hip)
     duty = {end: duty_factor(getattr(gait, end), speed / stride, hip) for end in ("hind", "fore")}
     return gait, speed, stride, speed / stride, duty
@@ -66,8 +66,8 @@ def closed_form(name, froude, phase=PHASE, build=STANDARD):
     """All points at given phases with the tail at rest, in units of hip height, and the stride in the same unit."""
     gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
     stride /= hip_height_m(build, build.withers_m)
-    course = regular_course(phase, gait, stride)
-    return all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase)), stride
+    course = make_regular_course(phase, gait, stride)
+    return compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase)), stride
 
 
 def dog(name, froude, withers_m, **options):
@@ -124,13 +124,13 @@ def test_a_swing_starts_and_ends_without_speed(name):
         girdle = getattr(GAITS[name], end)
         highest = {}
         for duty, peak in ((0.15, 1.0), (0.3, 0.8), (0.55, 1.2)):
-            swing = swing_curve(GAITS[name].curves, end, peak)
+            swing = find_swing_curve(GAITS[name].curves, end, peak)
             near = np.array([duty, 1.0])[:, None] + [-1e-4, 1e-4]
-            advance, height = paw_path(near, girdle, duty, swing)
+            advance, height = compute_paw_path(near, girdle, duty, swing)
             assert np.abs(np.diff(advance, axis=1)).max() < 1e-6
             assert np.abs(np.diff(height, axis=1)).max() < 1e-6
             fine = np.linspace(0, 2, 40_001)
-            speed = np.gradient(paw_path(fine, girdle, duty, swing)[0], fine)
+            speed = np.gradient(compute_paw_path(fine, girdle, duty, swing)[0], fine)
             highest[peak] = speed.max() * (1 - duty)
             assert speed.min() >= -1e-9
             assert np.abs(np.diff(speed)).max() < 0.02, "no jump of speed"
@@ -224,8 +224,8 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
     for froude in froudes(name, 12):
         gait, *_ = settings(name, froude, build.withers_m, build)
         points, stride = closed_form(name, froude, build=build)
-        standing, _, _ = trunk_motion(PHASE, stride * PHASE, gait, build, stride)
-        lowered = on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
+        standing, _, _ = compute_trunk_motion(PHASE, stride * PHASE, gait, build, stride)
+        lowered = place_on_trunk(build.trunk * TRUNK_POINTS["rump"][0], 0.0, TRUNK_POINTS["rump"][1], standing)
         lowered -= points["rump"]
         np.testing.assert_allclose(lowered, [[0.0, 0.0, lowered[0, 2]]] * PHASE.size, atol=1e-12)
         assert -1e-12 <= lowered[0, 2] <= DEEPEST_CROUCH + 1e-12
@@ -237,7 +237,7 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
 def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up():
     top = np.array([[0.0, 0.0, 0.9], [0.3, 0.0, 1.1], [0.0, 0.0, 0.2]])
     bottom, before = np.zeros((3, 3)), top.copy()
-    glide(top, bottom, 1.0)
+    move_along_limb(top, bottom, 1.0)
     np.testing.assert_array_equal(top[0], before[0])
     assert STRAIGHT[0] < np.linalg.norm(top[1]) < STRAIGHT[1]
     assert FOLDED[1] < np.linalg.norm(top[2]) < FOLDED[0]

@@ -7,9 +7,9 @@ from doppelgait.motion.models.quadruped_curves import (
     CURVES,
     MEASURED_DUTY,
     SWINGS,
+    find_swing_curve,
+    find_trunk_curve,
     segment_elevation_rad,
-    swing_curve,
-    trunk_curve,
 )
 from doppelgait.motion.models.quadruped_gaits import GAITS
 
@@ -18,7 +18,7 @@ PHASE = np.arange(2000) / 2000
 
 @pytest.mark.parametrize("gait", MEASURED_DUTY)
 def test_the_surge_integrates_the_measured_speed(gait):
-    curve, begins = trunk_curve(gait, "surge", GAITS[gait].touchdown)
+    curve, begins = find_trunk_curve(gait, "surge", GAITS[gait].touchdown)
     speed = (curve(PHASE + 1e-5) - curve(PHASE - 1e-5)) / 2e-5
     samples = np.tile(CURVES[gait, "surge"], 20 // len(CURVES[gait, "surge"]))
     np.testing.assert_allclose(speed[::100], samples - samples.mean(), atol=0.003)
@@ -41,14 +41,15 @@ def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, seg
 
 @pytest.mark.parametrize(("gait", "end"), SWINGS)
 def test_a_swing_covers_the_stride_as_measured(gait, end):
-    swing = swing_curve(gait, end, 1.0)
+    swing = find_swing_curve(gait, end, 1.0)
     assert swing(np.array([0.0, 1.0])) == pytest.approx([0.0, 1.0])
     np.testing.assert_allclose(swing(np.arange(13) / 12, 1), SWINGS[gait, end], atol=0.02)
 
 
 def test_other_gaits_take_the_gallop_to_where_their_feet_land():
     begins = {
-        name: trunk_curve("gallop", "fore_heave", GAITS[name].touchdown)[1] for name in ("gallop", "canter", "bound")
+        name: find_trunk_curve("gallop", "fore_heave", GAITS[name].touchdown)[1]
+        for name in ("gallop", "canter", "bound")
     }
     assert begins["canter"] - begins["gallop"] == pytest.approx((0.275 + 0.55 - 0.163 - 0.344) / 2, abs=1e-9)
     assert begins["bound"] - begins["gallop"] == pytest.approx(0.45 - (0.163 + 0.344) / 2, abs=1e-9)

@@ -11,14 +11,14 @@ from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
     duty_factor,
-    fitted_gait,
+    fit_gait_to_build,
     froude_speed_mps,
     hip_height_m,
     mass_kg,
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import Carriage, all_points, regular_course
+from doppelgait.motion.models.quadruped_limbs import Carriage, compute_all_points, make_regular_course
 
 FEET = ("left_hind", "left_fore", "right_hind", "right_fore")
 PHASE = np.arange(1500) / 1500
@@ -49,13 +49,13 @@ ORDER = {
 def stride_points(name, froude, phase=PHASE, build="standard", asymmetry=0.0):
     """Points in units of hip height at given phases, the stride, and the duty factors."""
     build = BUILDS[build]
-    gait, hip = fitted_gait(name, build, asymmetry), hip_height_m(build, build.withers_m)
+    gait, hip = fit_gait_to_build(name, build, asymmetry), hip_height_m(build, build.withers_m)
     speed = froude_speed_mps(froude, hip)
     stride = stride_length_m(gait, speed, hip)
     duty = {end: duty_factor(getattr(gait, end), speed / stride, hip) for end in ("hind", "fore")}
     stride /= hip
-    course = regular_course(phase, gait, stride)
-    points = all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
+    course = make_regular_course(phase, gait, stride)
+    points = compute_all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
     return points, stride, duty
 
 

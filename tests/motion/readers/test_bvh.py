@@ -11,8 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.bvh import BvhContent, Node, bvh_positions, read_bvh_content
-from doppelgait.motion.readers.joints import axis_rotations, euler_rotations, skeleton_size, vector_rotations
+from doppelgait.motion.readers.bvh import BvhContent, Node, compute_bvh_positions, read_bvh_content
+from doppelgait.motion.readers.joints import (
+    make_axis_rotations,
+    make_euler_rotations,
+    make_vector_rotations,
+    measure_skeleton,
+)
 
 ROTATIONS = "CHANNELS 3 Zrotation Xrotation Yrotation"
 ALL = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
@@ -115,7 +120,7 @@ def test_positions_agree_with_a_matrix_walk(seed: int) -> None:
         nodes.append(Node(f"n{j}", -1 if j == 0 else int(draw.integers(0, j)), offset, [*places, *turns]))
     values = draw.uniform(-180, 180, (5, sum(len(node.channels) for node in nodes)))
     content = BvhContent(tuple(nodes), 0.01, values)
-    np.testing.assert_allclose(bvh_positions(content), literal(content), atol=1e-9)
+    np.testing.assert_allclose(compute_bvh_positions(content), literal(content), atol=1e-9)
 
 
 def test_rotations_agree_with_scipy() -> None:
@@ -123,10 +128,12 @@ def test_rotations_agree_with_scipy() -> None:
     angles = draw.uniform(-4, 4, (20, 3))
     for axes in ("zyx", "xyz", "yzx", "zxz"):
         expected = Rotation.from_euler(axes.upper(), angles).as_matrix()
-        np.testing.assert_allclose(euler_rotations(axes, angles), expected, atol=1e-12)
+        np.testing.assert_allclose(make_euler_rotations(axes, angles), expected, atol=1e-12)
     for vectors in (angles, angles * 1e-9, np.zeros((2, 3))):
-        np.testing.assert_allclose(vector_rotations(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(axis_rotations("z", np.array(np.pi / 2)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+        np.testing.assert_allclose(
+            make_vector_rotations(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12
+        )
+    np.testing.assert_allclose(make_axis_rotations("z", np.array(np.pi / 2)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 
 
 def test_a_person_is_read(walk: Path) -> None:
@@ -367,4 +374,4 @@ def test_content_comes_back_as_written(walk: Path) -> None:
 def test_skeleton_size_is_the_longest_chain() -> None:
     #      0 -1- 1 -2- 2      and      0 -4- 3 -1- 4,  0 -3- 5
     parents, lengths = [-1, 0, 1, 0, 3, 0], np.array([0.0, 1, 2, 4, 1, 3])
-    assert skeleton_size(parents, lengths) == 8.0
+    assert measure_skeleton(parents, lengths) == 8.0

@@ -8,7 +8,13 @@ from scipy import ndimage, stats
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detect import ca_factor, noise_factor, os_factor, os_pfa
-from doppelgait.processing.detect.cfar import RangeWindow, ca_mask, os_mask, range_window, training_counts
+from doppelgait.processing.detect.cfar import (
+    RangeWindow,
+    count_training_cells,
+    make_range_window,
+    mark_above_ca,
+    mark_above_os,
+)
 
 SHORT = RangeWindow(first=3, reach=6, step=1)
 """Eight training cells about the middle of 13."""
@@ -64,7 +70,9 @@ def test_the_integral_for_sums_agrees_with_the_product_for_single_cells():
 
 @pytest.mark.parametrize("pfa", [1e-2, 1e-3])
 @pytest.mark.parametrize(
-    "mask", [lambda x, p: ca_mask(x, SHORT, p), lambda x, p: os_mask(x, SHORT, p, rank_share=0.7)], ids=["ca", "os"]
+    "mask",
+    [lambda x, p: mark_above_ca(x, SHORT, p), lambda x, p: mark_above_os(x, SHORT, p, rank_share=0.7)],
+    ids=["ca", "os"],
 )
 def test_false_alarms_in_noise_are_as_designed(mask, pfa):
     hits = total = 0
@@ -94,14 +102,14 @@ def test_a_swerling_1_cell_is_detected_as_often_as_in_closed_form(snr_db):
     cells = exponential((n, 13), 8)
     cells[:, 6] = power
     expected = (1 + ca_factor(8, pfa) / 8 / (1 + snr)) ** -8
-    assert_probability(int(np.count_nonzero(ca_mask(cells, SHORT, pfa)[:, 6])), n, expected)
+    assert_probability(int(np.count_nonzero(mark_above_ca(cells, SHORT, pfa)[:, 6])), n, expected)
 
 
 def test_masks_are_those_of_a_literal_loop():
     window = RangeWindow(first=3, reach=9, step=2)
     cells = exponential((5, 40), 4)
     cells[2, 18:21] *= 40
-    ca, os = ca_mask(cells, window, 1e-2), os_mask(cells, window, 1e-2, rank_share=0.6)
+    ca, os = mark_above_ca(cells, window, 1e-2), mark_above_os(cells, window, 1e-2, rank_share=0.6)
     for row in range(5):
         for n in range(40):
             places = [n + sign * d for d in (3, 5, 7, 9) for sign in (-1, 1) if 0 <= n + sign * d < 40]
@@ -109,26 +117,26 @@ def test_masks_are_those_of_a_literal_loop():
             rank = int(np.ceil(0.6 * len(training)))
             assert ca[row, n] == (cells[row, n] > ca_factor(len(training), 1e-2) * np.mean(training))
             assert os[row, n] == (cells[row, n] > os_factor(len(training), rank, 1e-2) * training[rank - 1])
-            assert training_counts(window, 40)[n] == len(training)
+            assert count_training_cells(window, 40)[n] == len(training)
     assert ca[2].any()
     assert os[2].any()
 
 
 def test_a_window_starts_beyond_its_guard():
-    window = range_window(bin_spacing_m=0.05, window_m=2.0, guard_m=0.75, resolution_m=0.09)
+    window = make_range_window(bin_spacing_m=0.05, window_m=2.0, guard_m=0.75, resolution_m=0.09)
     assert list(window.distances) == list(range(16, 41, 2))  # 0.80 to 2.00 m in steps of 0.10 m
 
 
 def test_cells_without_enough_training_are_never_above():
     cells = np.ones((1, 12), dtype=np.float32)
     cells[0, [0, 5]] = 1e30  # 3 to 6 away: bins 3 to 6 from the first, only 2 and 8 to 11 from the other
-    np.testing.assert_array_equal(training_counts(SHORT, 12)[[0, 5]], [4, 7])
-    assert ca_mask(cells, SHORT, 1e-1)[0, 5]
-    assert os_mask(cells, SHORT, 1e-1, rank_share=0.5)[0, 5]
+    np.testing.assert_array_equal(count_training_cells(SHORT, 12)[[0, 5]], [4, 7])
+    assert mark_above_ca(cells, SHORT, 1e-1)[0, 5]
+    assert mark_above_os(cells, SHORT, 1e-1, rank_share=0.5)[0, 5]
     few = RangeWindow(first=3, reach=5, step=1)
-    assert training_counts(few, 12)[0] == 3
-    assert not ca_mask(cells, few, 1e-1)[0, 0]
-    assert not os_mask(cells, few, 1e-1, rank_share=0.5)[0, 0]
+    assert count_training_cells(few, 12)[0] == 3
+    assert not mark_above_ca(cells, few, 1e-1)[0, 0]
+    assert not mark_above_os(cells, few, 1e-1, rank_share=0.5)[0, 0]
 
 
 def body_in_noise():
@@ -144,8 +152,8 @@ def test_a_small_window_is_masked_by_the_body_itself_and_a_wide_guard_is_not():
     n_training = 57 * 25 - 13 * 9
     assert n_training == 1308  # guard 4 x 6 and training 8 x 22 on either side in range and Doppler
     small_guard = cells > (outer - inner) / n_training * ca_factor(n_training, 1e-3)
-    window = range_window(bin_spacing_m=0.0514, window_m=2.0, guard_m=0.75, resolution_m=0.09)
-    along_range = os_mask(cells, window, 1e-3, rank_share=0.6)
+    window = make_range_window(bin_spacing_m=0.0514, window_m=2.0, guard_m=0.75, resolution_m=0.09)
+    along_range = mark_above_os(cells, window, 1e-3, rank_share=0.6)
     body = (slice(70, 94), slice(90, 102))
     assert small_guard[body].mean() < 0.6
     assert along_range[body].mean() > 0.85

@@ -11,10 +11,10 @@ from scipy.stats import chi2
 
 from doppelgait.processing.track.associate import (
     associate,
-    best_assignment,
-    clusters,
-    gate_threshold,
-    joint_probabilities,
+    compute_gate_threshold,
+    compute_joint_probabilities,
+    find_best_assignment,
+    find_clusters,
 )
 
 MISS = math.log(0.1)
@@ -42,17 +42,19 @@ def test_assignment_and_probabilities_equal_brute_force(seed: int) -> None:
     gain = random_gain(rng, int(rng.integers(1, 4)), int(rng.integers(1, 5)))
     events = all_events(gain)
     best = max(weight for _, weight in events)
-    chosen = best_assignment(gain, MISS)
+    chosen = find_best_assignment(gain, MISS)
     assert sum(gain[t, d] if d >= 0 else MISS for t, d in enumerate(chosen)) == pytest.approx(best)
     table = np.zeros((gain.shape[0], gain.shape[1] + 1))
     for event, weight in events:
         for t, d in enumerate(event):
             table[t, d] += math.exp(weight)
-    np.testing.assert_allclose(joint_probabilities(gain, MISS), table / table.sum(axis=1, keepdims=True), rtol=1e-9)
+    np.testing.assert_allclose(
+        compute_joint_probabilities(gain, MISS), table / table.sum(axis=1, keepdims=True), rtol=1e-9
+    )
 
 
 def test_gate_is_the_chi_square_quantile() -> None:
-    assert gate_threshold(0.99) == pytest.approx(chi2.ppf(0.99, 2))
+    assert compute_gate_threshold(0.99) == pytest.approx(chi2.ppf(0.99, 2))
 
 
 def test_single_track_has_the_closed_form_of_pda() -> None:
@@ -95,7 +97,7 @@ def test_clusters_are_the_connected_components(seed: int) -> None:
     expected = []
     for k in sorted(set(label[:5][gate.any(axis=1)])):
         expected.append((np.flatnonzero(label[:5] == k).tolist(), np.flatnonzero(label[5:] == k).tolist()))
-    assert clusters(gate) == sorted(expected)
+    assert find_clusters(gate) == sorted(expected)
 
 
 def test_no_detections() -> None:
@@ -139,13 +141,13 @@ def test_stone_soup_gives_the_same_joint_probabilities() -> None:
             column = seen.index(hypothesis.measurement) if hypothesis else 3
             expected[n, column] = float(hypothesis.probability)
 
-    own_model = kalman.constant_velocity(dt, acceleration_noise_m2ps3=q)
+    own_model = kalman.make_constant_velocity_model(dt, acceleration_noise_m2ps3=q)
     table = np.zeros((2, 3))
     for n, (m, c) in enumerate(starts):  # their rate is dR/dt, our velocity -dR/dt
         state = kalman.Gaussian(m[0], -m[1], c[0][0], -c[0][1], c[1][1])
         predicted = kalman.predict(state, own_model)
         for d, p in enumerate(points):
-            table[n, d] = kalman.innovation(
+            table[n, d] = kalman.compute_innovation(
                 predicted, range_m=p[0], velocity_mps=-p[1], range_sd_m=sd_r, velocity_sd_mps=sd_v
             ).log_likelihood
     found = associate(table, detection_probability=pd, gate_probability=pg, clutter_density=clutter, association="jpda")

@@ -33,7 +33,7 @@ def matrices(model: kalman.Model) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.7])
 def test_constant_velocity_is_the_sampled_white_acceleration(dt: float) -> None:
     transition, noise = van_loan(np.array([[0.0, -1.0], [0.0, 0.0]]), np.diag([0.0, Q]), dt)
-    got = matrices(kalman.constant_velocity(dt, acceleration_noise_m2ps3=Q))
+    got = matrices(kalman.make_constant_velocity_model(dt, acceleration_noise_m2ps3=Q))
     np.testing.assert_allclose(got[0], transition, rtol=1e-12)
     np.testing.assert_allclose(got[1], noise, rtol=1e-9)
 
@@ -42,20 +42,22 @@ def test_constant_velocity_is_the_sampled_white_acceleration(dt: float) -> None:
 def test_rest_is_the_sampled_ornstein_uhlenbeck_process(dt: float) -> None:
     tau, sd = 0.3, 0.4
     transition, noise = van_loan(np.array([[0.0, -1.0], [0.0, -1 / tau]]), np.diag([0.0, 2 * sd**2 / tau]), dt)
-    got = matrices(kalman.resting(dt, time_constant_s=tau, velocity_sd_mps=sd))
+    got = matrices(kalman.make_resting_model(dt, time_constant_s=tau, velocity_sd_mps=sd))
     np.testing.assert_allclose(got[0], transition, rtol=1e-10)
     np.testing.assert_allclose(got[1], noise, rtol=1e-6)
 
 
 def test_steps_equal_the_matrix_form() -> None:
-    model = kalman.constant_velocity(DT, acceleration_noise_m2ps3=Q)
+    model = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q)
     transition, noise = matrices(model)
     predicted = kalman.predict(START, model)
-    mean, cov = transition @ np.array(START[:2]), transition @ kalman.covariance(START) @ transition.T + noise
+    mean, cov = transition @ np.array(START[:2]), transition @ kalman.make_covariance(START) @ transition.T + noise
     np.testing.assert_allclose(predicted[:2], mean)
-    np.testing.assert_allclose(kalman.covariance(predicted), cov)
+    np.testing.assert_allclose(kalman.make_covariance(predicted), cov)
     z, r = np.array([4.8, 1.5]), np.diag([RANGE_SD**2, VELOCITY_SD**2])
-    seen = kalman.innovation(predicted, range_m=4.8, velocity_mps=1.5, range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD)
+    seen = kalman.compute_innovation(
+        predicted, range_m=4.8, velocity_mps=1.5, range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD
+    )
     s = cov + r
     assert seen.nis == pytest.approx((z - mean) @ np.linalg.solve(s, z - mean))
     assert seen.log_likelihood == pytest.approx(multivariate_normal(mean, s).logpdf(z))
@@ -63,16 +65,16 @@ def test_steps_equal_the_matrix_form() -> None:
     joseph = (np.eye(2) - gain) @ cov @ (np.eye(2) - gain).T + gain @ r @ gain.T
     updated = kalman.update(predicted, seen)
     np.testing.assert_allclose(updated[:2], mean + gain @ (z - mean))
-    np.testing.assert_allclose(kalman.covariance(updated), joseph)
+    np.testing.assert_allclose(kalman.make_covariance(updated), joseph)
 
 
 def test_approaching_lowers_the_range() -> None:
-    after = kalman.predict(START, kalman.constant_velocity(0.5, acceleration_noise_m2ps3=Q))
+    after = kalman.predict(START, kalman.make_constant_velocity_model(0.5, acceleration_noise_m2ps3=Q))
     assert after.range_m == pytest.approx(5.0 - 0.5 * 1.2)
 
 
 def test_steady_state_is_that_of_the_riccati_equation() -> None:
-    model = kalman.constant_velocity(DT, acceleration_noise_m2ps3=Q)
+    model = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q)
     transition, noise = matrices(model)
     r = np.diag([RANGE_SD**2, VELOCITY_SD**2])
     expected = solve_discrete_are(transition.T, np.eye(2), noise, r)
@@ -81,18 +83,20 @@ def test_steady_state_is_that_of_the_riccati_equation() -> None:
         predicted = kalman.predict(state, model)
         state = kalman.update(
             predicted,
-            kalman.innovation(predicted, range_m=0, velocity_mps=0, range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD),
+            kalman.compute_innovation(
+                predicted, range_m=0, velocity_mps=0, range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD
+            ),
         )
-    np.testing.assert_allclose(kalman.covariance(predicted), expected, rtol=1e-9)
+    np.testing.assert_allclose(kalman.make_covariance(predicted), expected, rtol=1e-9)
 
 
 def test_steady_gain_of_range_alone_is_that_of_the_alpha_beta_filter() -> None:
     """Gain of the discretised white-noise-acceleration filter from its own fixed point, written for range only."""
-    model, sd = kalman.constant_velocity(DT, acceleration_noise_m2ps3=Q), 0.1
+    model, sd = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q), 0.1
     state = START
     for _ in range(2000):
         predicted = kalman.predict(state, model)
-        seen = kalman.innovation(predicted, range_m=0, velocity_mps=0, range_sd_m=sd, velocity_sd_mps=1e6)
+        seen = kalman.compute_innovation(predicted, range_m=0, velocity_mps=0, range_sd_m=sd, velocity_sd_mps=1e6)
         state = kalman.update(predicted, seen)
     alpha, beta = state.range_m2 / sd**2, -state.cross_m2ps / sd**2 * DT
     # Kalata's relation between alpha and beta for noise q [dt^3/3, dt^2/2, dt] (Bar-Shalom et al., section 6.5.3)
@@ -102,7 +106,7 @@ def test_steady_gain_of_range_alone_is_that_of_the_alpha_beta_filter() -> None:
 
 
 def test_folded_velocity_is_taken_at_its_nearest() -> None:
-    seen = kalman.innovation(
+    seen = kalman.compute_innovation(
         START._replace(velocity_mps=5.0), range_m=5, velocity_mps=-1.1, range_sd_m=1, velocity_sd_mps=1,
         velocity_span_mps=6.0,
     )  # fmt: skip
@@ -114,25 +118,25 @@ def test_mixture_has_the_moments_of_its_samples() -> None:
     states, weights = [START, Gaussian(5.6, 0.2, 0.02, 0.005, 0.2)], [0.3, 0.7]
     n = 400_000
     draws = np.concatenate([
-        rng.multivariate_normal(s[:2], kalman.covariance(s), size=round(w * n))
+        rng.multivariate_normal(s[:2], kalman.make_covariance(s), size=round(w * n))
         for s, w in zip(states, weights, strict=True)
     ])  # fmt: skip
-    got = kalman.mixture(states, weights)
+    got = kalman.merge_mixture(states, weights)
     np.testing.assert_allclose(got[:2], draws.mean(axis=0), atol=3e-3)
-    np.testing.assert_allclose(kalman.covariance(got), np.cov(draws.T), atol=3e-3)
+    np.testing.assert_allclose(kalman.make_covariance(got), np.cov(draws.T), atol=3e-3)
 
 
 def simulated(n: int, rng: np.random.Generator) -> tuple[np.ndarray, list, list, list, list]:
     """True states and the filter's, for one random run from a random start."""
-    model = kalman.constant_velocity(DT, acceleration_noise_m2ps3=Q)
+    model = kalman.make_constant_velocity_model(DT, acceleration_noise_m2ps3=Q)
     transition, noise = matrices(model)
-    truth = [rng.multivariate_normal(START[:2], kalman.covariance(START))]
+    truth = [rng.multivariate_normal(START[:2], kalman.make_covariance(START))]
     filtered, predicted, nis = [START], [START], []
     for _ in range(n - 1):
         truth.append(transition @ truth[-1] + rng.multivariate_normal([0, 0], noise))
         z = truth[-1] + rng.standard_normal(2) * [RANGE_SD, VELOCITY_SD]
         before = kalman.predict(filtered[-1], model)
-        seen = kalman.innovation(
+        seen = kalman.compute_innovation(
             before, range_m=z[0], velocity_mps=z[1], range_sd_m=RANGE_SD, velocity_sd_mps=VELOCITY_SD
         )
         predicted.append(before)
@@ -151,7 +155,7 @@ def test_filter_and_smoother_are_consistent() -> None:
         nis += all_nis
         for states, store, at in ((filtered, nees, n - 1), (smoothed, nees_smooth, n // 2)):
             miss = truth[at] - np.array(states[at][:2])
-            store.append(miss @ np.linalg.solve(kalman.covariance(states[at]), miss))
+            store.append(miss @ np.linalg.solve(kalman.make_covariance(states[at]), miss))
         errors.append([truth[n // 2, 0] - states[n // 2].range_m for states in (filtered, smoothed)])
     for values in (nees, nees_smooth, nis):
         low, high = chi2.ppf([0.0005, 0.9995], 2 * len(values)) / len(values)
@@ -166,7 +170,7 @@ def test_smoother_is_the_least_squares_solution() -> None:
     _, filtered, predicted, models, _ = simulated(n, np.random.default_rng(3))
     transition, noise = matrices(models[0])
     information, vector = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
-    prior = np.linalg.inv(kalman.covariance(START))
+    prior = np.linalg.inv(kalman.make_covariance(START))
     information[:2, :2] += prior
     vector[:2] += prior @ np.array(START[:2])
     for t in range(1, n):
@@ -175,10 +179,10 @@ def test_smoother_is_the_least_squares_solution() -> None:
         information[part, part] += link.T @ np.linalg.inv(noise) @ link
         own = slice(2 * t, 2 * t + 2)
         # what the update added to the information of the prediction
-        after, before = (np.linalg.inv(kalman.covariance(s[t])) for s in (filtered, predicted))
+        after, before = (np.linalg.inv(kalman.make_covariance(s[t])) for s in (filtered, predicted))
         information[own, own] += after - before
         vector[own] += after @ np.array(filtered[t][:2]) - before @ np.array(predicted[t][:2])
     means, covs = np.linalg.solve(information, vector), np.linalg.inv(information)
     for t, state in enumerate(kalman.smooth(filtered, predicted, models)):
         np.testing.assert_allclose(state[:2], means[2 * t : 2 * t + 2], rtol=1e-6)
-        np.testing.assert_allclose(kalman.covariance(state), covs[2 * t : 2 * t + 2, 2 * t : 2 * t + 2], rtol=1e-5)
+        np.testing.assert_allclose(kalman.make_covariance(state), covs[2 * t : 2 * t + 2, 2 * t : 2 * t + 2], rtol=1e-5)

@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing.track import Track, split_tracks
-from doppelgait.processing.track.split import profile_offsets_m, torso_profiles
+from doppelgait.processing.track.split import profile_offsets_m, sum_torso_profiles
 
 WAVELENGTH_M, PRF_HZ, BIN_M, PULSE_M = 0.0411, 500.0, 0.05, 0.11
 TIMES_S = np.arange(0.1, 4.0, 0.1)
@@ -105,7 +105,7 @@ def test_profile_is_the_power_beside_the_track():
     """One echo: a Gaussian of the pulse, the same in every scan; another Doppler is left out."""
     offsets_m = profile_offsets_m()
     clean = echoes((7.0, 1.2, 1.0, 0.0), (7.8, -1.2, 1.0, 0.0))
-    profiles = torso_profiles(clean, track_of(7.0, 1.2), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
+    profiles = sum_torso_profiles(clean, track_of(7.0, 1.2), wavelength_m=WAVELENGTH_M, cpi_s=0.1)
     assert profiles.shape == (TIMES_S.size, offsets_m.size)
     # smeared by the 0.12 m that the body walks in an interval, weighed by the window
     shape = (profiles / profiles.max(axis=1, keepdims=True)).mean(axis=0)

@@ -17,7 +17,7 @@ from doppelgait.core import plugins
 from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
-from doppelgait.radar.readers import RADAR_READERS, writers_by_suffix
+from doppelgait.radar.readers import RADAR_READERS, list_writers
 from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.matlab import list_variables, load_variable
 
@@ -47,7 +47,7 @@ def test_every_declared_reader_exists_and_takes_its_options_by_name():
     assert {"acconeer", "arrays", "cw-text", "doppelgait", "matlab-rf", "sigmf", "xethru"} <= set(RADAR_READERS)
     for name in RADAR_READERS:
         assert callable(RADAR_READERS[name].facts["sniff"])
-    assert set(writers_by_suffix()) == {"", ".dgf", ".h5", ".npz", ".sigmf-meta"}
+    assert set(list_writers()) == {"", ".dgf", ".h5", ".npz", ".sigmf-meta"}
 
 
 def test_content_decides_not_the_name(tmp_path):
@@ -230,10 +230,10 @@ def test_values_are_scaled_by_the_presets_volts_per_unit(moving_target, monkeypa
         def with_unit(*args, **kwargs):
             return preset_radar(*args, **kwargs, volts_per_unit=unit_v)
 
-        monkeypatch.setattr(matlab, "preset_radar", with_unit)
+        monkeypatch.setattr(matlab, "adapt_preset", with_unit)
         return np.abs(read_recording(moving_target[0]).baseband.values).max()
 
-    preset_radar = matlab.preset_radar
+    preset_radar = matlab.adapt_preset
     assert scaled(3e-3) / scaled(1.0) == pytest.approx(3e-3)
 
 

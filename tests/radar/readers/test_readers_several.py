@@ -13,7 +13,7 @@ from doppelgait.cli.app import app
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, read_recording, write_recording
-from doppelgait.radar.readers import read_several, recordings_under
+from doppelgait.radar.readers import find_recordings, read_several
 
 CW = Radar(waveform="cw", carrier_hz=24e9, prf_hz=400.0, range_stop_m=10.0)
 
@@ -75,5 +75,5 @@ def test_two_files_of_one_recording_are_one(tmp_path: Path) -> None:
     for part in ("RE", "IM"):
         (tmp_path / f"walk_{part}.txt").write_text("2048\n2049\n" * 50, encoding="utf-8")
     pair = [tmp_path / "walk_IM.txt", tmp_path / "walk_RE.txt"]
-    assert list(recordings_under(pair)) == [(pair[1], True)]
-    assert list(recordings_under([tmp_path])) == [(pair[1], False)]
+    assert list(find_recordings(pair)) == [(pair[1], True)]
+    assert list(find_recordings([tmp_path])) == [(pair[1], False)]

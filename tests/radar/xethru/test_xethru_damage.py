@@ -20,7 +20,7 @@ from doppelgait.radar.xethru import (
     TimedRecord,
     make_records,
     read_xethru,
-    recording_from_xethru,
+    read_xethru_recording,
     sniff_xethru,
     write_xethru,
 )
@@ -79,7 +79,7 @@ def outcome(path: Path, *, convert: bool) -> str:
         sniff_xethru(path)
         try:
             if convert:
-                recording = recording_from_xethru(path, data_type="baseband_iq", prf_hz=100.0)
+                recording = read_xethru_recording(path, data_type="baseband_iq", prf_hz=100.0)
                 assert np.isfinite(recording.baseband.values).all()
                 assert len(recording.baseband) <= 9
             else:
@@ -121,7 +121,7 @@ def test_a_file_that_ends_early_is_read_up_to_there(tmp_path: Path) -> None:
     data = next(folder.glob("*baseband_iq*"))
     data.write_bytes(data.read_bytes()[:-70])
     with pytest.warns(DoppelgaitWarning, match=r"6 records of 8 read; after byte 384 of 442"):
-        recording = recording_from_xethru(folder)
+        recording = read_xethru_recording(folder)
     assert recording.baseband.shape == (6, 5)
     assert recording.radar.prf_hz == pytest.approx(100.0)
 
@@ -134,7 +134,7 @@ def test_a_record_of_absurd_length_ends_the_file(tmp_path: Path) -> None:
     data.write_bytes(content)
     tracemalloc.start()
     with pytest.warns(DoppelgaitWarning, match="3 records of 8 read"):
-        assert len(recording_from_xethru(folder).baseband) == 3
+        assert len(read_xethru_recording(folder).baseband) == 3
     assert tracemalloc.get_traced_memory()[1] < 30e6
     tracemalloc.stop()
 
@@ -192,7 +192,7 @@ def test_a_lone_data_file_is_read_though_its_meta_is_damaged(tmp_path: Path) -> 
     (folder / META_NAME).write_bytes(b"broken")
     data = next(folder.glob("*.dat"))
     with pytest.warns(DoppelgaitWarning, match="without the times of its records: .*is no meta file"):
-        assert recording_from_xethru(next(folder.glob("*iq*")), prf_hz=100.0).baseband.shape == (2, 1)
+        assert read_xethru_recording(next(folder.glob("*iq*")), prf_hz=100.0).baseband.shape == (2, 1)
     assert data.exists()
 
 
@@ -213,7 +213,7 @@ def test_an_empty_data_file(tmp_path: Path) -> None:
     data = next(folder.glob("*baseband_iq*"))
     data.write_bytes(b"")
     with pytest.warns(DoppelgaitWarning, match="0 records of 8"), pytest.raises(RecordingError, match="holds"):
-        recording_from_xethru(folder)
+        read_xethru_recording(folder)
     (folder / META_NAME).unlink()
     with pytest.raises(RecordingError, match="is empty"):
         read_xethru(data)

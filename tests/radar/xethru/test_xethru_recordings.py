@@ -16,11 +16,11 @@ from doppelgait.radar import Radar, Recording
 from doppelgait.radar.xethru import (
     TimedRecord,
     make_records,
-    recording_from_xethru,
+    read_xethru_recording,
     write_xethru,
     write_xethru_recording,
 )
-from doppelgait.radar.xethru.convert import frame_numbers, measured_rate_hz
+from doppelgait.radar.xethru.convert import derive_frame_numbers, measured_rate_hz
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 VPU = 0.375
@@ -53,7 +53,7 @@ def there_and_back(recording: Recording, folder: Path, preset: str, name: str, *
     made = write_xethru_recording(recording, folder, data_type=name, start_time=START, session_id="S")
     if name == "datafloat":
         options |= {"range_start_m": 0.4, "bin_spacing_m": recording.radar.bin_spacing_m, "carrier_hz": 7.29e9}
-    return recording_from_xethru(made, radar=preset, **options)
+    return read_xethru_recording(made, radar=preset, **options)
 
 
 FLOATS = ["baseband_iq", "radar_baseband_float", "datafloat", "baseband_ap"]
@@ -77,7 +77,7 @@ def test_one_volt_a_unit_is_exact(tmp_path: Path) -> None:
     recording = simulated("liland2018", prf_hz=1000.0, n_pulses=20)
     assert recording.radar.volts_per_unit is None
     made = write_xethru_recording(recording, tmp_path, start_time=START, session_id="S")
-    back = recording_from_xethru(made, radar="liland2018")
+    back = read_xethru_recording(made, radar="liland2018")
     assert np.array_equal(back.baseband.values, recording.baseband.values)
 
 
@@ -120,7 +120,7 @@ def test_rf_comes_back_but_for_the_filter(tmp_path: Path, preset: str, name: str
     recording = simulated(preset)
     steps = {"counts_per_unit": 1024.0 * 1e6} if name == "radar_rf" else {}
     made = write_xethru_recording(recording, tmp_path, data_type=name, start_time=START, session_id="S", **steps)
-    back = recording_from_xethru(made, radar=preset, **steps)
+    back = read_xethru_recording(made, radar=preset, **steps)
     at_m = 1.8 - 0.5 * recording.baseband.slow_time.values[:, None]
     distance_m = back.baseband.range.values - at_m
     wanted = 1e-3 * np.exp(-0.5 * (distance_m / 0.1) ** 2 - 4j * np.pi * at_m / recording.radar.wavelength_m)
@@ -146,7 +146,7 @@ def test_the_conjugate_on_request(tmp_path: Path, preset: str) -> None:
     turned = there_and_back(recording, tmp_path / "b", preset, "baseband_iq", conjugate=True)
     assert np.array_equal(turned.baseband.values, plain.baseband.values.conj())
     made = write_xethru_recording(recording, tmp_path / "c", start_time=START, session_id="S", conjugate=True)
-    again = recording_from_xethru(made, radar=preset, conjugate=True)
+    again = read_xethru_recording(made, radar=preset, conjugate=True)
     assert np.array_equal(again.baseband.values, plain.baseband.values)
 
 
@@ -171,13 +171,13 @@ def test_bursts_and_gaps_leave_the_rate_alone() -> None:
 
 
 def test_counters_over_their_end_and_such_that_tell_nothing() -> None:
-    numbers, lost, gaps = frame_numbers(np.array([2**32 - 2, 2**32 - 1, 1, 2, 5], dtype=np.uint32))
+    numbers, lost, gaps = derive_frame_numbers(np.array([2**32 - 2, 2**32 - 1, 1, 2, 5], dtype=np.uint32))
     assert numbers.tolist() == [0, 1, 3, 4, 7]
     assert (lost, gaps) == (3, 2)
-    numbers, lost, _ = frame_numbers(np.array([9, 9, 9], dtype=np.uint32))
+    numbers, lost, _ = derive_frame_numbers(np.array([9, 9, 9], dtype=np.uint32))
     assert numbers.tolist() == [0, 1, 2]
     assert lost == 0
-    assert frame_numbers(np.array([5, 1, 2], dtype=np.uint32))[1] == 0
+    assert derive_frame_numbers(np.array([5, 1, 2], dtype=np.uint32))[1] == 0
 
 
 def floats(folder: Path, values: Any, *, counters: Any = None, times_ms: Any = None) -> Path:
@@ -194,7 +194,7 @@ FRAME = {"range_start_m": 0.4, "bin_spacing_m": 0.05144033, "carrier_hz": 7.29e9
 def test_lost_frames_are_counted(tmp_path: Path) -> None:
     path = floats(tmp_path, np.ones((6, 4)), counters=[1, 2, 5, 6, 7, 9], times_ms=[0, 10, 40, 50, 60, 80])
     with pytest.warns(DoppelgaitWarning, match="3 frames are lost at 2 places"):
-        recording = recording_from_xethru(path, **FRAME)
+        recording = read_xethru_recording(path, **FRAME)
     assert recording.radar.prf_hz == pytest.approx(100.0)
     assert recording.baseband.slow_time.values == pytest.approx(0.01 * np.arange(6))
 
@@ -202,19 +202,19 @@ def test_lost_frames_are_counted(tmp_path: Path) -> None:
 def test_the_order_of_i_and_q(tmp_path: Path) -> None:
     path = floats(tmp_path, np.tile([1.0, 2.0, 3.0, 4.0], (3, 1)))
     unit_v = Radar.preset("x4").volts_per_unit or 1.0
-    separate = recording_from_xethru(path, **FRAME).baseband.values[0] / unit_v
+    separate = read_xethru_recording(path, **FRAME).baseband.values[0] / unit_v
     assert separate == pytest.approx([1 + 3j, 2 + 4j])
-    in_turn = recording_from_xethru(path, iq="interleaved", **FRAME).baseband.values[0] / unit_v
+    in_turn = read_xethru_recording(path, iq="interleaved", **FRAME).baseband.values[0] / unit_v
     assert in_turn == pytest.approx([1 + 2j, 3 + 4j])
 
 
 def test_what_the_records_do_not_tell_must_be_given(tmp_path: Path) -> None:
     path = floats(tmp_path, np.ones((3, 4)), times_ms=[7, 7, 7])
     with pytest.raises(RecordingError, match=r"range_start_m, bin_spacing_m, carrier_hz, prf_hz; give .*0\.05144033"):
-        recording_from_xethru(path)
+        read_xethru_recording(path)
     with pytest.raises(RecordingError, match=r"do not tell prf_hz; give prf_hz \(17 in"):
-        recording_from_xethru(path, **FRAME)
-    recording = recording_from_xethru(path, prf_hz=25.0, **FRAME)
+        read_xethru_recording(path, **FRAME)
+    recording = read_xethru_recording(path, prf_hz=25.0, **FRAME)
     assert recording.radar.prf_hz == 25.0
     assert recording.baseband.range.values == pytest.approx([0.4, 0.4 + 0.05144033])
 
@@ -222,7 +222,7 @@ def test_what_the_records_do_not_tell_must_be_given(tmp_path: Path) -> None:
 def test_rf_floats(tmp_path: Path) -> None:
     n = np.arange(200)
     frames = np.tile(np.cos(2 * np.pi * 7.29 / 23.328 * n), (4, 1))
-    recording = recording_from_xethru(
+    recording = read_xethru_recording(
         floats(tmp_path, frames), kind="rf", **{**FRAME, "bin_spacing_m": 1.5e8 / 23.328e9}
     )
     assert recording.baseband.sizes == {"slow_time": 4, "range": (200 - 27) // 8 + 1}
@@ -231,7 +231,7 @@ def test_rf_floats(tmp_path: Path) -> None:
 
 
 def test_a_frame_that_starts_behind_the_radar(tmp_path: Path) -> None:
-    recording = recording_from_xethru(floats(tmp_path, np.ones((3, 40))), **{**FRAME, "range_start_m": -0.437})
+    recording = read_xethru_recording(floats(tmp_path, np.ones((3, 40))), **{**FRAME, "range_start_m": -0.437})
     assert recording.baseband.range.values[0] == -0.437
     assert recording.radar.range_start_m == 0.0
     assert recording.radar.n_range_bins == 20
@@ -249,14 +249,14 @@ def changed_frame(folder: Path) -> Path:
 
 def test_settings_that_change_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"range_start_m changes from 0\.4 to 0\.6 at record 3 of 4"):
-        recording_from_xethru(changed_frame(tmp_path))
+        read_xethru_recording(changed_frame(tmp_path))
 
 
 def test_records_of_several_sizes_are_refused(tmp_path: Path) -> None:
     timed = [TimedRecord(k, "datafloat", struct.pack(f"<III{k}f", 0, k, k, *range(k))) for k in (2, 4)]
     path = write_xethru(tmp_path, timed, start_time=START, session_id="S")
     with pytest.raises(RecordingError, match="differ in size"):
-        recording_from_xethru(path, **FRAME)
+        read_xethru_recording(path, **FRAME)
 
 
 def test_several_types_and_none(tmp_path: Path) -> None:
@@ -268,13 +268,13 @@ def test_several_types_and_none(tmp_path: Path) -> None:
     both = [TimedRecord(k, n, c) for k in (0, 10) for n, c in (("datafloat", one), ("baseband_iq", iq))]
     path = write_xethru(tmp_path, both, start_time=START, session_id="S")
     with pytest.raises(RecordingError, match="holds datafloat, baseband_iq; name one: data_type='datafloat'"):
-        recording_from_xethru(path)
-    assert recording_from_xethru(path, data_type="baseband_iq").baseband.shape == (2, 1)
+        read_xethru_recording(path)
+    assert read_xethru_recording(path, data_type="baseband_iq").baseband.shape == (2, 1)
     with pytest.raises(RecordingError, match="data_type = 'radar_rf' is not allowed"):
-        recording_from_xethru(path, data_type="radar_rf")
+        read_xethru_recording(path, data_type="radar_rf")
     text = write_xethru(tmp_path, [TimedRecord(0, "sleep", b"a;b\n")], start_time=START, session_id="T")
     with pytest.raises(RecordingError, match="none of them gives a baseband"):
-        recording_from_xethru(text)
+        read_xethru_recording(text)
 
 
 @pytest.mark.parametrize(
@@ -295,7 +295,7 @@ def test_several_types_and_none(tmp_path: Path) -> None:
 def test_options_that_are_not_allowed(tmp_path: Path, options: dict[str, Any], message: str) -> None:
     path = floats(tmp_path, np.ones((3, 4)))
     with pytest.raises(RecordingError, match=message) as caught:
-        recording_from_xethru(path, **{**FRAME, **options})
+        read_xethru_recording(path, **{**FRAME, **options})
     assert str(path) in str(caught.value)
 
 

@@ -17,11 +17,11 @@ from doppelgait.radar.xethru import (
     XethruRecording,
     make_records,
     read_xethru,
-    recording_from_xethru,
+    read_xethru_recording,
     sniff_xethru,
     write_xethru,
 )
-from doppelgait.radar.xethru.records import data_type_of_mask
+from doppelgait.radar.xethru.records import find_data_type_by_mask
 
 pytestmark = pytest.mark.shared
 
@@ -111,7 +111,7 @@ def written_again(folder: Path, name: str, zone_h: int, into: Path) -> Path:
 def timed_records(place: Path, meta: Any, start_ms: int) -> list[TimedRecord]:
     found = []
     for entry in meta.records:
-        kind = data_type_of_mask(int(entry["data_type"]))
+        kind = find_data_type_by_mask(int(entry["data_type"]))
         if kind is not None:
             data = (place / meta.file_names[entry["file"]]).read_bytes()
             content = data[entry["offset"] : entry["offset"] + entry["size"]]
@@ -147,7 +147,7 @@ def test_real_files_byte_for_byte(shared: Path, tmp_path: Path, folder: Any, zon
 
 
 def test_the_vendors_baseband_recording(shared: Path) -> None:
-    recording = recording_from_xethru(novelda(shared))
+    recording = read_xethru_recording(novelda(shared))
     assert recording.baseband.shape == (514, 54)
     range_m = recording.baseband.range.values
     assert range_m[0] == pytest.approx(0.334321, abs=1e-6)
@@ -164,7 +164,7 @@ def test_the_vendors_baseband_recording(shared: Path) -> None:
 
 def test_noise_of_the_vendors_baseband_is_correlated_as_the_chips_taps_foretell(shared: Path) -> None:
     """Far from the person, after five differences in slow time, when the person keeps still."""
-    recording = recording_from_xethru(novelda(shared))
+    recording = read_xethru_recording(novelda(shared))
     values = np.diff(recording.baseband.values.astype(complex), n=5, axis=0)
     energy = np.sum(np.abs(values[:, :27]) ** 2, axis=1)
     values = values[energy < np.quantile(energy, 0.3), 27:]
@@ -181,9 +181,9 @@ def test_the_raw_recording(shared: Path) -> None:
     assert records["info"][0] == 1
     assert raw.session_id == "test_recording"
     with pytest.raises(RecordingError, match="do not tell range_start_m, bin_spacing_m, carrier_hz"):
-        recording_from_xethru(folder)
+        read_xethru_recording(folder)
     frame = {"range_start_m": 0.38576, "bin_spacing_m": 0.05144033, "carrier_hz": 7.29e9}
-    recording = recording_from_xethru(folder, **frame)
+    recording = read_xethru_recording(folder, **frame)
     assert recording.baseband.shape == (1518, 91)
     assert recording.baseband.range.values[-1] == pytest.approx(5.0154, abs=1e-3)
     assert 1000 / recording.radar.prf_hz == pytest.approx(58.6, abs=0.1)
@@ -193,5 +193,5 @@ def test_the_raw_recording(shared: Path) -> None:
     noise = np.sqrt(np.mean(np.abs(np.diff(static, axis=0)) ** 2) / 2)
     assert 20 * np.log10(noise) == pytest.approx(-97.0, abs=3.0)
     smooth = np.abs(np.diff(recording.baseband.values, axis=1)).mean()
-    mixed = recording_from_xethru(folder, iq="interleaved", **frame).baseband.values
+    mixed = read_xethru_recording(folder, iq="interleaved", **frame).baseband.values
     assert smooth < 0.7 * np.abs(np.diff(mixed, axis=1)).mean()

@@ -9,14 +9,14 @@ from doppelgait.scene.environment import Setting, Wall, apply_environment, make_
 from doppelgait.scene.environment.materials import (
     MATERIALS,
     Dielectric,
+    compute_te_share,
     insertion_coefficient,
     interface_reflection,
+    interpolate_coefficient,
     relative_permittivity,
-    sampled,
     slab_delay_m,
     slab_reflection,
     slab_transmission,
-    te_share,
 )
 from doppelgait.testing.conformance.theory import refracted_radii_m
 from echo_table import C_MPS, LAMBDA_M, echo_table, echoes
@@ -188,12 +188,13 @@ def test_many_rays_by_fewer_values(mode, thickness_m):
         calls.append(c.size)
         return insertion_coefficient(c, **options)
 
-    quick = sampled(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
+    quick = interpolate_coefficient(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
     np.testing.assert_allclose(quick, insertion_coefficient(cosines, **options), rtol=0, atol=3e-5)
     assert calls[0] < cosines.size / 10
     few = cosines[:1, :5]
     np.testing.assert_array_equal(
-        sampled(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M), insertion_coefficient(few, **options)
+        interpolate_coefficient(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M),
+        insertion_coefficient(few, **options),
     )
 
 
@@ -204,8 +205,8 @@ def test_share_of_te_from_the_fields_themselves():
         up = np.array([0, 0, 1.0]) - u[2] * u
         across = np.cross(u, [1.0, 0, 0])
         expected = (up @ across / np.linalg.norm(up) / np.linalg.norm(across)) ** 2
-        assert te_share(*(3.0 * u)) == pytest.approx(expected, abs=1e-9)
-    assert te_share(np.array(2.0), np.array(0.0), np.array(0.0)) == 1.0
+        assert compute_te_share(*(3.0 * u)) == pytest.approx(expected, abs=1e-9)
+    assert compute_te_share(np.array(2.0), np.array(0.0), np.array(0.0)) == 1.0
 
 
 # --- The wall of a scene ------------------------------------------------------------------------------------------

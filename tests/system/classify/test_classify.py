@@ -21,16 +21,16 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
 from threadpoolctl import threadpool_limits
 
-from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, rows_of, table_of
-from doppelgait.classify.decide import Seen, classify, decide
+from doppelgait.classify.data import ENVELOPE, ENVELOPE_WIDTH, collect_inputs, collect_rows
+from doppelgait.classify.decide import TargetInputs, classify, decide
 from doppelgait.classify.evaluation import evaluate
-from doppelgait.classify.learned import Part
+from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.report import adaptation_table, unknown_table, write_report
+from doppelgait.classify.report import format_adaptation_table, format_unknown_table, write_report
 from doppelgait.classify.runs import learn
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
-from doppelgait.classify.validate import cross_validation, leave_out, own_splits, refuse_shared
+from doppelgait.classify.validate import leave_out, refuse_shared, split_into_folds, use_own_splits
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.open import Dataset
@@ -88,19 +88,23 @@ def found():
 
 
 def test_no_truth_and_no_seed_is_a_feature():
-    rows = rows_of(made_up())
+    rows = collect_rows(made_up())
     for features in ("six", "extended", "speed", "nuisance"):
-        names = table_of(rows, features).names
+        names = collect_inputs(rows, features).names
         assert names
         assert not [name for name in names if "truth" in name or "seed" in name or name in ("id", "group", "label")]
-    assert table_of(rows, "six").names == ("torso_speed_mps", "doppler_bandwidth_mps", *SIX[2:])
-    assert table_of(rows, "speed").names == ("torso_speed_mps",)
+    assert collect_inputs(rows, "six").names == ("torso_speed_mps", "doppler_bandwidth_mps", *SIX[2:])
+    assert collect_inputs(rows, "speed").names == ("torso_speed_mps",)
 
 
 def test_who_comes_is_who_goes():
     one, other = made_up(), made_up()
     other.index["feature_torso_velocity_mps"] *= -1
-    assert np.array_equal(table_of(rows_of(one), "six").values, table_of(rows_of(other), "six").values, equal_nan=True)
+    assert np.array_equal(
+        collect_inputs(collect_rows(one), "six").values,
+        collect_inputs(collect_rows(other), "six").values,
+        equal_nan=True,
+    )
 
 
 def test_another_carrier_changes_nothing():
@@ -109,7 +113,7 @@ def test_another_carrier_changes_nothing():
     for column in ("feature_doppler_bandwidth_hz", ENVELOPE):
         other.index[column] *= 24.0 / 7.29
     other.index["carrier_hz"] = 24e9
-    tables = [table_of(rows_of(dataset), "extended") for dataset in (one, other)]
+    tables = [collect_inputs(collect_rows(dataset), "extended") for dataset in (one, other)]
     assert np.allclose(*(table.values for table in tables), equal_nan=True, rtol=1e-12)
     for name in ("doppler_bandwidth", ENVELOPE.removesuffix("_hz")):
         in_hz = one.index[ENVELOPE if "envelope" in name else f"feature_{name}_hz"]
@@ -118,11 +122,11 @@ def test_another_carrier_changes_nothing():
 
 @pytest.mark.parametrize("classes", [("human", "dog"), ("human", "dog", "cat")])
 def test_plain_form_answers_as_sklearn_does(classes):
-    rows = rows_of(made_up(classes=classes))
-    values, labels = table_of(rows, "six").values.copy(), rows.labels
+    rows = collect_rows(made_up(classes=classes))
+    values, labels = collect_inputs(rows, "six").values.copy(), rows.labels
     values[0] = np.nan
     values[:, 3] = np.nan  # never known
-    train, nobody = Part(values[:150], labels[:150]), Part(values[:0], labels[:0])
+    train, nobody = LabelledRows(values[:150], labels[:150]), LabelledRows(values[:0], labels[:0])
     weights = row_weights(train.labels, len(classes))
     boosting = HistGradientBoostingClassifier(**BOOSTING, random_state=4)
     known = [0, 1, 2, 4, 5]
@@ -204,10 +208,10 @@ def test_a_plan_that_gives_the_class_away_is_seen():
 
 def test_nuisances_without_a_plan_are_those_of_the_index_and_it_is_said():
     dataset = made_up(gate_error_m=np.random.default_rng(0).normal(size=240))
-    table = table_of(rows_of(dataset), "nuisance")
+    table = collect_inputs(collect_rows(dataset), "nuisance")
     assert table.names == ("index.prf_hz", "index.gate_error_m")  # the observation time is the same everywhere
     assert "only index.prf_hz, index.observation_s, index.gate_error_m (imported recordings have no plan)" in table.note
-    both = table_of(rows_of(dataset, made_up(identity="b")), "nuisance")
+    both = collect_inputs(collect_rows(dataset, made_up(identity="b")), "nuisance")
     assert both.names == ("index.prf_hz",)
     assert len(both.values) == 480
 
@@ -242,22 +246,22 @@ def test_conditions_that_are_not_known_are_said():
 
 
 def test_movers_stay_on_one_side():
-    rows = rows_of(made_up())
-    fold, _ = own_splits(rows, seed=0)
-    for each in [fold, *cross_validation(rows, 4, seed=0)]:
+    rows = collect_rows(made_up())
+    fold, _ = use_own_splits(rows, seed=0)
+    for each in [fold, *split_into_folds(rows, 4, seed=0)]:
         sides = [set(rows.groups[part]) for part in (each.train, each.held, each.test)]
         assert all(sides)
         assert sum(map(len, sides)) == len(set.union(*sides))
-    tested = np.sort(np.concatenate([f.test for f in cross_validation(rows, 4, seed=0)]))
+    tested = np.sort(np.concatenate([f.test for f in split_into_folds(rows, 4, seed=0)]))
     assert np.array_equal(tested, np.arange(len(rows)))
 
 
 def test_a_dataset_that_was_split_by_row_is_refused():
     dataset = made_up()
     dataset.index["split"] = np.resize(["train", "test"], len(dataset))
-    rows = rows_of(dataset)
+    rows = collect_rows(dataset)
     with pytest.raises(DatasetError, match="is in the training and in the test data"):
-        refuse_shared(rows, [own_splits(rows, seed=0)[0]])
+        refuse_shared(rows, [use_own_splits(rows, seed=0)[0]])
     with pytest.raises(DatasetError, match="is in the training and in the test data"):
         evaluate(dataset, models=["six-logistic"])
 
@@ -267,12 +271,12 @@ def test_cross_validation_and_leaving_out():
     document = evaluate(dataset, models=["six-logistic"], n_folds=4).document
     assert sum(document["tested"].values()) == 200
     assert len(document["folds"]) == 4
-    rows = rows_of(dataset)
+    rows = collect_rows(dataset)
     dataset.index["source"] = np.where(rows.labels == 0, "model", "recording")
     with pytest.raises(ConfigError, match="a class has nothing else to learn from"):
-        leave_out(rows_of(dataset), "source", seed=0)
+        leave_out(collect_rows(dataset), "source", seed=0)
     dataset.index["source"] = np.resize(["model"] * 4 + ["recording"] * 4, 200)
-    folds, notes = leave_out(rows_of(dataset), "source", seed=0)
+    folds, notes = leave_out(collect_rows(dataset), "source", seed=0)
     assert [fold.name for fold in folds] == ["without model", "without recording"]
     assert not notes
     kept = evaluate(dataset, models=["six-logistic"], left_out="source", keep=True)
@@ -296,7 +300,7 @@ def test_the_same_motion_under_another_name_is_not_tested():
     dataset, other = (made_up(identity=name, motion=[f"{name}{k}" for k in range(240)]) for name in "ab")
     first = dataset.index.loc[dataset.index["split"] == "train", "motion"].iloc[0]
     other.index.loc[4:6, "motion"] = first
-    fold, notes = own_splits(rows_of(dataset, other), seed=0)
+    fold, notes = use_own_splits(collect_rows(dataset, other), seed=0)
     assert not set(fold.test) & {244, 245, 246}
     assert fold.test.size == 237
     assert "3 of 240 rows" in notes[0]
@@ -320,14 +324,14 @@ def test_a_part_of_a_blended_motion_is_not_learnt_from_and_tested(known, is_lear
     for (side, place), cells in zip(sides if is_learnt else sides[::-1], (BLENDED, known), strict=True):
         side.index.loc[place, list(cells)] = list(cells.values())
     other.index.loc[5, "scene_id"] = other.index.loc[4, "scene_id"]
-    fold, notes = own_splits(rows_of(dataset, other), seed=0)
+    fold, notes = use_own_splits(collect_rows(dataset, other), seed=0)
     assert set(range(240, 480)) - set(fold.test) == {244, 245}
     assert "2 of 240 rows" in notes[0]
 
 
 def test_bodies_of_models_are_others_in_another_dataset():
     dataset, other = (made_up(identity=name, subject=[f"model/{k}" for k in range(240)]) for name in "ab")
-    fold, _ = own_splits(rows_of(dataset, other), seed=0)
+    fold, _ = use_own_splits(collect_rows(dataset, other), seed=0)
     assert fold.test.size == 240
 
 
@@ -368,12 +372,12 @@ def test_what_cannot_be_scored_is_one_clear_error(dataset, options, says):
 
 
 def test_a_kept_model_answers_the_same(found, tmp_path):
-    rows = rows_of(made_up(seed=9))
+    rows = collect_rows(made_up(seed=9))
     for name in ("chance", "speed", *FEATURE_MODELS, "extended-boosting"):
         model = found.models[name]
         again = load_model(save_model(model, tmp_path / "m.npz"))
         assert again.facts == model.facts
-        values = table_of(rows, model.facts.features).values
+        values = collect_inputs(rows, model.facts.features).values
         assert np.array_equal(again.probability(values), model.probability(values))
         first = (tmp_path / "m.npz").read_bytes()
         save_model(again, tmp_path / "m.npz")
@@ -512,7 +516,7 @@ def test_foreign_and_truncated_files_are_refused(found, tmp_path):
 def a_target(**changes):
     columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "quality_flags": ""}
     columns |= {"quality_observation_s": 2.4}
-    return Seen(columns | changes, a_signature(7.29e9, 1100.0))
+    return TargetInputs(columns | changes, a_signature(7.29e9, 1100.0))
 
 
 def a_signature(carrier_hz, prf_hz, *, stated=True):
@@ -557,7 +561,7 @@ def test_kinds_that_were_not_learnt_are_scored_apart():
     scores = found.document["models"]["six-logistic"]["unknown"]
     assert scores == {"cat": {"n": int(cats.sum()), "auc": 1.0, "auc_of_probability": ANY,
                               "decided": {"human": 0.0, "dog": 0.0}}}  # fmt: skip
-    assert unknown_table(found.document)[0]["AUC of the distance"] == "1.000"
+    assert format_unknown_table(found.document)[0]["AUC of the distance"] == "1.000"
     assert "unknown" not in found.document["models"]["speed"]
     # people of another name are not told from people, and most are called so
     others = made_up(40, seed=3, identity="z")
@@ -576,7 +580,7 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
     assert curve[-1]["balanced_accuracy"] > curve[-1]["before"] + 0.04
     assert found.models["six-logistic"].facts.n_own > 140
     assert load_model(save_model(found.models["six-logistic"], tmp_path / "own.npz")).facts.n_own > 140
-    assert adaptation_table(found.document)[0]["own recordings of a class"] == "0"
+    assert format_adaptation_table(found.document)[0]["own recordings of a class"] == "0"
     page = write_report(found, tmp_path / "report")[-1].read_text()
     assert "Adapted to own recordings" in page
     assert (tmp_path / "report" / "adaptation.png").is_file()
@@ -589,8 +593,8 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
 def test_models_are_adapted_to_recordings_without_labels():
     own = made_up(160, identity="own", seed=4)
     own.index["feature_step_length_m"] += 0.6
-    rows = rows_of(own)
-    values, right = table_of(rows, "six").values, rows.labels
+    rows = collect_rows(own)
+    values, right = collect_inputs(rows, "six").values, rows.labels
     own.index["label"] = "unlabelled"
     found = evaluate(made_up(), own=own, models=["six-logistic"], keep=True)
     assert any("recordings without labels, as if 50% human, 50% dog" in note for note in found.document["notes"])
@@ -672,7 +676,7 @@ def test_another_radar_is_no_decision_and_no_alarm(found, stated):
     for name in (*FEATURE_MODELS, "chance"):
         model = found.models[name]
         assert set(model.facts.conditions) == {"carrier_hz", "prf_hz", "observation_s"}
-        other = Seen(a_target(feature_step_length_m=0.5).columns, a_signature(24.1e9, 3000.0, stated=stated))
+        other = TargetInputs(a_target(feature_step_length_m=0.5).columns, a_signature(24.1e9, 3000.0, stated=stated))
         said = decide(other, model, 0)
         assert said.abstained
         assert said.alarm is None
@@ -682,7 +686,7 @@ def test_another_radar_is_no_decision_and_no_alarm(found, stated):
         )
         assert "prf_hz 3000 is outside the accepted range, " in said.reason
         assert said.as_dict()["reason"] == said.reason
-    near = Seen(other.columns, a_signature(7.4e9, 1300.0, stated=stated))
+    near = TargetInputs(other.columns, a_signature(7.4e9, 1300.0, stated=stated))
     assert "is outside" not in decide(near, model, 0).reason
 
 
@@ -698,7 +702,7 @@ def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
     ):
         seen = a_target(feature_step_length_m=2.2, quality_observation_s=seconds)
         assert ("observation_s" in decide(seen, model, 0).reason) is far
-    unknown = Seen(a_target().columns, xr.DataArray(np.ones((3, 3)), dims=("time", "doppler")))
+    unknown = TargetInputs(a_target().columns, xr.DataArray(np.ones((3, 3)), dims=("time", "doppler")))
     assert "carrier_hz is unknown; the training range is 7.29e+09" in decide(unknown, found.models["chance"], 0).reason
     flag = "gait_frequency:columns_do_not_overlap"
     older = replace(model, facts=model.facts.model_copy(update={"blocking": ("no_signal",)}))
@@ -780,7 +784,7 @@ def test_a_report_that_fails_leaves_the_older_one(tiny, tmp_path, monkeypatch):
     result = evaluate(tiny, models=["six-logistic"])
     write_report(result, tmp_path / "out")
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    monkeypatch.setattr("doppelgait.classify.report.page", lambda *_: 1 / 0)
+    monkeypatch.setattr("doppelgait.classify.report.format_page", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_report(result, tmp_path / "out")
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -830,7 +834,7 @@ def test_an_alarm_says_how_many_people_it_rests_on(found):
 
 
 def test_nuisances_are_those_of_verify(tiny):
-    table = table_of(rows_of(tiny), "nuisance")
+    table = collect_inputs(collect_rows(tiny), "nuisance")
     assert "target.range_m" in table.names or any("range" in name for name in table.names)
     assert len(table.values) == len(tiny)
     assert not np.isnan(table.values[:, table.names.index("index.rcs_total_m2")]).any()
@@ -867,8 +871,8 @@ def test_another_radar_or_analysis_is_warned_of(found, recording):
 
 
 def test_learning_is_the_same_twice():
-    rows = rows_of(made_up())
-    table, fold = table_of(rows, "six"), own_splits(rows, seed=0)[0]
+    rows = collect_rows(made_up())
+    table, fold = collect_inputs(rows, "six"), use_own_splits(rows, seed=0)[0]
     one, two = (learn(rows, table, "six-boosting", fold, seed=3).probability(table.values) for _ in range(2))
     assert np.array_equal(one, two)
 
@@ -887,5 +891,5 @@ def test_an_ensemble_of_several_seeds_is_one_model_with_its_members_beside_it(ti
     again = load_model(save_model(ensemble, tmp_path / "e.npz"))
     tested = found.answers.iloc[0]
     number = int(np.flatnonzero(tiny.index["id"] == tested["id"])[0])
-    target = Seen({**tiny.index.iloc[number].to_dict(), "quality_flags": ""}, tiny.example(number).signature)
+    target = TargetInputs({**tiny.index.iloc[number].to_dict(), "quality_flags": ""}, tiny.example(number).signature)
     assert decide(target, again, 0).probabilities["human"] == pytest.approx(tested["ensemble:human"], abs=1e-5)

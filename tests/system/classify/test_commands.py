@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from doppelgait.classify import classify as run_classification
 from doppelgait.classify import load_model
-from doppelgait.classify.report import figures_of
+from doppelgait.classify.report import make_figures
 from doppelgait.cli.analyze import analyze
 from doppelgait.cli.classify import classify, evaluate
 from doppelgait.cli.live import live
@@ -60,7 +60,7 @@ def test_the_report_is_there(folder):
 
 def test_figures_of_the_report_have_no_faults(folder):
     document = json.loads((folder / "report" / "scores.json").read_text())
-    found = {name: faults(figure) for name, _, figure in figures_of(document)}
+    found = {name: faults(figure) for name, _, figure in make_figures(document)}
     assert {"scores", "confusion", "reliability", "roc-human"} <= set(found)
     assert {name: words for name, words in found.items() if words} == {}
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import doppelgait as dg
-from doppelgait.classify.export.device import network_part, parts_of, plan_device
+from doppelgait.classify.export.device import list_parts, plan_device, select_networks
 from doppelgait.classify.export.examples import (
-    dataset_levels,
-    levels_of_samples,
-    network_probability,
+    collect_levels,
+    convert_samples,
+    predict_network_probability,
     walk_samples,
 )
 from doppelgait.classify.export.write import CSettings, export_model
@@ -92,7 +92,7 @@ def test_radars_transforms_and_gates_agree(build, tmp_path, prf_hz, analysis, bi
 
 
 def plan(model, *, bins=1, window_s=None, still_time_s=2.0):
-    patch = next(part[0].patch for part in parts_of(model) if isinstance(part[0], Network))
+    patch = next(part[0].patch for part in list_parts(model) if isinstance(part[0], Network))
     return plan_device(
         model, patch, prf_hz=None, carrier_hz=None, window_s=window_s, bins=bins, still_time_s=still_time_s
     )
@@ -146,8 +146,8 @@ def test_a_stream_gives_one_decision_per_window_with_weights_of_bins(build, tmp_
     rows = np.array([line.split() for line in done.stdout.decode().splitlines()], dtype=float)
     assert rows[:, 0].tolist() == (device.window_pulses + windows).tolist()
     weighted = samples * np.array([0.5, 1.0])  # a weight of power
-    levels = [levels_of_samples(weighted[start : start + device.window_pulses], device) for start in windows]
-    expected = network_probability(model, levels)
+    levels = [convert_samples(weighted[start : start + device.window_pulses], device) for start in windows]
+    expected = predict_network_probability(model, levels)
     assert np.ptp(expected[:, 1]) > 0.01
     assert np.allclose(rows[:, 1], expected[:, 1], atol=1e-4)
     assert rows[:, 2].tolist() == expected.argmax(axis=1).tolist()
@@ -221,7 +221,7 @@ def test_a_gate_that_follows_a_simulated_person_gives_what_analyze_gives(build, 
     made = export_model(model, "c", tmp_path / "out", settings)
     device = plan(model, bins=range_m.size, window_s=1.5, still_time_s=None)
     seen = dg.analyze(recording, gate="truth")[0].signature
-    expected = network_probability(model, [patches.levels(seen[: device.n_stft], SMALL)])[0]
+    expected = predict_network_probability(model, [patches.levels(seen[: device.n_stft], SMALL)])[0]
     # the window in the middle of whose interval the gate was where it is now
     centre_m = np.interp(times_s - device.taper.size // 2 / 500.0, seen["time"], seen["centre_range"])[:, None]
     bin_m = range_m[1] - range_m[0]
@@ -262,27 +262,27 @@ def test_a_wrong_expectation_fails(build, tmp_path):
 
 def test_networks_alone_keep_their_own_calibration():
     model = export_model_of("ensemble", patch=SMALL)
-    net, _, slope, shift = parts_of(model)[-1]
+    net, _, slope, shift = list_parts(model)[-1]
     levels = np.empty(1, dtype=object)
     levels[0] = np.zeros((16, 16), np.float32)
     scores = slope * net.log_probability(levels) + shift
     expected = np.exp(scores) / np.exp(scores).sum()
-    assert np.allclose(network_probability(model, list(levels)), expected)
-    assert network_part(export_model_of("linear")) is None
+    assert np.allclose(predict_network_probability(model, list(levels)), expected)
+    assert select_networks(export_model_of("linear")) is None
 
 
 def test_scales_come_from_held_rows_of_a_dataset(tmp_path_factory, tmp_path):
     from tiny_dataset import built, tiny_plan
 
     folder = built(tmp_path_factory, tiny_plan())
-    found = dataset_levels(folder, Patch(), 64, 5)
+    found = collect_levels(folder, Patch(), 64, 5)
     assert 1 <= len(found) <= 5
     assert {each.shape for each in found} == {(64, 64)}
     assert max(each.max() for each in found) > 0.5
     made = export_model(
         export_model_of("network", patch=Patch()), "c", tmp_path / "out", CSettings(integers=True, data=folder)
     )
-    assert made.facts["int8_examples"] == len(dataset_levels(folder, Patch(), 64, 100))
+    assert made.facts["int8_examples"] == len(collect_levels(folder, Patch(), 64, 100))
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from doppelgait.classify.data import rows_of, table_of
-from doppelgait.classify.learned import Part
+from doppelgait.classify.data import collect_inputs, collect_rows
+from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.core.errors import DatasetError
 from doppelgait.processing.patches import Patch
@@ -15,7 +15,7 @@ from tiny_dataset import built, tiny_plan
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'doppelgait[torch]'")
 
 from doppelgait.classify import network as nets  # noqa: E402
-from doppelgait.classify.decide import Seen, decide  # noqa: E402
+from doppelgait.classify.decide import TargetInputs, decide  # noqa: E402
 from doppelgait.classify.evaluation import evaluate  # noqa: E402
 from doppelgait.dataset import open_dataset  # noqa: E402
 from doppelgait.testing import check_classifier  # noqa: E402
@@ -34,7 +34,7 @@ def a_part(n, *, seed, columns=20):
         offset = (6 if labels[number] else 1) * (1 if rng.random() < 0.5 else -1)
         picture[8 + offset] += 0.7
         values[number] = picture.astype(np.float32)
-    return Part(values, labels.astype(np.int64))
+    return LabelledRows(values, labels.astype(np.int64))
 
 
 @pytest.fixture(scope="module")
@@ -69,8 +69,8 @@ def test_plain_form_answers_as_torch_does():
         model[-1].weight *= 20.0  # classes far apart
     model.eval()
     with torch.no_grad():
-        expected = torch.log_softmax(model(pictures), dim=1).numpy()
-    found = nets._to_arrays(model.state_dict(), SPEC).of_pictures(pictures[:, 0].numpy())
+        expected = torch.add_log_softmax(model(pictures), dim=1).numpy()
+    found = nets._to_arrays(model.state_dict(), SPEC).classify_pictures(pictures[:, 0].numpy())
     assert np.ptp(expected, axis=0).max() > 0.1
     assert np.allclose(found, expected, atol=1e-4)
 
@@ -95,7 +95,9 @@ def test_it_stops_when_the_held_rows_are_told_no_better():
     original = nets._train_epoch
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(nets, "_train_epoch", lambda *args: (calls.append(1), original(*args)))
-        nets.train_network(part, Part(held.values, 1 - held.labels), n_classes=2, seed=0, spec=SPEC, settings=settings)
+        nets.train_network(
+            part, LabelledRows(held.values, 1 - held.labels), n_classes=2, seed=0, spec=SPEC, settings=settings
+        )
     assert len(calls) < 20
 
 
@@ -106,17 +108,17 @@ def test_variations():
     values = np.empty(200, dtype=object)
     values[:] = [whole] * 200
     still = nets.Training(gain_db=0, noise_db=0, stretch=1, flip=False)
-    plain = nets.varied(values, rng, SPEC, still)
+    plain = nets.augment(values, rng, SPEC, still)
     starts = [int(np.abs(whole[12] - p[12, 0]).argmin()) for p in plain]
     assert set(starts) == set(range(25))
     assert all(np.allclose(p, whole[:, s : s + 16], atol=1e-6) for p, s in zip(plain, starts, strict=True))
-    flipped = nets.varied(values, rng, SPEC, still.model_copy(update={"flip": True}))
+    flipped = nets.augment(values, rng, SPEC, still.model_copy(update={"flip": True}))
     assert 60 < sum(p[3].max() > 0 for p in flipped) < 140
-    louder = nets.varied(values, rng, SPEC, still.model_copy(update={"gain_db": 3.0}))
+    louder = nets.augment(values, rng, SPEC, still.model_copy(update={"gain_db": 3.0}))
     change = [float((p[12] - plain_row).mean()) for p in louder for plain_row in [whole[12, 12:28]]]
     assert np.std(change) > 0
     assert not louder[:, :12].any()
-    noisy = nets.varied(values, rng, SPEC, still.model_copy(update={"noise_db": 10.0}))
+    noisy = nets.augment(values, rng, SPEC, still.model_copy(update={"noise_db": 10.0}))
     assert noisy[:, :10].max() > 0
     assert noisy[:, 12].mean() < plain[:, 12].mean()  # a raised floor is the new zero
     assert noisy.min() >= 0
@@ -132,11 +134,11 @@ def test_on_a_built_dataset_kept_and_used_without_torch(tiny, tmp_path):
     found = evaluate(tiny, models=["signature-network"])
     model = found.models["signature-network"]
     again = load_model(save_model(model, tmp_path / "n.npz"))
-    levels = table_of(rows_of(tiny), "signature").values
+    levels = collect_inputs(collect_rows(tiny), "signature").values
     assert all(part.shape == (64, part.shape[1]) and part.max() > 0.2 for part in levels)
     assert np.array_equal(again.probability(levels), model.probability(levels))
     signature = tiny.example(0).signature
-    decision = decide(Seen({"quality_flags": ""}, signature), again, 0)
+    decision = decide(TargetInputs({"quality_flags": ""}, signature), again, 0)
     assert list(decision.probabilities.values()) == pytest.approx(again.probability(levels[:1])[0])
 
 
@@ -159,7 +161,7 @@ def test_stretched_images_hold_the_same_at_other_velocities():
     """A ramp over velocity: at v stands what was at v / factor; beyond the last row there is nothing."""
     v = np.arange(16) - 7.5
     ramp = np.tile((v / 16 + 0.5)[:, None], (1, 4)).astype(np.float32)
-    wide, narrow, same = nets.stretched(np.stack([ramp] * 3), np.array([2.0, 0.8, 1.0]))
+    wide, narrow, same = nets.stretch_pictures(np.stack([ramp] * 3), np.array([2.0, 0.8, 1.0]))
     assert np.allclose(wide[:, 0], v / 2 / 16 + 0.5, atol=1e-6)
     inside = np.abs(v / 0.8) <= 7.5
     assert np.allclose(narrow[inside, 0], v[inside] / 0.8 / 16 + 0.5, atol=1e-6)
@@ -170,10 +172,10 @@ def test_stretched_images_hold_the_same_at_other_velocities():
 def test_the_variation_widens_from_nothing():
     values = a_part(9, seed=0, columns=16).values[:8]
     calm = nets.Training(flip=False)
-    plain = nets.varied(values, np.random.default_rng(0), SPEC, calm, 0.0)
+    plain = nets.augment(values, np.random.default_rng(0), SPEC, calm, 0.0)
     assert np.allclose(plain, np.stack(list(values)), atol=1e-6)
     apart = [
-        np.abs(nets.varied(values, np.random.default_rng(0), SPEC, calm, width) - plain).mean()
+        np.abs(nets.augment(values, np.random.default_rng(0), SPEC, calm, width) - plain).mean()
         for width in (0.1, 0.5, 1.0)
     ]
     assert 0 < apart[0] < apart[1] < apart[2]

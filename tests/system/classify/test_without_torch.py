@@ -9,7 +9,7 @@ import pytest
 
 from doppelgait.classify import network
 from doppelgait.classify.evaluation import evaluate
-from doppelgait.classify.learned import Part
+from doppelgait.classify.learned import LabelledRows
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import open_dataset
 from tiny_dataset import built, tiny_plan
@@ -18,7 +18,7 @@ from tiny_dataset import built, tiny_plan
 @pytest.fixture
 def _no_torch(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.setattr(network, "torch_is_there", lambda: False)
+    monkeypatch.setattr(network, "is_torch_installed", lambda: False)
 
 
 @pytest.mark.usefixtures("_no_torch")
@@ -31,4 +31,4 @@ def test_all_others_run_and_the_line_says_what_to_do(tmp_path_factory):
     with pytest.raises(DatasetError, match="pip install 'doppelgait"):
         evaluate(dataset, models=["signature-network"])
     with pytest.raises(DatasetError, match="pip install 'doppelgait"):
-        network.train_network(Part(np.empty(0, dtype=object), np.empty(0, int)), None, n_classes=2, seed=0)
+        network.train_network(LabelledRows(np.empty(0, dtype=object), np.empty(0, int)), None, n_classes=2, seed=0)

@@ -12,7 +12,7 @@ import pytest
 from doppelgait.core import files
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.motion import boulic_walk
@@ -40,7 +40,7 @@ def small_plan(**changes):
 
 
 def hashes(folder):
-    return {p.name: file_sha256(p) for p in sorted((folder / "shards").glob("*.h5"))}
+    return {p.name: hash_file(p) for p in sorted((folder / "shards").glob("*.h5"))}
 
 
 @pytest.fixture(scope="module")
@@ -263,14 +263,14 @@ def test_examples_that_overlap_in_one_process_keep_their_one_blas_thread():
     import numpy as np
     from threadpoolctl import threadpool_info, threadpool_limits
 
-    from doppelgait.core.worker import one_blas_thread
+    from doppelgait.core.worker import limit_blas_threads
 
     def threads():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
     assert np.ones(2) @ np.ones(2) == 2
     with threadpool_limits(2, user_api="blas"):
-        first, second = one_blas_thread(), one_blas_thread()
+        first, second = limit_blas_threads(), limit_blas_threads()
         first.__enter__()
         second.__enter__()
         first.__exit__(None, None, None)

@@ -18,7 +18,7 @@ from checkout import SUPPORT
 from dataset_plans import check_whole, dataset_hash, tiny_plan
 from doppelgait.core.worker import THREAD_VARIABLES
 from doppelgait.dataset.build import build_dataset
-from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.status import read_dataset_status
 from doppelgait.dataset.verify import verify_dataset
 
 pytestmark = [
@@ -121,7 +121,7 @@ def done_after_a_kill(folder):
     """Examples that are safe, after a look that removes what is half written."""
     if not (folder / "dataset.json").exists():
         return 0
-    status = dataset_status(folder)
+    status = read_dataset_status(folder)
     assert status.running == ()
     assert status.count("damaged") == 0
     assert not list(folder.rglob("*.partial"))

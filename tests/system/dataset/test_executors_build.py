@@ -15,8 +15,8 @@ import processes
 from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import build_dataset
-from doppelgait.dataset.finish import card_of
-from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.finish import make_card
+from doppelgait.dataset.status import read_dataset_status
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_a_lost_dask_scheduler_is_one_error_and_the_rest_is_built_later(tmp_path
     for worker in workers:
         worker.kill()
         worker.wait(processes.LIMIT_S)
-    assert dataset_status(tmp_path / "d").count("done") >= 1
+    assert read_dataset_status(tmp_path / "d").count("done") >= 1
     report = build_dataset(tiny_plan(), tmp_path / "d", executor="serial")
     assert report.n_reused >= 3
     check_whole(tmp_path / "d", reference)
@@ -146,10 +146,10 @@ def test_an_unknown_executor_is_one_error_before_anything_is_written(tmp_path):
 
 def test_the_card_of_a_half_built_dataset_tells_what_is_there(tmp_path):
     build_dataset(tiny_plan(), tmp_path, executor="serial", part="1/3")
-    assert "\n9 simulated micro-Doppler examples" in card_of(tmp_path)
+    assert "\n9 simulated micro-Doppler examples" in make_card(tmp_path)
     build_dataset(tiny_plan(), tmp_path, executor="serial")
     (tmp_path / "README.md").open("a").write("A line by hand.\n")
-    assert "\n24 simulated micro-Doppler examples" in card_of(tmp_path)
-    assert card_of(tmp_path).endswith("A line by hand.\n")
+    assert "\n24 simulated micro-Doppler examples" in make_card(tmp_path)
+    assert make_card(tmp_path).endswith("A line by hand.\n")
     with pytest.raises(DatasetError, match="holds no dataset"):
-        card_of(tmp_path / "shards")
+        make_card(tmp_path / "shards")

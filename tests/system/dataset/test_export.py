@@ -24,7 +24,7 @@ from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset import open_dataset
-from doppelgait.dataset.export import EXPORTERS, PLACES, export_dataset, file_name, refuse_unreleasable
+from doppelgait.dataset.export import EXPORTERS, PLACES, export_dataset, make_file_name, refuse_unreleasable
 from doppelgait.dataset.exporters import Zarr
 from doppelgait.dataset.open import Dataset
 from doppelgait.radar import Radar
@@ -165,10 +165,10 @@ def test_webdataset_by_its_own_package(dataset, tmp_path):
 
 def test_names_of_files_are_unique_and_have_one_dot_less():
     ids = ["a.b-1", "a_b-1", "a%2Eb-1", "a b-1", "ä/b~c"]
-    names = [file_name(i) for i in ids]
+    names = [make_file_name(i) for i in ids]
     assert len(set(names)) == len(ids)
     assert not any(set(name) & set("./~ ") for name in names)
-    assert file_name("human-000001") == "human-000001"
+    assert make_file_name("human-000001") == "human-000001"
 
 
 # ---- zarr

@@ -20,8 +20,8 @@ from dataset_plans import check_whole, dataset_hash, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION
-from doppelgait.dataset.lock import Part, build_lock, running_builds
-from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.lock import Part, build_lock, list_running_builds
+from doppelgait.dataset.status import read_dataset_status
 
 LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
 
@@ -73,8 +73,8 @@ def test_a_disk_that_is_full_at_any_file_is_one_error_and_loses_nothing(tmp_path
         assert leftovers(folder) == []
         monkeypatch.setattr(os, "fsync", endless)
         if (folder / "dataset.json").exists():
-            assert dataset_status(folder).complete == (number == files - 1)
-            assert dataset_status(folder).count("damaged") == 0
+            assert read_dataset_status(folder).complete == (number == files - 1)
+            assert read_dataset_status(folder).count("damaged") == 0
         report = build_dataset(mini_plan(), folder, executor="serial")
         assert report.n_reused == 2 * min(2, max(0, (number - 1) // 2))
         assert dataset_hash(folder) == mini_hash
@@ -120,7 +120,7 @@ def test_a_disk_that_is_really_full(small_disk, tiny_hash, executor):
         build_dataset(tiny_plan(), place / "d", executor=executor, workers=2)
     assert "\n" not in str(caught.value)
     assert leftovers(place / "d") == []
-    found = dataset_status(place / "d")
+    found = read_dataset_status(place / "d")
     assert 0 < found.count("done") < 8
     assert found.count("damaged") == 0
     enlarge()
@@ -201,7 +201,7 @@ def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, e
     assert rest.splitlines()[-1].startswith(f"said {tmp_path / 'd'}: stopped; what was built is kept, the same command")
     assert "Traceback" not in complaints
     assert leftovers(tmp_path / "d") == []
-    found = dataset_status(tmp_path / "d")
+    found = read_dataset_status(tmp_path / "d")
     assert (found.removed, found.running, found.count("damaged")) == ((), (), 0)
     assert 3 <= found.n_examples < 24
     assert build_dataset(tiny_plan(), tmp_path / "d", executor="serial").n_reused == found.n_examples
@@ -225,7 +225,7 @@ def dead_pid():
 
 
 def test_a_folder_that_another_process_builds_is_refused(tmp_path):
-    path = hold(tmp_path / "d", pid=os.getppid(), begun=lock._begun(os.getppid()))
+    path = hold(tmp_path / "d", pid=os.getppid(), begun=lock._read_process_start(os.getppid()))
     with pytest.raises(DatasetError, match=rf"is being built by process {os.getppid()} on .*; wait for it or stop it$"):
         build_dataset(mini_plan(), tmp_path / "d", executor="serial")
     assert list((tmp_path / "d").iterdir()) == [path]
@@ -250,18 +250,18 @@ def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
 def test_the_lock_of_a_dead_process_whose_number_lives_on_is_taken_over(tmp_path):
     for pid in (os.getppid(), os.getpid()):
         hold(tmp_path / "d", pid=pid, begun="1")
-        assert running_builds(tmp_path / "d") == []
+        assert list_running_builds(tmp_path / "d") == []
         build_dataset(mini_plan(), tmp_path / "d", executor="serial")
 
 
 @LINUX
 def test_a_process_that_is_dead_and_not_yet_reaped_holds_nothing(tmp_path):
     with processes.started([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        hold(tmp_path, pid=process.pid, begun=lock._begun(process.pid))
-        assert len(running_builds(tmp_path)) == 1
+        hold(tmp_path, pid=process.pid, begun=lock._read_process_start(process.pid))
+        assert len(list_running_builds(tmp_path)) == 1
         process.kill()
-        processes.wait_until(lambda: lock._begun(process.pid) == "ended")
-        assert running_builds(tmp_path) == []
+        processes.wait_until(lambda: lock._read_process_start(process.pid) == "ended")
+        assert list_running_builds(tmp_path) == []
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}"])
@@ -269,18 +269,18 @@ def test_a_lock_that_was_never_written_is_taken_over(tmp_path, monkeypatch, cont
     monkeypatch.setattr(lock, "WRITING_SECONDS", 0.1)
     (tmp_path / "build.lock").write_text(content)
     with build_lock(tmp_path):
-        assert len(running_builds(tmp_path)) == 1
+        assert len(list_running_builds(tmp_path)) == 1
     assert leftovers(tmp_path) == []
 
 
 def test_parts_of_one_partition_go_side_by_side_and_nothing_else(tmp_path):
     with build_lock(tmp_path, Part(1, 3)):
         with build_lock(tmp_path, Part(2, 3)):
-            assert len(running_builds(tmp_path)) == 2
+            assert len(list_running_builds(tmp_path)) == 2
         for other in (Part(1, 3), Part(2, 4), None):
             with pytest.raises(DatasetError, match=r"part 1/3"), build_lock(tmp_path, other):
                 pass
-        assert [holder.part for holder in running_builds(tmp_path)] == [Part(1, 3)]
+        assert [holder.part for holder in list_running_builds(tmp_path)] == [Part(1, 3)]
     with build_lock(tmp_path), pytest.raises(DatasetError, match="being built"), build_lock(tmp_path, Part(1, 3)):
         pass
     assert leftovers(tmp_path) == []
@@ -293,7 +293,7 @@ def test_status_of_a_folder_at_work_removes_nothing(tmp_path):
         (tmp_path / "shards" / "test-00000-of-00001.h5.partial").write_text("being written")
         with pytest.raises(DatasetError, match="is being built by"):
             build_dataset(mini_plan(), tmp_path, executor="serial")
-        seen.append(dataset_status(tmp_path, quick=True))
+        seen.append(read_dataset_status(tmp_path, quick=True))
 
     build_dataset(mini_plan(), tmp_path, executor="serial", on_progress=look)
     assert [len(found.running) for found in seen] == [1, 1]
@@ -314,7 +314,7 @@ def test_status_tells_done_missing_and_damaged_and_cleans_up_after_the_dead(tmp_
     shards.joinpath(f"{names[4]}.h5").write_bytes(whole[:-1])
     shards.joinpath(f"{names[5]}.h5.partial").write_bytes(b"half")
     hold(tmp_path, pid=dead_pid())
-    quick, full = dataset_status(tmp_path, quick=True), dataset_status(tmp_path)
+    quick, full = read_dataset_status(tmp_path, quick=True), read_dataset_status(tmp_path)
     states = {shard.name: shard.state for shard in full.shards}
     assert [states[name] for name in names[:6]] == ["damaged", "missing", "damaged", "damaged", "damaged", "done"]
     assert {shard.name: shard.state for shard in quick.shards} == {**states, names[3]: "done"}
@@ -327,12 +327,12 @@ def test_status_tells_done_missing_and_damaged_and_cleans_up_after_the_dead(tmp_
 def test_status_of_what_is_no_dataset(tmp_path):
     (tmp_path / "mine.partial").write_text("a thesis")
     with pytest.raises(DatasetError, match=r"holds no dataset, dataset\.json is missing"):
-        dataset_status(tmp_path)
+        read_dataset_status(tmp_path)
     with pytest.raises(DatasetError, match="holds no dataset"):
-        dataset_status(tmp_path / "nowhere")
+        read_dataset_status(tmp_path / "nowhere")
     (tmp_path / "dataset.json").write_text("[1]")
     with pytest.raises(DatasetError, match="is damaged"):
-        dataset_status(tmp_path)
+        read_dataset_status(tmp_path)
     assert (tmp_path / "mine.partial").exists()
 
 

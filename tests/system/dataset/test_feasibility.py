@@ -15,7 +15,7 @@ from doppelgait.dataset import open_dataset
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.feasibility import LIMITS, assess, find_limits
-from doppelgait.dataset.plan import plan_dataset, spread
+from doppelgait.dataset.plan import plan_dataset, sample_examples
 from doppelgait.dataset.verify import verify_dataset
 
 PLAN = """
@@ -73,7 +73,12 @@ def wall(planned, tmp_path_factory):
 
 def test_every_row_has_the_warnings_and_flags_of_its_simulation(planned, wall):
     rows = wall.index.set_index("id")
-    found = [row for example in spread(planned) for row in find_limits(example, planned.folder) if row.id in rows.index]
+    found = [
+        row
+        for example in sample_examples(planned)
+        for row in find_limits(example, planned.folder)
+        if row.id in rows.index
+    ]
     assert len(found) == len(rows) >= 24
     for row in found:
         stated = [name for name in LIMITS if name in rows.warnings[row.id].split(";")]
@@ -86,14 +91,14 @@ def test_every_row_has_the_warnings_and_flags_of_its_simulation(planned, wall):
 
 def test_the_expected_snr_is_that_of_the_frame_within_a_few_db(planned, wall):
     stated = wall.index.set_index("id")["snr_frame_db"]
-    found = {row.id: row.snr_db for example in spread(planned) for row in find_limits(example, planned.folder)}
+    found = {row.id: row.snr_db for example in sample_examples(planned) for row in find_limits(example, planned.folder)}
     error_db = np.array([found[name] - stated[name] for name in stated.index])
     assert abs(np.median(error_db)) < 2.5
     assert np.abs(error_db).max() < 6
 
 
 def test_counts_of_the_plan_are_in_card_description_and_verification(planned, wall):
-    plan = assess(spread(planned), planned.folder)
+    plan = assess(sample_examples(planned), planned.folder)
     counts = {row["class"]: row for row in wall.description["limits"]}
     left_out = len(planned.examples) - len(wall.index)
     for row in plan.limits:
@@ -121,7 +126,7 @@ def test_a_dataset_within_the_limits_says_so(planned, tmp_path):
 
 
 def test_plan_prints_the_table_and_reports_progress(plan_file, planned):
-    expected = assess(spread(planned), planned.folder)
+    expected = assess(sample_examples(planned), planned.folder)
     run = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), "--pilot", "0"])
     assert run.exit_code == 0, run.output
     lines = [line.split() for line in run.stdout.splitlines()]

@@ -23,11 +23,11 @@ from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, Dop
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.dataset import open_dataset, recorded, shard
-from doppelgait.dataset.card import blocked_recordings
+from doppelgait.dataset.card import list_blocked_recordings
 from doppelgait.dataset.config import parse_gate
 from doppelgait.dataset.importing import ImportConfig, import_dataset, import_id, read_labels
-from doppelgait.dataset.labels import files_of, find_recordings, recording_sha256
-from doppelgait.dataset.recorded import cut, labelled_result
+from doppelgait.dataset.labels import find_recordings, hash_recording, list_recording_files
+from doppelgait.dataset.recorded import cut, find_labelled_result
 from doppelgait.dataset.splits import plan_entries
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import Result, analyze, simulate
@@ -204,13 +204,13 @@ def test_a_pattern_names_many_and_a_pair_once(tmp_path):
         (tmp_path / name).write_text("1")
     assert find_recordings(tmp_path, "*") == ["a_RE.txt", "b_RE.txt", "c.sigmf-meta", "d.npz"]
     assert find_recordings(tmp_path, "b_IM.txt") == ["b_RE.txt"]
-    assert [p.name for p in files_of(tmp_path / "a_RE.txt")] == ["a_IM.txt", "a_RE.txt"]
-    assert [p.name for p in files_of(tmp_path / "d.npz")] == ["d.npz", "d.toml"]
-    before = recording_sha256(tmp_path, "a_RE.txt")
+    assert [p.name for p in list_recording_files(tmp_path / "a_RE.txt")] == ["a_IM.txt", "a_RE.txt"]
+    assert [p.name for p in list_recording_files(tmp_path / "d.npz")] == ["d.npz", "d.toml"]
+    before = hash_recording(tmp_path, "a_RE.txt")
     (tmp_path / "b_IM.txt").write_text("2")
-    assert recording_sha256(tmp_path, "a_RE.txt") == before
+    assert hash_recording(tmp_path, "a_RE.txt") == before
     (tmp_path / "a_IM.txt").write_text("2")
-    assert recording_sha256(tmp_path, "a_RE.txt") != before
+    assert hash_recording(tmp_path, "a_RE.txt") != before
 
 
 def test_names_with_signs_of_patterns_and_backslashes_are_found(tmp_path):
@@ -430,13 +430,13 @@ def test_the_card_tells_sources_and_what_blocks_a_release(imported, recordings):
     assert "Doe, J. 2020" in card
     assert "CC-BY-4.0: 4 recordings" in card
     assert "Not for release" not in card
-    assert blocked_recordings(open_dataset(target).index) == []
+    assert list_blocked_recordings(open_dataset(target).index) == []
     other = target.with_name("unknown")
     import_dataset(recordings, write(recordings, "file,label\nslow1.h5,a\nfast1.h5,b\n"), other, config=GATE)
     card = (other / "README.md").read_text()
     assert "**Not for release**: 2 of 2 recordings" in card
     assert "licence unknown: 2 recordings" in card
-    assert blocked_recordings(open_dataset(other).index) == [
+    assert list_blocked_recordings(open_dataset(other).index) == [
         "fast1.h5 (licence unknown)", "slow1.h5 (licence unknown)"
     ]  # fmt: skip
 
@@ -620,10 +620,10 @@ def test_the_label_goes_to_the_track_with_the_most_sure_seconds():
     short = result(track_confidence=1.0, track_start_s=1.0, track_stop_s=4.0)
     faint = result(track_confidence=0.1, track_start_s=0.0, track_stop_s=10.0)
     still = result(breathing_confidence=0.99)
-    assert labelled_result([still, short, faint, long]) is long
-    assert labelled_result([still, result(breathing_confidence=0.5)]) is still
-    assert labelled_result([still, faint]) is faint
-    assert labelled_result([]) is None
+    assert find_labelled_result([still, short, faint, long]) is long
+    assert find_labelled_result([still, result(breathing_confidence=0.5)]) is still
+    assert find_labelled_result([still, faint]) is faint
+    assert find_labelled_result([]) is None
 
 
 @pytest.fixture(scope="module")

@@ -70,10 +70,10 @@ def test_gaits_are_in_the_order_of_their_speeds(doppler_module):
 
 
 def test_unknown_licences_block_a_release(doppler_module):
-    from doppelgait.dataset.card import blocked_recordings
+    from doppelgait.dataset.card import list_blocked_recordings
 
     report, dataset = doppler_module
-    assert len(blocked_recordings(dataset.index)) == 152
+    assert len(list_blocked_recordings(dataset.index)) == 152
     assert "**Not for release**: 152 of 152" in (report.directory / "README.md").read_text()
 
 

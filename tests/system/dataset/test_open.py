@@ -19,14 +19,14 @@ import pytest
 import processes
 from dataset_plans import put_index
 from doppelgait import viz
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
 from doppelgait.dataset import Example, open_dataset, plan_dataset, shard_files
-from doppelgait.dataset.example import carrier_of, label_arrays, radar_of, unit_of
+from doppelgait.dataset.example import label_arrays, parse_unit, read_carrier_hz, read_radar
 from doppelgait.dataset.learning import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.features.extended import feature_table
+from doppelgait.features.extended import list_features
 from tiny_dataset import built, mixed_plan, sum_signatures, tiny_plan
 
 X4_WAVELENGTH_M = 299_792_458.0 / 7.29e9
@@ -107,7 +107,7 @@ def test_example_goes_into_the_figures_unchanged(dataset):
     example = dataset.example(0)
     for figure in (
         viz.signature(example.signature),
-        viz.step_doppler(example.cadence_map),
+        viz.cadence_map(example.cadence_map),
         viz.range_time(example.baseband),
     ):
         assert figure.axes
@@ -127,7 +127,7 @@ def test_half_precision_and_hop_are_undone(mixed):
 def test_radar_is_that_of_the_example(mixed):
     assert set(mixed.index["prf_hz"]) == {800.0, 1000.0}
     for _, row in mixed.index.iterrows():
-        radar = radar_of(mixed.description, row)
+        radar = read_radar(mixed.description, row)
         assert (radar.prf_hz, radar.carrier_hz) == (row["prf_hz"], 7.29e9)
 
 
@@ -136,7 +136,7 @@ def test_radar_of_a_later_class():
     classes = [{"label": "human", "examples": 2}, {"label": "big dog"}]
     description = {"config": {"dataset": {"seed": 1, "examples_per_class": 3}, "classes": classes, "radar": radar}}
     names = ["human-000000", "human-000001", "big_dog-000000", "big_dog-000001", "big_dog-000002"]
-    found = [radar_of(description, {"id": name, "scene_id": name}).prf_hz for name in names]
+    found = [read_radar(description, {"id": name, "scene_id": name}).prf_hz for name in names]
     assert found == [800.0, 900.0, 1000.0, 1100.0, 1200.0]
 
 
@@ -144,9 +144,9 @@ def test_radar_of_a_later_class():
 def test_radar_that_no_plan_tells(description):
     row = {"id": "walk-1", "scene_id": "walk-1", "prf_hz": 500.0}
     with pytest.raises(DatasetError, match="walk-1: the dataset does not state its radar"):
-        radar_of(description, row)
-    assert np.isnan(carrier_of(description, row))
-    assert carrier_of(description, row | {"carrier_hz": 24e9}) == 24e9
+        read_radar(description, row)
+    assert np.isnan(read_carrier_hz(description, row))
+    assert read_carrier_hz(description, row | {"carrier_hz": 24e9}) == 24e9
 
 
 def test_iteration_gives_every_example_in_order(dataset):
@@ -235,7 +235,7 @@ def test_extended_features_hold_nothing_that_only_a_simulation_knows(dataset):
     assert not [
         n for n in found.names if n.startswith(("truth", "snr", "rcs", "radar", "gate", "prf", "quality", "sd_"))
     ]
-    units = {f"extended_{name}": unit for name, unit, _ in feature_table()}
+    units = {f"extended_{name}": unit for name, unit, _ in list_features()}
     assert {name: unit for name, unit in zip(found.names, found.units, strict=True) if name in units} == units
 
 
@@ -245,7 +245,7 @@ def test_named_columns(dataset):
         found.X, dataset.index[["snr_frame_db", "truth_aspect_deg", "rcs_total_m2"]].to_numpy()
     )
     assert found.units == ("dB", "deg", "m^2")
-    assert unit_of("extended_limb_share") == "1"
+    assert parse_unit("extended_limb_share") == "1"
 
 
 @pytest.mark.parametrize(
@@ -459,10 +459,10 @@ def test_reads_in_other_processes(dataset, method):
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
 def test_a_forked_process_leaves_open_files_to_its_parent(dataset):
     expected = sum_signatures(dataset)
-    assert dataset.files._files()
+    assert dataset.files._get_files()
     fork = multiprocessing.get_context("fork")
     answers = fork.Queue()
-    process = fork.Process(target=lambda: answers.put((len(dataset.files._files()), sum_signatures(dataset))))
+    process = fork.Process(target=lambda: answers.put((len(dataset.files._get_files()), sum_signatures(dataset))))
     process.start()
     assert answers.get(timeout=processes.LIMIT_S) == (0, expected)
     processes.join(process)
@@ -486,7 +486,7 @@ def test_specification_of_an_example_is_that_of_its_plan(dataset, mixed, tmp_pat
             assert pickle.loads(pickle.dumps(example)).specification == example.specification
             assert example.result(None).analysis == example.specification.run.analysis
     assert mixed["human-000001-c1"].specification.rows[1].id == "human-000001-c1"
-    assert json_value(dataset.result(3).to_row()) == json_value(dataset.example(3).result(None).to_row())
+    assert convert_to_json(dataset.result(3).to_row()) == convert_to_json(dataset.example(3).result(None).to_row())
 
 
 @pytest.mark.parametrize(
@@ -510,7 +510,7 @@ def test_result_and_truth_of_an_example_are_those_of_its_row(dataset):
     assert all(getattr(result.analysis, name) == value for name, value in config.items())
     assert result.label == example.label
     assert result.signature is not None
-    row = json_value(result.to_row())
+    row = convert_to_json(result.to_row())
     row["quality_flags"] = row.pop("flags")
     assert {name: row[name] for name in row if name in example.row} == {
         name: example.row[name] for name in row if name in example.row

@@ -21,7 +21,7 @@ from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.verify import verify_dataset
-from doppelgait.features import frame_numbers
+from doppelgait.features import measure_columns
 from doppelgait.pipeline import run_simulation
 from doppelgait.radar import Radar
 
@@ -293,7 +293,7 @@ def test_sensors_in_bursts_make_rows_that_verify(tmp_path, preset):
     times_s = dataset.result(0).signature["time"]
     np.testing.assert_allclose(np.diff(times_s), radar.burst_period_s, rtol=1e-5)
     floor_v2 = float(dataset.index["quality_noise_floor_v2"][0])
-    wanted = frame_numbers(dataset.result(0).signature, noise_floor_v2=floor_v2)
+    wanted = measure_columns(dataset.result(0).signature, noise_floor_v2=floor_v2)
     np.testing.assert_allclose(dataset.example(0).arrays["ti_frames"], wanted, rtol=1e-5)
     found = verify_dataset(tmp_path / "bursts", share=1.0, rng=np.random.default_rng(1))
     assert {check.name for check in found.checks if check.status == "failed"} == set(), found

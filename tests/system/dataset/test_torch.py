@@ -79,7 +79,7 @@ def test_wrong_requests(dataset):
 
 @pytest.mark.parametrize("workers", [0, 1, 2, 3])
 def test_workers_share_the_stream(workers):
-    expected = {n: e.signature.values for n, e in islice(stream_examples(PLAN).numbered(), 8)}
+    expected = {n: e.signature.values for n, e in islice(stream_examples(PLAN).iterate_numbered(), 8)}
     data = stream_examples(PLAN).torch(target="index")
     assert isinstance(data, torch.utils.data.IterableDataset)
     loader = torch.utils.data.DataLoader(data, batch_size=None, num_workers=workers)

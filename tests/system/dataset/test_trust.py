@@ -18,7 +18,7 @@ from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import SUMS
-from doppelgait.dataset.status import dataset_status
+from doppelgait.dataset.status import read_dataset_status
 from doppelgait.dataset.verify import verify_dataset
 from shared_work import made_once
 
@@ -60,7 +60,7 @@ def test_a_shard_of_another_plan_with_the_same_ids_is_built_again(copy, built, t
     name = "train-00000-of-00001"
     for ending in ("h5", "json"):
         shutil.copy(tmp_path / "other" / "shards" / f"{name}.{ending}", copy / "shards")
-    (state,) = [shard.state for shard in dataset_status(copy).shards if shard.name == name]
+    (state,) = [shard.state for shard in read_dataset_status(copy).shards if shard.name == name]
     assert state == "damaged"
     assert {"files", "shards"} <= failed(copy) - usual
     dataset = open_dataset(copy)
@@ -142,14 +142,14 @@ def test_a_text_in_the_index_that_is_no_utf8_is_a_finding(copy):
 def test_a_description_that_makes_no_sense_is_one_line(copy, change):
     description = json.loads((copy / "dataset.json").read_text())
     (copy / "dataset.json").write_text(json.dumps({**description, **change}))
-    for look in (failed, dataset_status):
+    for look in (failed, read_dataset_status):
         with pytest.raises(DatasetError, match=r"dataset\.json"):
             look(copy)
 
 
 def test_a_description_of_great_depth_is_one_line(copy):
     (copy / "dataset.json").write_text(DEEP)
-    for look in (failed, dataset_status, open_dataset, build):
+    for look in (failed, read_dataset_status, open_dataset, build):
         with pytest.raises(DatasetError):
             look(copy)
 

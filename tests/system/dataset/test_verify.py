@@ -16,7 +16,7 @@ from checkout import ROOT
 from doppelgait import viz
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.core.files import file_sha256
+from doppelgait.core.files import hash_file
 from doppelgait.dataset.build import build_dataset, make_index
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.finish import SUMS, write_splits, write_sums
@@ -87,7 +87,7 @@ def tamper(folder, rows=None, arrays=None, *, restate=True):
         files = ShardFiles(shard.parent)
         stored = [files.read_row(shard.stem, number) for number in range(len(record["rows"]))]
         files.close()
-        record |= {"sha256": file_sha256(shard), "bytes": shard.stat().st_size}
+        record |= {"sha256": hash_file(shard), "bytes": shard.stat().st_size}
         record["contents_sha256"] = hash_contents(record["rows"], stored)
         path.write_text(json.dumps(record))
         records.append(record)
@@ -115,7 +115,7 @@ def put_description(folder, description):
 
 def restate_files(folder):
     """Make the list of hashes fit what is there."""
-    write_sums(folder, {path.stem: file_sha256(path) for path in (folder / "shards").glob("*.h5")})
+    write_sums(folder, {path.stem: hash_file(path) for path in (folder / "shards").glob("*.h5")})
 
 
 def states(folder):

@@ -22,7 +22,14 @@ MOST_WORDS = 12
 WITHOUT_EXAMPLE = {
     "doppelgait": {"live", "plugin"},
     "doppelgait.classify": {"Evaluation", "evaluate", "export_model", "train_network", "write_report"},
-    "doppelgait.features": {"Extraction", "Observed", "extract", "gait_frequency", "limb_torso_ratio", "snr_mu_db"},
+    "doppelgait.features": {
+        "Extraction",
+        "Observation",
+        "extract",
+        "estimate_gait_frequency",
+        "limb_torso_ratio",
+        "snr_mu_db",
+    },
     "doppelgait.motion": {"read"},
     "doppelgait.radar": {"synthesise_rf"},
     "doppelgait.testing": {"check_motion_reader"},

@@ -67,7 +67,7 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "installed"))
     shutil.copytree(ROOT / "examples", tmp_path / "examples")  # the pages begin in a clone
-    for group in plugins.plugin_groups().values():
+    for group in plugins.list_plugin_groups().values():
         len(group)  # the built-in ones
     monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
     monkeypatch.setattr(plugins, "_LOADED", set(plugins._LOADED))

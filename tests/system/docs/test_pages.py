@@ -22,7 +22,7 @@ from doppelgait.cli.app import app
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.plugins import plugin_groups
+from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.scene import RcsSpec
 from tiny_dataset import built, mixed_plan, tiny_plan
 
@@ -152,7 +152,7 @@ def test_the_key_tables_show_a_plug_in_with_its_words(pages, monkeypatch):
     """The impairment of the how-to page, and a radar cross section, registered by a module outside the package."""
     from setting_pages import groups, settings_page
 
-    plugin_groups()  # complete, so that the copies below have everything
+    list_plugin_groups()  # complete, so that the copies below have everything
     for group in ("impairment", "rcs"):
         monkeypatch.setitem(plugins._REGISTERED, group, dict(plugins._REGISTERED[group]))
     page = (DOCS / "howto" / "own-impairment.md").read_text()

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from sklearn.metrics import balanced_accuracy_score, f1_score, roc_auc_score
 
-from doppelgait.classify.learned import Part
+from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import calibrate
 from doppelgait.classify.training import join
 
@@ -111,7 +111,7 @@ def test_one_ensemble_for_every_network(study, seen):
     inputs = study.inputs_of(rows, models.names, "levels")
     held = rows["number"].to_numpy() // 2 % 5 == 4
     labels = (rows["label"] == "human").to_numpy(dtype=np.int64)
-    kept = Part(inputs[held], labels[held])
+    kept = LabelledRows(inputs[held], labels[held])
     ensemble = join([[model] for model, _ in models.members.values()], kept, n_classes=2)
     calibration = calibrate(ensemble.log_probability(kept.values), kept.labels)
     expected = calibration(ensemble.log_probability(study.inputs_of(given, models.names, "levels")))[:, 1]

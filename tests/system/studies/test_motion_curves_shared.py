@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from doppelgait.motion.models import human_gait
-from doppelgait.motion.models.human_curves import CURVES, measured_curve
-from doppelgait.motion.models.strides import autoregressive
+from doppelgait.motion.models.human_curves import CURVES, make_measured_curve
+from doppelgait.motion.models.strides import sample_autoregressive
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_a_model_read_as_a_recording_gives_its_own_curves():
     middle = np.mean([cycle.dimensionless_speed for cycle in cycles])
     for name in ("pelvis_speed", "neck_speed"):
         mean, _ = tables[name]
-        own = measured_curve("walk", name, middle)(np.arange(10) / 20)
+        own = make_measured_curve("walk", name, middle)(np.arange(10) / 20)
         shift = min(
             np.abs(np.roll(own, step) - mean).max() for step in (0, 1)
         )  # the ankle passes 0.75 V a little later
@@ -58,7 +58,7 @@ def test_steps_of_a_model_are_measured_as_they_were_asked_for():
     assert (middle, spread) == (pytest.approx(0.02, rel=0.05), pytest.approx(0.5, rel=0.1))
     left, shown = np.arange(6) % 2 == 0, []
     for _ in range(2000):
-        values = autoregressive(200, rng, 0.6)[-6:]
+        values = sample_autoregressive(200, rng, 0.6)[-6:]
         shown.append(lag_one(clean_deviations(values[None], left)[0][0]))
     assert np.mean(shown) < 0.45, "six steps look less alike than they are"
     assert correct_correlation(np.array([np.mean(shown)]), [6] * 30)[0] == pytest.approx(0.6, abs=0.15)

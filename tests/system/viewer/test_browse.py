@@ -14,15 +14,15 @@ import pandas as pd
 import pytest
 
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import read_axis
 from doppelgait.dataset import Dataset, Example, PlanConfig, build_dataset, open_dataset
 from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.pipeline import analyze
-from doppelgait.viewer.browse import MOST_POINTS, Browser, even_choice, strongest
-from doppelgait.viewer.examples import stored_view
-from doppelgait.viewer.payload import as_json, without_folders
-from doppelgait.viewer.settings import Settings, single, whole_of
-from doppelgait.viewer.source import Opened
+from doppelgait.viewer.browse import MOST_POINTS, Browser, choose_evenly, find_strongest
+from doppelgait.viewer.examples import build_stored_view
+from doppelgait.viewer.payload import as_json, remove_folders
+from doppelgait.viewer.settings import Settings, parse_parameters, parse_whole
+from doppelgait.viewer.source import OpenedSource
 from tiny_dataset import WALK, built, mixed_plan, tiny_plan
 
 N_ROWS = 3000
@@ -176,7 +176,7 @@ def test_scatter_is_an_even_choice_that_is_always_the_same(browser, index, tmp_p
 @pytest.mark.parametrize("period", [2, 8, 10, 89, 400])
 def test_an_even_choice_meets_every_value_that_takes_turns(period):
     rows = np.arange(100_000)
-    chosen = even_choice(rows, rows % 2, np.random.default_rng(0).permutation(rows.size), MOST_POINTS)
+    chosen = choose_evenly(rows, rows % 2, np.random.default_rng(0).permutation(rows.size), MOST_POINTS)
     assert len(chosen) == MOST_POINTS
     counts = np.bincount(chosen % period, minlength=period)
     assert np.abs(counts - MOST_POINTS / period).max() < 5 * np.sqrt(MOST_POINTS / period)
@@ -186,7 +186,7 @@ def test_scatter_of_few_rows_shows_all(browser, index):
     _, arrays = unpack(browser.scatter([("x", "truth_aspect_deg"), ("y", "snr_frame_db"), ("text", "00001")]))
     wanted = index[index.id.str.contains("00001") & index.truth_aspect_deg.notna()]
     assert arrays["row"].tolist() == wanted.index.tolist()
-    assert browser.row_id(int(arrays["row"][0])) == {"id": wanted.id.iloc[0], "label": wanted.label.iloc[0]}
+    assert browser.get_row_id(int(arrays["row"][0])) == {"id": wanted.id.iloc[0], "label": wanted.label.iloc[0]}
 
 
 @pytest.mark.parametrize(("ask", "query", "words"), [
@@ -216,7 +216,7 @@ def test_what_is_not_allowed_is_named(browser, ask, query, words):
 
 def test_a_row_that_is_not_there_is_named(browser):
     with pytest.raises(ConfigError, match=r"row: 3000 is not allowed; this dataset has rows 0 to 2999"):
-        browser.row_id(N_ROWS)
+        browser.get_row_id(N_ROWS)
     with pytest.raises(DatasetError, match=r"no 'dog-9' in this dataset"):
         browser.run("dog-9")
 
@@ -225,7 +225,7 @@ def test_a_cell_of_a_thumbnail_keeps_the_strongest_sample_that_it_touches():
     rng = np.random.default_rng(3)
     values, samples, edges = rng.random((37, 4)), np.linspace(-2.0, 5.2, 37), np.linspace(-4.0, 6.0, 24)
     half = (samples[1] - samples[0]) / 2
-    found = strongest(values, samples, edges)
+    found = find_strongest(values, samples, edges)
     for cell in range(23):
         touches = (samples + half > edges[cell]) & (samples - half < edges[cell + 1])
         wanted = values[touches].max(axis=0) if touches.any() else np.full(4, np.nan)
@@ -245,7 +245,7 @@ def mixed(tmp_path_factory):
 
 
 def test_the_sheet_shows_the_stored_signatures_on_one_scale(tiny):
-    facts, arrays = unpack(Browser(tiny).sheet([("label", "dog"), ("limit", "4"), ("offset", "1")]))
+    facts, arrays = unpack(Browser(tiny).make_sheet([("label", "dog"), ("limit", "4"), ("offset", "1")]))
     chosen = tiny.index[tiny.index.label == "dog"].iloc[1:5]
     assert facts["ids"] == chosen.id.tolist()
     assert facts["reasons"] == [None] * 4
@@ -297,8 +297,8 @@ def test_all_targets_of_a_scene_are_one_run(mixed):
     middle_m = (dog.gate_limits.low_m + dog.gate_limits.high_m) / 2
     error_m = mixed["human-000002-c1"].row["gate_error_m"]
     np.testing.assert_allclose(middle_m - error_m, run.recording.truth[1].centre_range_m, atol=1e-9)
-    assert axis(dog.cadence_spectrum, "cadence")[-1] <= 20.0
-    facts, _ = unpack(Browser(mixed).sheet([]))  # two pulse rates on common axes
+    assert read_axis(dog.cadence_spectrum, "cadence")[-1] <= 20.0
+    facts, _ = unpack(Browser(mixed).make_sheet([]))  # two pulse rates on common axes
     assert facts["reasons"] == [None] * len(mixed)
 
 
@@ -349,12 +349,12 @@ def test_what_is_too_large_is_not_simulated(tiny, monkeypatch, sections):
 def test_nothing_of_a_dataset_is_simulated_before_it_is_asked_for(tiny, monkeypatch):
     pytest.importorskip("starlette")
     from doppelgait.viewer.app import _prepare
-    from doppelgait.viewer.source import Shelf
+    from doppelgait.viewer.source import RunCache
 
     asked = []
     monkeypatch.setattr(Browser, "run", lambda self, example_id: asked.append(example_id))
-    opened = Opened("dataset", "tiny", "tiny", browser=Browser(tiny))
-    _prepare(Shelf(opened), opened, Settings())
+    opened = OpenedSource("dataset", "tiny", "tiny", browser=Browser(tiny))
+    _prepare(RunCache(opened), opened, Settings())
     assert asked == []
 
 
@@ -417,10 +417,10 @@ def test_the_page_does_not_learn_where_folders_are(tiny, tmp_path, monkeypatch):
     browser = Browser(tiny, tmp_path / "motions")
     text = f"{tiny.directory}/shards/a.h5: no {tmp_path}/motions/x in {tmp_path}, ./y, or /"
     wanted = f"{tiny.directory.name}/shards/a.h5: no motions/x in {tmp_path.name}, ./y, or /"
-    assert without_folders(text, *browser.folders) == wanted
-    assert without_folders(f"in {tmp_path}") == f"in {tmp_path.name}"
+    assert remove_folders(text, *browser.folders) == wanted
+    assert remove_folders(f"in {tmp_path}") == f"in {tmp_path.name}"
     monkeypatch.chdir(tiny.directory.parent)
-    assert without_folders(f"{tiny.directory.name}: is", Path(tiny.directory.name)) == f"{tiny.directory.name}: is"
+    assert remove_folders(f"{tiny.directory.name}: is", Path(tiny.directory.name)) == f"{tiny.directory.name}: is"
 
 
 def odd_index():
@@ -449,7 +449,7 @@ def test_columns_of_other_kinds_and_names_do_no_harm(tmp_path):
         assert len(answer["rows"]) == 3
     assert answer["rows"][0]["quality_flags"] == ["a"]
     row = odd_index().iloc[0].to_dict()
-    view = stored_view(Example({**row, "feature_step_length_m": "long", "sd_x": "y"}, {}))
+    view = build_stored_view(Example({**row, "feature_step_length_m": "long", "sd_x": "y"}, {}))
     assert (view.features["step_length_m"], view.standard_deviation, view.flags) == (None, {"x": None}, ())
     assert json.loads(as_json([b"x", Decimal("1.5"), pd.Timestamp("2026-01-01"), pd.NaT])) == [
         "b'x'", "1.5", "2026-01-01 00:00:00", "NaT",
@@ -458,9 +458,9 @@ def test_columns_of_other_kinds_and_names_do_no_harm(tmp_path):
 
 def test_parameters_that_are_missing_or_too_many_are_named():
     with pytest.raises(ConfigError, match="row: is missing; it must be a whole number from 0 to 9"):
-        whole_of({}, "row", -1, least=0, most=9)
+        parse_whole({}, "row", -1, least=0, most=9)
     with pytest.raises(ConfigError, match="'x' is not known here: this address takes no parameters"):
-        single([("x", "1")], ())
+        parse_parameters([("x", "1")], ())
 
 
 def test_damaged_and_missing_shards_are_told_in_a_sentence(tiny, tmp_path):
@@ -470,7 +470,7 @@ def test_damaged_and_missing_shards_are_told_in_a_sentence(tiny, tmp_path):
     (folder / "shards" / f"{shards[0]}.h5").write_bytes(b"no HDF5")
     (folder / "shards" / f"{shards[1]}.h5").unlink()
     browser = Browser(open_dataset(folder))
-    facts, arrays = unpack(browser.sheet([]))
+    facts, arrays = unpack(browser.make_sheet([]))
     for name, reason, codes in zip(tiny.index.shard, facts["reasons"], arrays["thumbnails"], strict=True):
         assert (reason is None) == (name not in shards[:2])
         assert codes.any() == (reason is None)
@@ -492,7 +492,7 @@ def test_a_target_that_was_not_tracked_has_its_row_and_no_arrays(tmp_path):
     })  # fmt: skip
     build_dataset(plan, tmp_path / "unseen", executor="serial")
     browser = Browser(open_dataset(tmp_path / "unseen"))
-    facts, arrays = unpack(browser.sheet([]))
+    facts, arrays = unpack(browser.make_sheet([]))
     assert facts["image"] is None
     assert not arrays
     assert facts["reasons"] == ["no signature: the target was not tracked"] * 2

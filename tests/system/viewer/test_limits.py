@@ -19,7 +19,7 @@ pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
 from doppelgait.viewer.limits import Limits, make_server
-from doppelgait.viewer.server import listening
+from doppelgait.viewer.server import open_socket
 from viewer_client import running
 
 SOON_S = 0.2
@@ -61,7 +61,7 @@ class Application:
 def serving(server_buffer=None, **limits):
     """Application, server and a function that connects, with limits of which none is reached unless it is named."""
     application = Application()
-    with listening(0) as listener, ExitStack() as ends:
+    with open_socket(0) as listener, ExitStack() as ends:
         port = listener.getsockname()[1]
         if server_buffer is not None:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, server_buffer)

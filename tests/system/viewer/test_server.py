@@ -22,14 +22,14 @@ pytest.importorskip("uvicorn")
 from typer.testing import CliRunner
 
 from dataset_plans import put_index
-from doppelgait.cli.output import reader_options
+from doppelgait.cli.output import explain_reader_options
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
 from doppelgait.processing import Gate
 from doppelgait.radar import read_recording, write_recording, write_sigmf
 from doppelgait.viewer import server
-from doppelgait.viewer.settings import number_of, parse_settings, single, whole_of
+from doppelgait.viewer.settings import parse_number, parse_parameters, parse_settings, parse_whole
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
 from tiny_dataset import built, tiny_plan
 from viewer_client import served, walking_scene
@@ -160,13 +160,13 @@ def test_parameters_of_a_dataset_are_checked(dataset, path):
 
 
 def test_values_are_checked():
-    assert single([("a", "1")], ["a", "b"]) == {"a": "1"}
+    assert parse_parameters([("a", "1")], ["a", "b"]) == {"a": "1"}
     assert Gate.parse("1.5:2") == (1.5, 2.0)
-    assert number_of("p", "2e1", least=0, most=20) == 20.0
-    assert whole_of({}, "n", 3, least=0, most=5) == 3
+    assert parse_number("p", "2e1", least=0, most=20) == 20.0
+    assert parse_whole({}, "n", 3, least=0, most=5) == 3
     for bad in ("", "٣", "+1", "1_0", " 1", "6"):
         with pytest.raises(ConfigError, match="n: "):
-            whole_of({"n": bad}, "n", 3, least=0, most=5)
+            parse_whole({"n": bad}, "n", 3, least=0, most=5)
 
 
 def test_other_formats_are_opened(files, walk):
@@ -228,11 +228,11 @@ def test_arrays_outside_the_dataset_are_refused(files, folder, tmp_path, way):
 
 
 def test_address_is_this_computer_alone_and_ports_are_not_shared():
-    with server.listening(0) as listener:
+    with server.open_socket(0) as listener:
         address, port = listener.getsockname()
         assert address == "127.0.0.1"
         with pytest.raises(ConfigError, match=f"--port {port}: cannot be taken"):
-            server.listening(port)
+            server.open_socket(port)
         if sys.platform == "linux":  # where all of 127/8 is this computer
             with socket.socket() as other, pytest.raises(OSError, match="refused"):
                 other.connect(("127.0.0.2", port))
@@ -309,7 +309,7 @@ def test_the_viewer_goes_on_where_no_file_can_be_written(monkeypatch, capsys):
 
     monkeypatch.setattr(server.tempfile, "TemporaryDirectory", fail)
     monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("nothing to open"))
-    with server.page_in_browser("http://127.0.0.1:1/token/"):
+    with server.open_in_browser("http://127.0.0.1:1/token/"):
         said = capsys.readouterr().err
     assert "No space left on device; open the address by hand" in said
     assert said.count("\n") == 1
@@ -379,7 +379,7 @@ def test_readers_ask_for_options_in_the_words_of_the_command(files):
      ("is no recording; give a file, or the folder", None), ("has no option start_s; allowed are stop_s", None)],
 )  # fmt: skip
 def test_options_that_readers_ask_for(said, wanted):
-    with pytest.raises(RecordingError) as caught, reader_options():
+    with pytest.raises(RecordingError) as caught, explain_reader_options():
         raise RecordingError(f"walk.h5: {said}")
     assert str(caught.value) == f"walk.h5: {said}" + (f"; here: {wanted}" if wanted else "")
 

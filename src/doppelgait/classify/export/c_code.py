@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.export.device import Device, parts_of, work_of
-from doppelgait.classify.export.examples import still_share
+from doppelgait.classify.export.device import Device, count_work, list_parts
+from doppelgait.classify.export.examples import compute_mean_weight
 from doppelgait.classify.export.integers import IntegerNetwork
-from doppelgait.classify.export.onnx_graph import float_threshold
+from doppelgait.classify.export.onnx_graph import round_threshold
 from doppelgait.classify.learned import Constant, Kernel, Linear, Network, Trees
 from doppelgait.classify.model import Model
 
@@ -36,7 +36,7 @@ class Sources:
 
     def __init__(self, model: Model, device: Device | None) -> None:
         self.model, self.device = model, device
-        self.parts = parts_of(model)
+        self.parts = list_parts(model)
         self.networks = [part[0] for part in self.parts if isinstance(part[0], Network)]
         self.integers = any(isinstance(network, IntegerNetwork) for network in self.networks)
         self.flash_bytes = 0
@@ -45,9 +45,9 @@ class Sources:
 
     def header(self) -> str:
         """Return the text of the header."""
-        macros = "\n".join(f"#define DG_{name} {value}" for name, value in self._macros().items())
+        macros = "\n".join(f"#define DG_{name} {value}" for name, value in self._collect_macros().items())
         about = f"/* {self.model.facts.name}, trained on {self.model.facts.dataset_name}; doppelgait {__version__} */"
-        return _read("engine.h").replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{self._types()}")
+        return _read("engine.h").replace("/* @MACROS@ */", f"{about}\n{macros}\n\n{self._choose_types()}")
 
     def source(self) -> str:
         """Return the text of the source."""
@@ -60,13 +60,13 @@ class Sources:
             found["window_bytes"] = self._window_bytes(self.device)
             found["buffer_bytes"] = self._buffer_bytes(self.device)
             found["ram_bytes"] = found["window_bytes"] + found["buffer_bytes"]
-            found |= {f"multiply_adds_{name}": round(value) for name, value in self._work(self.device).items()}
+            found |= {f"multiply_adds_{name}": round(value) for name, value in self._count_work(self.device).items()}
         return found
 
-    def _work(self, device: Device) -> dict[str, float]:
-        return work_of(device, self.networks)
+    def _count_work(self, device: Device) -> dict[str, float]:
+        return count_work(device, self.networks)
 
-    def _layer_values(self, device: Device) -> tuple[int, int]:
+    def _count_layer_values(self, device: Device) -> tuple[int, int]:
         """Return the sizes of the two buffers of the layers."""
         sizes, size = [device.patch.n_velocity * device.patch.n_time], device.patch.n_velocity * device.patch.n_time
         for number in range(max(len(network.kernels) for network in self.networks)):
@@ -79,10 +79,10 @@ class Sources:
         return 4 * (ring + device.n_doppler + device.n_columns * device.patch.n_velocity + 4)
 
     def _buffer_bytes(self, device: Device) -> int:
-        layers = sum(self._layer_values(device)) * (1 if self.integers else 4)
+        layers = sum(self._count_layer_values(device)) * (1 if self.integers else 4)
         return layers + 4 * (4 * device.n_doppler + max(device.n_doppler, device.n_columns))
 
-    def _macros(self) -> dict[str, Any]:
+    def _collect_macros(self) -> dict[str, Any]:
         facts, device = self.model.facts, self.device
         learned = [part[0] for part in self.parts]
         told = [len(one.told) for one in learned if isinstance(one, Linear | Kernel)]
@@ -90,48 +90,64 @@ class Sources:
             "CLASSES": len(facts.classes), "FEATURES": len(facts.names), "MEMBERS": len(self.parts),
             "NETWORKS": len(self.networks), "HAS_COLUMNS": int(bool(told)), "MOST_TOLD": max(told, default=0) or 1,
             "HAS_TREES": int(any(isinstance(one, Trees) for one in learned)), "INT8": int(self.integers),
-            "ABSTAIN_BELOW": _float(facts.abstain_below),
+            "ABSTAIN_BELOW": _format_float(facts.abstain_below),
         }  # fmt: skip
         if facts.alarm is not None and facts.alarm_threshold is not None:
-            found |= {"ALARM_CLASS": facts.classes.index(facts.alarm),
-                      "ALARM_THRESHOLD": f"{_float(facts.alarm_threshold)} /* of the whole model */"}  # fmt: skip
+            found |= {
+                "ALARM_CLASS": facts.classes.index(facts.alarm),
+                "ALARM_THRESHOLD": f"{_format_float(facts.alarm_threshold)} /* of the whole model */",
+            }
         if device is None:
             return found
-        even, odd = self._layer_values(device)
+        even, odd = self._count_layer_values(device)
         layers = {len(network.kernels) for network in self.networks}
         shares = sum(part[1] for part in self.parts if isinstance(part[0], Network))
         return found | {
-            "PRF_HZ": _float(device.prf_hz), "WAVELENGTH_M": _float(device.wavelength_m),
-            "EXPORTED_BINS": device.bins, "CPI": device.taper.size, "DOPPLER": device.n_doppler, "HOP": device.hop,
-            "STFT_COLUMNS": device.n_stft, "WINDOW_PULSES": device.window_pulses,
-            "COLUMNS_PER_CELL": repr(float(device.columns_per_cell)), "COLUMNS": device.n_columns,
-            "VELOCITIES": device.patch.n_velocity, "TIMES": device.patch.n_time,
-            "PICTURES": len(device.picture_starts), "STAGES": len(device.factors), "LAYERS": layers.pop(),
+            "PRF_HZ": _format_float(device.prf_hz),
+            "WAVELENGTH_M": _format_float(device.wavelength_m),
+            "EXPORTED_BINS": device.bins,
+            "CPI": device.taper.size,
+            "DOPPLER": device.n_doppler,
+            "HOP": device.hop,
+            "STFT_COLUMNS": device.n_stft,
+            "WINDOW_PULSES": device.window_pulses,
+            "COLUMNS_PER_CELL": repr(float(device.columns_per_cell)),
+            "COLUMNS": device.n_columns,
+            "VELOCITIES": device.patch.n_velocity,
+            "TIMES": device.patch.n_time,
+            "PICTURES": len(device.picture_starts),
+            "STAGES": len(device.factors),
+            "LAYERS": layers.pop(),
             "MOST_CHANNELS": max(len(bias) for network in self.networks for bias in network.biases),
-            "EVEN_VALUES": even, "ODD_VALUES": odd, "BUFFER_BYTES": self._buffer_bytes(device),
-            "RANGE_DB": _float(device.patch.range_db), "LOWEST_SHARE": _float(10.0 ** (-device.patch.range_db / 10.0)),
-            "REMOVE_STILL": int(device.still_time_s is not None), "STILL_SHARE": _float(still_share(device)),
-            "NETWORK_SHARE": _float(1.0 / shares), "SAMPLES_TOLERANCE": _float(SAMPLES_TOLERANCE[self.integers]),
-        }  # fmt: skip
+            "EVEN_VALUES": even,
+            "ODD_VALUES": odd,
+            "BUFFER_BYTES": self._buffer_bytes(device),
+            "RANGE_DB": _format_float(device.patch.range_db),
+            "LOWEST_SHARE": _format_float(10.0 ** (-device.patch.range_db / 10.0)),
+            "REMOVE_STILL": int(device.still_time_s is not None),
+            "STILL_SHARE": _format_float(compute_mean_weight(device)),
+            "NETWORK_SHARE": _format_float(1.0 / shares),
+            "SAMPLES_TOLERANCE": _format_float(SAMPLES_TOLERANCE[self.integers]),
+        }
 
-    def _types(self) -> str:
+    def _choose_types(self) -> str:
         """Return the types of weights, activations, sums and nodes."""
-        node = "uint16_t" if self._most_nodes() < 2**16 else "uint32_t"
+        node = "uint16_t" if self._count_most_nodes() < 2**16 else "uint32_t"
         kinds = ("int8_t", "int8_t", "int32_t") if self.integers else ("float", "float", "float")
         names = ("dg_weight", "dg_activation", "dg_sum", "dg_node")
         return "\n".join(f"typedef {kind} {name};" for kind, name in zip((*kinds, node), names, strict=True))
 
-    def _most_nodes(self) -> int:
+    def _count_most_nodes(self) -> int:
         return max((part[0].feature.size for part in self.parts if isinstance(part[0], Trees)), default=0)
 
-    def _array(self, name: str, kind: str, values: Any) -> str:
+    def _add_array(self, name: str, kind: str, values: Any) -> str:
         """Add a constant array and return its name."""
         flat = np.ravel(values)
         sized = {"dg_weight": "int8_t" if self.integers else "float"}.get(kind, kind)
         if kind == "dg_node":
-            sized = "uint16_t" if self._most_nodes() < 2**16 else "uint32_t"
+            sized = "uint16_t" if self._count_most_nodes() < 2**16 else "uint32_t"
         self.flash_bytes += flat.size * TYPES[sized]
-        words = [_float(each) if sized == "float" else str(int(each)) for each in flat.tolist()]
+        words = [_format_float(each) if sized == "float" else str(int(each)) for each in flat.tolist()]
         self._tables.append(f"static const {kind} {name}[{flat.size}] = {{\n{_wrap(words)}\n}};")
         return name
 
@@ -143,92 +159,100 @@ class Sources:
             words = _wrap([f'"{name}"' for name in facts.names])
             self._tables.append(f"const char *const dg_feature_names[DG_FEATURES] = {{\n{words}\n}};")
         makers: dict[type, Any] = {
-            Constant: self._shares, Linear: self._columns, Kernel: self._columns, Trees: self._trees,
-            Network: self._network, IntegerNetwork: self._network,
+            Constant: self._add_shares, Linear: self._add_columns, Kernel: self._add_columns, Trees: self._add_trees,
+            Network: self._add_network, IntegerNetwork: self._add_network,
         }  # fmt: skip
         for number, (learned, weight, slope, shift) in enumerate(self.parts):
             kind, model = makers[type(learned)](learned, f"m{number}")
-            moved = self._array(f"m{number}_shift", "float", shift)
-            rows.append(f"    {{{kind}, {model}, {_float(weight)}, {_float(slope)}, {moved}}}")
+            moved = self._add_array(f"m{number}_shift", "float", shift)
+            rows.append(f"    {{{kind}, {model}, {_format_float(weight)}, {_format_float(slope)}, {moved}}}")
         self._tables.append("static const dg_part parts[DG_MEMBERS] = {\n" + ",\n".join(rows) + "\n};")
         if facts.names or len(self.networks) == len(self.parts):
-            self._tables.append(f"static const float calibration_slope = {_float(self.model.calibration.slope)};")
-            self._array("calibration_shift", "float", self.model.calibration.shift)
+            self._tables.append(
+                f"static const float calibration_slope = {_format_float(self.model.calibration.slope)};"
+            )
+            self._add_array("calibration_shift", "float", self.model.calibration.shift)
         if device is not None:
             turns = 2.0 * np.pi * np.arange(device.n_doppler) / device.n_doppler
-            self._array("taper", "float", device.taper)
+            self._add_array("taper", "float", device.taper)
             # whole and fraction apart: a strong row next to a weak cell would show the rounding of their sum
-            self._array("edge_rows", "int16_t", np.floor(device.row_edges))
-            self._array("edge_parts", "float", device.row_edges - np.floor(device.row_edges))
-            self._array("picture_starts", "int16_t", device.picture_starts)
-            self._array("factors", "int16_t", device.factors)
-            pairs = [f"{{{_float(c)}, {_float(s)}}}" for c, s in zip(np.cos(turns), np.sin(turns), strict=True)]
+            self._add_array("edge_rows", "int16_t", np.floor(device.row_edges))
+            self._add_array("edge_parts", "float", device.row_edges - np.floor(device.row_edges))
+            self._add_array("picture_starts", "int16_t", device.picture_starts)
+            self._add_array("factors", "int16_t", device.factors)
+            pairs = [
+                f"{{{_format_float(c)}, {_format_float(s)}}}" for c, s in zip(np.cos(turns), np.sin(turns), strict=True)
+            ]
             self.flash_bytes += 8 * turns.size
             self._tables.append(f"static const float turns[DG_DOPPLER][2] = {{\n{_wrap(pairs)}\n}};")
         return "\n\n".join(self._tables)
 
-    def _struct(self, kind: str, name: str, values: Iterable[Any]) -> str:
+    def _add_struct(self, kind: str, name: str, values: Iterable[Any]) -> str:
         self._tables.append(f"static const {kind} {name} = {{{', '.join(map(str, values))}}};")
         return f"&{name}"
 
-    def _shares(self, learned: Constant, name: str) -> tuple[int, str]:
-        return 0, self._array(f"{name}_shares", "float", learned.log_share)
+    def _add_shares(self, learned: Constant, name: str) -> tuple[int, str]:
+        return 0, self._add_array(f"{name}_shares", "float", learned.log_share)
 
-    def _columns(self, learned: Linear | Kernel, name: str) -> tuple[int, str]:
+    def _add_columns(self, learned: Linear | Kernel, name: str) -> tuple[int, str]:
         floor = learned.floor if learned.floor.size else np.zeros(learned.median.size)
-        told = self._array(f"{name}_told", "int16_t", learned.told) if learned.told.size else "0"
+        told = self._add_array(f"{name}_told", "int16_t", learned.told) if learned.told.size else "0"
         standard = {"floor": floor, "median": learned.median, "mean": learned.mean, "scale": learned.scale}
-        arrays = [self._array(f"{name}_{key}", "float", values) for key, values in standard.items()]
+        arrays = [self._add_array(f"{name}_{key}", "float", values) for key, values in standard.items()]
         support, count = "0", 0
         if isinstance(learned, Kernel):
-            support, count = self._array(f"{name}_support", "float", learned.support), len(learned.support)
-        scored = [self._array(f"{name}_{key}", "float", getattr(learned, key)) for key in ("weight", "bias")]
+            support, count = self._add_array(f"{name}_support", "float", learned.support), len(learned.support)
+        scored = [self._add_array(f"{name}_{key}", "float", getattr(learned, key)) for key in ("weight", "bias")]
         values = [*arrays, told, learned.told.size, support, *scored, count, learned.bias.size]
-        return 1, self._struct("dg_columns", name, values)
+        return 1, self._add_struct("dg_columns", name, values)
 
-    def _trees(self, learned: Trees, name: str) -> tuple[int, str]:
+    def _add_trees(self, learned: Trees, name: str) -> tuple[int, str]:
         inner = learned.feature >= 0
-        value = np.where(inner, np.clip(float_threshold(learned.threshold), -3e38, 3e38), learned.value)
+        value = np.where(inner, np.clip(round_threshold(learned.threshold), -3e38, 3e38), learned.value)
         arrays = [
-            self._array(f"{name}_feature", "int16_t", learned.feature), self._array(f"{name}_value", "float", value),
-            self._array(f"{name}_unknown_left", "uint8_t", learned.unknown_left),
-            *(self._array(f"{name}_{key}", "dg_node", getattr(learned, key)) for key in ("left", "right", "root")),
-        ]  # fmt: skip
-        start = self._array(f"{name}_start", "float", learned.start)
-        return 2, self._struct("dg_trees", name, [*arrays, *learned.root.shape, start])
+            self._add_array(f"{name}_feature", "int16_t", learned.feature),
+            self._add_array(f"{name}_value", "float", value),
+            self._add_array(f"{name}_unknown_left", "uint8_t", learned.unknown_left),
+            *(self._add_array(f"{name}_{key}", "dg_node", getattr(learned, key)) for key in ("left", "right", "root")),
+        ]
+        start = self._add_array(f"{name}_start", "float", learned.start)
+        return 2, self._add_struct("dg_trees", name, [*arrays, *learned.root.shape, start])
 
-    def _network(self, learned: Network, name: str) -> tuple[int, str]:
+    def _add_network(self, learned: Network, name: str) -> tuple[int, str]:
         rows = []
         for n, layer in enumerate(zip(learned.kernels, learned.scales, learned.biases, strict=True)):
             kernel: Any
             others: list[Any]
             if isinstance(learned, IntegerNetwork):
                 kernel, multiplier, offset, shift = learned.layers[n]
-                others = [self._array(f"{name}_multiplier{n}", "int32_t", multiplier),
-                          self._array(f"{name}_offset{n}", "int64_t", offset), shift]  # fmt: skip
+                others = [self._add_array(f"{name}_multiplier{n}", "int32_t", multiplier),
+                          self._add_array(f"{name}_offset{n}", "int64_t", offset), shift]  # fmt: skip
             else:
                 kernel, scale, bias = layer
                 others = [
-                    self._array(f"{name}_scale{n}", "float", scale),
-                    self._array(f"{name}_bias{n}", "float", bias),
+                    self._add_array(f"{name}_scale{n}", "float", scale),
+                    self._add_array(f"{name}_bias{n}", "float", bias),
                 ]
-            weights = self._array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
+            weights = self._add_array(f"{name}_kernel{n}", "dg_weight", kernel.transpose(0, 2, 3, 1))
             rows.append(f"    {{{', '.join(map(str, [weights, *others, kernel.shape[1], kernel.shape[0]]))}}}")
         self._tables.append(f"static const dg_layer {name}_layers[DG_LAYERS] = {{\n" + ",\n".join(rows) + "\n};")
         size = learned.patch.n_velocity * learned.patch.n_time / 4 ** len(learned.kernels)
         last: tuple[Any, Any] = (learned.weight, np.full(learned.bias.size, 1.0 / size))
         if isinstance(learned, IntegerNetwork):
             last = (learned.last_weight, learned.last_scale)
-        arrays = [self._array(f"{name}_weight", "dg_weight", last[0]), self._array(f"{name}_scale", "float", last[1]),
-                  self._array(f"{name}_bias", "float", learned.bias)]  # fmt: skip
-        return 3, self._struct("dg_network", name, [f"{name}_layers", *arrays])
+        arrays = [
+            self._add_array(f"{name}_weight", "dg_weight", last[0]),
+            self._add_array(f"{name}_scale", "float", last[1]),
+            self._add_array(f"{name}_bias", "float", learned.bias),
+        ]
+        return 3, self._add_struct("dg_network", name, [f"{name}_layers", *arrays])
 
 
 def _read(name: str) -> str:
     return (TEXTS / name).read_text(encoding="utf-8")
 
 
-def _float(value: float) -> str:
+def _format_float(value: float) -> str:
     """Return a float32 constant of C."""
     text = repr(float(np.float32(value)))
     short = str(np.float32(value))

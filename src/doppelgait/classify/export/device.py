@@ -109,8 +109,8 @@ def plan_device(
     analysis = Analysis.model_validate(model.facts.analysis)
     if analysis.method != "standard" or analysis.gate_doppler_hz is not None:
         raise ConfigError("--form c exports the standard analysis without gate_doppler_hz; this model has another one")
-    prf = _condition(model, "prf_hz", prf_hz, "--prf-hz")
-    wavelength_m = SPEED_OF_LIGHT_MPS / _condition(model, "carrier_hz", carrier_hz, "--carrier-hz")
+    prf = _read_condition(model, "prf_hz", prf_hz, "--prf-hz")
+    wavelength_m = SPEED_OF_LIGHT_MPS / _read_condition(model, "carrier_hz", carrier_hz, "--carrier-hz")
     if window_s is None:
         window_s = model.facts.conditions.get("observation_s", (0.0, 0.0))[0]
     n_columns = max(patch.n_time, round(window_s / patch.column_s))
@@ -120,7 +120,7 @@ def plan_device(
                   n_stft, still_time_s)  # fmt: skip
 
 
-def _condition(model: Model, name: str, stated: float | None, option: str) -> float:
+def _read_condition(model: Model, name: str, stated: float | None, option: str) -> float:
     low, high = model.facts.conditions.get(name, (math.nan, math.nan))
     if stated is not None:
         if stated < 0.9 * low or stated > 1.1 * high:
@@ -133,7 +133,7 @@ def _condition(model: Model, name: str, stated: float | None, option: str) -> fl
     return low
 
 
-def parts_of(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.float64]]]:
+def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.float64]]]:
     """Return members, weights, slopes and shifts.
 
     A single model is a member without a calibration of its own.
@@ -144,12 +144,12 @@ def parts_of(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.float
     return [(found, 1.0, 1.0, np.zeros(len(model.facts.classes)))]
 
 
-def network_part(model: Model) -> Model | None:
+def select_networks(model: Model) -> Model | None:
     """Return the networks of a model alone, or None.
 
     They keep their own calibrations; that of the whole model is left out.
     """
-    parts = parts_of(model)
+    parts = list_parts(model)
     seeing = [part for part in parts if isinstance(part[0], Network)]
     if not seeing or len(seeing) == len(parts):
         return model if seeing else None
@@ -164,7 +164,7 @@ def network_part(model: Model) -> Model | None:
     return Model(facts, joined, unchanged, nothing, nothing, nothing)
 
 
-def work_of(device: Device, networks: list[Network]) -> dict[str, float]:
+def count_work(device: Device, networks: list[Network]) -> dict[str, float]:
     """Count multiply-adds of the transform and of the networks."""
     k = device.n_doppler
     stages = sum(2 * k if factor == 2 else 4 * k * factor for factor in device.factors)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.export import scorer
-from doppelgait.classify.export.device import Device, network_part, parts_of
+from doppelgait.classify.export.device import Device, list_parts, select_networks
 from doppelgait.classify.learned import Ensemble, FloatArray, Network, join_inputs
 from doppelgait.classify.model import Model
 from doppelgait.processing.patches import Levels, Patch, levels_of
@@ -46,11 +46,11 @@ def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
     return samples.astype(np.complex64)
 
 
-def levels_of_samples(samples: Complex, device: Device) -> Levels:
+def convert_samples(samples: Complex, device: Device) -> Levels:
     """Convert a window's samples to levels, (n_velocity, n_columns)."""
     moving = samples.astype(np.complex128)
     if device.still_time_s is not None:
-        moving = without_still(moving, device)
+        moving = remove_running_mean(moving, device)
     power, column_s, _ = scorer.signature(
         moving, prf_hz=device.prf_hz, taper=device.taper, hop=device.hop, n_doppler=device.n_doppler
     )
@@ -59,24 +59,28 @@ def levels_of_samples(samples: Complex, device: Device) -> Levels:
     return np.asarray(whole[:, : device.n_columns])
 
 
-def still_share(device: Device) -> float:
+def compute_mean_weight(device: Device) -> float:
     """Return a new pulse's share in the running mean."""
     return 0.0 if device.still_time_s is None else -math.expm1(-1.0 / (device.still_time_s * device.prf_hz))
 
 
-def without_still(samples: npt.NDArray[np.complex128], device: Device) -> npt.NDArray[np.complex128]:
+def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> npt.NDArray[np.complex128]:
     """Subtract the running mean.
 
     c_i = c_(i-1) + max(alpha, 1/(i+1)) (y_i - c_(i-1)): the mean of all pulses until the time constant is reached.
     """
-    mean, moving, share = np.zeros(samples.shape[1], dtype=np.complex128), np.empty_like(samples), still_share(device)
+    mean, moving, share = (
+        np.zeros(samples.shape[1], dtype=np.complex128),
+        np.empty_like(samples),
+        compute_mean_weight(device),
+    )
     for number, pulse in enumerate(samples):
         mean = mean + max(share, 1.0 / (number + 1)) * (pulse - mean)
         moving[number] = pulse - mean
     return moving
 
 
-def dataset_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> list[Levels]:
+def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> list[Levels]:
     """Collect levels of held-out rows, cut to the window.
 
     Of all rows where none were held out.
@@ -110,29 +114,29 @@ def feature_rows(rng: np.random.Generator, model: Model, n: int) -> FloatArray:
     return values.astype(np.float32).astype(np.float64)
 
 
-def network_answers(model: Model, levels: list[Levels]) -> FloatArray:
+def predict_networks(model: Model, levels: list[Levels]) -> FloatArray:
     """Return log-probabilities of every network, (n, n_networks, n_classes)."""
-    whole = _objects(levels)
-    found = [part[0].log_probability(whole) for part in parts_of(model) if isinstance(part[0], Network)]
+    whole = _wrap_objects(levels)
+    found = [part[0].log_probability(whole) for part in list_parts(model) if isinstance(part[0], Network)]
     return np.stack(found, axis=1) if found else np.zeros((len(levels), 0, len(model.facts.classes)))
 
 
-def network_probability(model: Model, levels: list[Levels]) -> FloatArray:
+def predict_network_probability(model: Model, levels: list[Levels]) -> FloatArray:
     """Return the probabilities of the networks alone, (n, n_classes)."""
-    part = network_part(model)
+    part = select_networks(model)
     if part is None:
         raise ValueError("this model has no network")
-    whole = _objects(levels)
+    whole = _wrap_objects(levels)
     joined = isinstance(part.learned, Ensemble)
     return part.probability(join_inputs(np.zeros((len(levels), 0)), whole) if joined else whole)
 
 
-def whole_probability(model: Model, features: FloatArray, levels: list[Levels]) -> FloatArray:
+def predict_model_probability(model: Model, features: FloatArray, levels: list[Levels]) -> FloatArray:
     """Return the probabilities of the whole model, (n, n_classes)."""
-    return model.probability(join_inputs(features, _objects(levels)) if levels else features)
+    return model.probability(join_inputs(features, _wrap_objects(levels)) if levels else features)
 
 
-def _objects(levels: list[Levels]) -> npt.NDArray[Any]:
+def _wrap_objects(levels: list[Levels]) -> npt.NDArray[Any]:
     whole = np.empty(len(levels), dtype=object)
     for number, each in enumerate(levels):
         whole[number] = each

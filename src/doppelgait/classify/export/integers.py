@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.learned import PICTURES_AT_A_TIME, FloatArray, IntArray, Network, log_softmax
-from doppelgait.processing.patches import Levels, covering
+from doppelgait.processing.patches import Levels, cut_pictures
 
 LARGEST = 127
 MULTIPLIER_BITS = 30
@@ -46,7 +46,7 @@ class IntegerNetwork(Network):
     last_weight: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
     last_scale: FloatArray = field(default_factory=lambda: np.zeros(0))
 
-    def of_pictures(self, pictures: Levels) -> FloatArray:
+    def classify_pictures(self, pictures: Levels) -> FloatArray:
         """Return log-probabilities (n, n_classes) of images (n, n_velocity, n_time)."""
         parts = []
         for first in range(0, len(pictures), PICTURES_AT_A_TIME):
@@ -84,7 +84,7 @@ def quantise(network: Network, examples: list[Levels]) -> IntegerNetwork:
     examples : list of ndarray, shape (n_velocity, any)
         Levels as the device will see them.
     """
-    pictures = np.concatenate([covering(whole, network.patch) for whole in examples])
+    pictures = np.concatenate([cut_pictures(whole, network.patch) for whole in examples])
     values = np.concatenate([pictures, pictures[:, ::-1]])[:, None].astype(np.float64)
     layers, unit = [], 1.0 / LARGEST
     for kernel, scale, bias in zip(network.kernels, network.scales, network.biases, strict=True):

@@ -19,13 +19,13 @@ OPSET, TREES_OPSET, IR_VERSION = 18, 3, 9
 FEATURES, PICTURES, PROBABILITY = "features", "pictures", "probability"
 
 
-def onnx_model(model: Model) -> Any:
+def build_onnx_model(model: Model) -> Any:
     """Build the ONNX graph of a model.
 
     Inputs are ``features`` (n, d), float32, NaN for unknown, and ``pictures`` (n, m, n_velocity, n_time), float32: m
-    pictures of every signature (:func:`doppelgait.processing.patches.covering`), NaN where there is no signature. Each
-    is there only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of features and
-    everything after a member are computed in double precision.
+    pictures of every signature (:func:`doppelgait.processing.patches.cut_pictures`), NaN where there is no signature.
+    Each is there only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of features
+    and everything after a member are computed in double precision.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def onnx_model(model: Model) -> Any:
     return graph.finish()
 
 
-def float_threshold(threshold: Any) -> Any:
+def round_threshold(threshold: Any) -> Any:
     """Round thresholds of trees down to float32.
 
     Every float32 value then goes the way it goes in double precision.
@@ -78,7 +78,7 @@ class _Graph:
         self.nodes.append(self.onnx.helper.make_node(kind, inputs, [out], name=f"make_{out}", **attributes))
         return out
 
-    def constant(self, values: Any, name: str, dtype: Any = np.float64) -> str:
+    def add_constant(self, values: Any, name: str, dtype: Any = np.float64) -> str:
         """Add a constant array and return its name."""
         name = f"{name}_{len(self.constants)}"
         self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(values, dtype=dtype), name))
@@ -87,15 +87,15 @@ class _Graph:
     def member(self, learned: Learned, name: str) -> str:
         """Add a trained model; return its log-probabilities in double precision."""
         makers: dict[type, Any] = {
-            Constant: self.shares, Linear: self.linear, Kernel: self.kernel, Trees: self.trees,
-            Network: self.network, Ensemble: self.ensemble,
+            Constant: self.shares, Linear: self.add_linear, Kernel: self.kernel, Trees: self.add_trees,
+            Network: self.add_network, Ensemble: self.add_ensemble,
         }  # fmt: skip
         made: str = makers[type(learned)](learned, name)
         return made
 
     def calibrated(self, log_probability: str, slope: float, shift: Any, name: str) -> str:
-        scaled = self.add("Mul", [log_probability, self.constant(slope, f"{name}_slope")])
-        return self.add("LogSoftmax", [self.add("Add", [scaled, self.constant(shift, f"{name}_shift")])], axis=1)
+        scaled = self.add("Mul", [log_probability, self.add_constant(slope, f"{name}_slope")])
+        return self.add("LogSoftmax", [self.add("Add", [scaled, self.add_constant(shift, f"{name}_shift")])], axis=1)
 
     def features(self) -> str:
         if not self.model.facts.names:
@@ -105,66 +105,68 @@ class _Graph:
 
     def shares(self, learned: Constant, name: str) -> str:
         used = self.features()
-        count = self.add("Slice", [self.add("Shape", [used]), *(self.constant([k], "at", np.int64) for k in (0, 1))])
-        shape = self.add("Concat", [count, self.constant([learned.log_share.size], "classes", np.int64)], axis=0)
-        return self.add("Expand", [self.constant(learned.log_share, name), shape])
+        count = self.add(
+            "Slice", [self.add("Shape", [used]), *(self.add_constant([k], "at", np.int64) for k in (0, 1))]
+        )
+        shape = self.add("Concat", [count, self.add_constant([learned.log_share.size], "classes", np.int64)], axis=0)
+        return self.add("Expand", [self.add_constant(learned.log_share, name), shape])
 
-    def ensemble(self, learned: Ensemble, name: str) -> str:
+    def add_ensemble(self, learned: Ensemble, name: str) -> str:
         parts = []
         joined = zip(learned.members, learned.weights, learned.slopes, learned.shifts, strict=True)
         for number, (member, weight, slope, shift) in enumerate(joined):
             own = f"{name}_{number}"
             answer = self.calibrated(self.member(member, own), slope, shift, own)
-            parts.append(self.add("Mul", [answer, self.constant(weight, f"{own}_weight")]))
+            parts.append(self.add("Mul", [answer, self.add_constant(weight, f"{own}_weight")]))
         return self.add("LogSoftmax", [self.add("Sum", parts)], axis=1)
 
-    def standardised(self, learned: Columns, name: str) -> str:
+    def add_standardisation(self, learned: Columns, name: str) -> str:
         double = self.onnx.TensorProto.DOUBLE
         values = self.doubles = self.doubles or self.add("Cast", [self.features()], to=double)
         unknown = self.add("IsNaN", [values])
         filled = values
         if learned.floor.size:
             has = learned.floor > 0
-            raised = self.add("Max", [values, self.constant(np.where(has, learned.floor, 1.0), f"{name}_floor")])
+            raised = self.add("Max", [values, self.add_constant(np.where(has, learned.floor, 1.0), f"{name}_floor")])
             log = self.add("Log", [raised])
-            filled = self.add("Where", [self.constant(has, f"{name}_has_floor", np.bool_), log, values])
-        columns = self.add("Where", [unknown, self.constant(learned.median, f"{name}_median"), filled])
+            filled = self.add("Where", [self.add_constant(has, f"{name}_has_floor", np.bool_), log, values])
+        columns = self.add("Where", [unknown, self.add_constant(learned.median, f"{name}_median"), filled])
         if learned.told.size:
-            told = self.add("Gather", [unknown, self.constant(learned.told, f"{name}_told", np.int64)], axis=1)
+            told = self.add("Gather", [unknown, self.add_constant(learned.told, f"{name}_told", np.int64)], axis=1)
             columns = self.add("Concat", [columns, self.add("Cast", [told], to=double)], axis=1)
-        centred = self.add("Sub", [columns, self.constant(learned.mean, f"{name}_mean")])
-        return self.add("Div", [centred, self.constant(learned.scale, f"{name}_scale")])
+        centred = self.add("Sub", [columns, self.add_constant(learned.mean, f"{name}_mean")])
+        return self.add("Div", [centred, self.add_constant(learned.scale, f"{name}_scale")])
 
-    def scored(self, columns: str, weight: Any, bias: Any, name: str) -> str:
-        product = self.add("MatMul", [columns, self.constant(weight.T, f"{name}_weight")])
-        scores = self.add("Add", [product, self.constant(bias, f"{name}_bias")])
-        return self.log_softmax(scores, len(bias))
+    def add_scores(self, columns: str, weight: Any, bias: Any, name: str) -> str:
+        product = self.add("MatMul", [columns, self.add_constant(weight.T, f"{name}_weight")])
+        scores = self.add("Add", [product, self.add_constant(bias, f"{name}_bias")])
+        return self.add_log_softmax(scores, len(bias))
 
-    def log_softmax(self, scores: str, n_scores: int) -> str:
+    def add_log_softmax(self, scores: str, n_scores: int) -> str:
         """Normalise scores; one score means two classes."""
         if n_scores == 1:
-            zero = self.add("Mul", [scores, self.constant(0.0, "zero")])
+            zero = self.add("Mul", [scores, self.add_constant(0.0, "zero")])
             scores = self.add("Concat", [zero, scores], axis=1)
         return self.add("LogSoftmax", [scores], axis=1)
 
-    def linear(self, learned: Linear, name: str) -> str:
-        return self.scored(self.standardised(learned, name), learned.weight, learned.bias, name)
+    def add_linear(self, learned: Linear, name: str) -> str:
+        return self.add_scores(self.add_standardisation(learned, name), learned.weight, learned.bias, name)
 
     def kernel(self, learned: Kernel, name: str) -> str:
-        rows = self.standardised(learned, name)
-        norm = self.constant((learned.support**2).sum(axis=1), f"{name}_norm")
-        own = self.add("ReduceSumSquare", [rows, self.constant([1], "axis", np.int64)], keepdims=1)
-        product = self.add("MatMul", [rows, self.constant(-2.0 * learned.support.T, f"{name}_support")])
+        rows = self.add_standardisation(learned, name)
+        norm = self.add_constant((learned.support**2).sum(axis=1), f"{name}_norm")
+        own = self.add("ReduceSumSquare", [rows, self.add_constant([1], "axis", np.int64)], keepdims=1)
+        product = self.add("MatMul", [rows, self.add_constant(-2.0 * learned.support.T, f"{name}_support")])
         squared = self.add("Relu", [self.add("Sum", [own, norm, product])])
         near = self.add("Exp", [self.add("Neg", [squared])])
-        return self.scored(near, learned.weight, learned.bias, name)
+        return self.add_scores(near, learned.weight, learned.bias, name)
 
-    def trees(self, learned: Trees, name: str) -> str:
+    def add_trees(self, learned: Trees, name: str) -> str:
         """Add boosted trees, each reached from its root."""
         modes, rows, thresholds = [], [], []
         leaves: dict[str, list[Any]] = {"treeids": [], "nodeids": [], "ids": [], "weights": []}
         for tree, root in enumerate(learned.root.ravel().tolist()):
-            order = reached(learned, root)
+            order = list_nodes(learned, root)
             place = {node: number for number, node in enumerate(order)}
             thresholds += learned.threshold[order].tolist()
             for node in order:
@@ -183,46 +185,50 @@ class _Graph:
             "TreeEnsembleRegressor", [self.features()], domain="ai.onnx.ml", aggregate_function="SUM",
             n_targets=learned.root.shape[1], nodes_modes=modes, post_transform="NONE",
             base_values=learned.start.astype(np.float32).tolist(),
-            nodes_values=float_threshold(thresholds).tolist(), **attributes,
+            nodes_values=round_threshold(thresholds).tolist(), **attributes,
         )  # fmt: skip
         scores = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
-        return self.log_softmax(scores, learned.root.shape[1])
+        return self.add_log_softmax(scores, learned.root.shape[1])
 
-    def network(self, learned: Network, name: str) -> str:
+    def add_network(self, learned: Network, name: str) -> str:
         """Add a network, averaged over pictures and mirror images.
 
         Classes are equal where a picture is unknown.
         """
         spec, n_classes = learned.patch, learned.bias.size
         pictures, self.inputs[PICTURES] = PICTURES, ["n", "m", spec.n_velocity, spec.n_time]
-        shape = self.constant([-1, 1, spec.n_velocity, spec.n_time], "shape", np.int64)
+        shape = self.add_constant([-1, 1, spec.n_velocity, spec.n_time], "shape", np.int64)
         flat = self.add("Reshape", [pictures, shape])
-        flip = [self.constant([value], "flip", np.int64) for value in (-1, -(2**62), 2, -1)]
+        flip = [self.add_constant([value], "flip", np.int64) for value in (-1, -(2**62), 2, -1)]
         mirrored = self.add("Slice", [flat, *flip])
         layer = self.add("Concat", [flat, mirrored], axis=0)
         for number, (kernel, scale, bias) in enumerate(
             zip(learned.kernels, learned.scales, learned.biases, strict=True)
         ):
-            weights = self.constant(kernel, f"{name}_kernel_{number}", np.float32)
+            weights = self.add_constant(kernel, f"{name}_kernel_{number}", np.float32)
             layer = self.add("Conv", [layer, weights], kernel_shape=[3, 3], pads=[1, 1, 1, 1])
             layer = self.add("MaxPool", [layer], kernel_shape=[2, 2], strides=[2, 2])
             for kind, values in (("Mul", scale), ("Add", bias)):
-                layer = self.add(kind, [layer, self.constant(values[:, None, None], f"{name}_{number}", np.float32)])
+                layer = self.add(
+                    kind, [layer, self.add_constant(values[:, None, None], f"{name}_{number}", np.float32)]
+                )
             layer = self.add("Relu", [layer])
-        mean = self.add("Reshape", [self.add("GlobalAveragePool", [layer]), self.constant([0, -1], "shape", np.int64)])
-        product = self.add("MatMul", [mean, self.constant(learned.weight.T, f"{name}_weight", np.float32)])
-        scores = self.add("Add", [product, self.constant(learned.bias, f"{name}_bias", np.float32)])
+        mean = self.add(
+            "Reshape", [self.add("GlobalAveragePool", [layer]), self.add_constant([0, -1], "shape", np.int64)]
+        )
+        product = self.add("MatMul", [mean, self.add_constant(learned.weight.T, f"{name}_weight", np.float32)])
+        scores = self.add("Add", [product, self.add_constant(learned.bias, f"{name}_bias", np.float32)])
         double = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
         answers = self.add("LogSoftmax", [double], axis=1)
         # (2, n, m, classes): the mean over mirror images and pictures
-        ends = [self.constant([k], "at", np.int64) for k in (0, 2)]
+        ends = [self.add_constant([k], "at", np.int64) for k in (0, 2)]
         leading = self.add("Slice", [self.add("Shape", [pictures]), *ends])
-        parts = [self.constant([2], "two", np.int64), leading, self.constant([n_classes], "classes", np.int64)]
+        parts = [self.add_constant([2], "two", np.int64), leading, self.add_constant([n_classes], "classes", np.int64)]
         split = self.add("Reshape", [answers, self.add("Concat", parts, axis=0)])
-        found = self.add("ReduceMean", [split, self.constant([0, 2], "axes", np.int64)], keepdims=0)
-        total = self.add("ReduceSum", [pictures, self.constant([1, 2, 3], "axes", np.int64)], keepdims=0)
-        unknown = self.add("Unsqueeze", [self.add("IsNaN", [total]), self.constant([1], "axes", np.int64)])
-        return self.add("LogSoftmax", [self.add("Where", [unknown, self.constant(0.0, "equal"), found])], axis=1)
+        found = self.add("ReduceMean", [split, self.add_constant([0, 2], "axes", np.int64)], keepdims=0)
+        total = self.add("ReduceSum", [pictures, self.add_constant([1, 2, 3], "axes", np.int64)], keepdims=0)
+        unknown = self.add("Unsqueeze", [self.add("IsNaN", [total]), self.add_constant([1], "axes", np.int64)])
+        return self.add("LogSoftmax", [self.add("Where", [unknown, self.add_constant(0.0, "equal"), found])], axis=1)
 
     def finish(self) -> Any:
         helper, single = self.onnx.helper, self.onnx.TensorProto.FLOAT
@@ -239,7 +245,7 @@ class _Graph:
         return made
 
 
-def reached(learned: Trees, root: int) -> list[int]:
+def list_nodes(learned: Trees, root: int) -> list[int]:
     """Return a tree's nodes, parents first, left before right."""
     stack, order = [root], []
     while stack:

@@ -13,15 +13,15 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.classify.export import scorer
 from doppelgait.classify.export.c_code import TEXTS, Sources
-from doppelgait.classify.export.device import parts_of, plan_device
+from doppelgait.classify.export.device import list_parts, plan_device
 from doppelgait.classify.export.examples import (
-    dataset_levels,
+    collect_levels,
+    convert_samples,
     feature_rows,
-    levels_of_samples,
-    network_answers,
-    network_probability,
+    predict_model_probability,
+    predict_network_probability,
+    predict_networks,
     walk_samples,
-    whole_probability,
 )
 from doppelgait.classify.export.integers import quantise
 from doppelgait.classify.learned import Ensemble, Network
@@ -104,7 +104,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     form : {"c", "numpy", "onnx"}
         ``c``: C99 from complex samples of a gate, or from features, to probabilities. ``numpy``: the model file and a
         scorer that needs NumPy alone. ``onnx``: one graph from features and pictures to calibrated probabilities
-        (:func:`doppelgait.classify.export.onnx_graph.onnx_model`).
+        (:func:`doppelgait.classify.export.onnx_graph.build_onnx_model`).
     folder : path
         Appears complete or not at all; replaces an earlier export.
     settings : CSettings, optional
@@ -129,11 +129,11 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     check_out(out, listing=LISTING, file_format=FORMAT, command="doppelgait model export")
     contents: dict[str, bytes] = {}
     if form == "onnx":
-        from doppelgait.classify.export.onnx_graph import onnx_model
+        from doppelgait.classify.export.onnx_graph import build_onnx_model
 
-        contents["model.onnx"] = onnx_model(model).SerializeToString()
+        contents["model.onnx"] = build_onnx_model(model).SerializeToString()
     elif form == "c":
-        contents, found = _c_files(model, settings or CSettings())
+        contents, found = _make_c_files(model, settings or CSettings())
     else:
         contents["scorer.py"] = Path(scorer.__file__).read_bytes()
     with complete_folder(out) as partial:
@@ -150,10 +150,10 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
     return Export(out, tuple(files), found)
 
 
-def _c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
+def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Make header, source, golden vectors and their test."""
     rng, device = np.random.default_rng(settings.seed), None
-    networks = [part[0] for part in parts_of(model) if isinstance(part[0], Network)]
+    networks = [part[0] for part in list_parts(model) if isinstance(part[0], Network)]
     if settings.integers and not networks:
         raise ConfigError("--int8: this model has no network; features stay in float32")
     samples: list[Any] = []
@@ -165,29 +165,29 @@ def _c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[
             window_s=settings.window_s, bins=settings.bins, still_time_s=settings.still_time_s,
         )  # fmt: skip
         samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
-        simulated = scaling = [levels_of_samples(each, device) for each in samples]
+        simulated = scaling = [convert_samples(each, device) for each in samples]
         if settings.data is not None:
-            scaling = dataset_levels(settings.data, device.patch, device.n_columns, SCALE_EXAMPLES)
+            scaling = collect_levels(settings.data, device.patch, device.n_columns, SCALE_EXAMPLES)
         elif settings.integers:
             more = range(SCALE_EXAMPLES - len(simulated))
-            scaling = [*simulated, *(levels_of_samples(walk_samples(rng, device), device) for _ in more)]
+            scaling = [*simulated, *(convert_samples(walk_samples(rng, device), device) for _ in more)]
     levels = scaling[: settings.n_examples]
     exact, found = model, dict[str, Any]()
     if settings.integers:
-        model = with_integers(exact, scaling[:SCALE_EXAMPLES])
+        model = convert_to_integers(exact, scaling[:SCALE_EXAMPLES])
     sources = Sources(model, device)
     features = feature_rows(rng, model, settings.n_examples if model.facts.names else 0)
     words: list[Any] = [np.array([1, len(samples), len(levels), len(features)], dtype=np.int32)]
     for inputs, rows in ((samples, simulated), ([each.T for each in levels], levels)):
-        for each, answer in zip(inputs, network_probability(model, rows) if rows else (), strict=True):
+        for each, answer in zip(inputs, predict_network_probability(model, rows) if rows else (), strict=True):
             words += [each, answer.astype(np.float32)]
     if len(features):
         rows = [levels[n % len(levels)] for n in range(len(features))] if networks else []
-        seen = network_answers(model, rows) if networks else np.zeros((len(features), 0))
-        for each in zip(features, seen, whole_probability(model, features, rows), strict=True):
+        seen = predict_networks(model, rows) if networks else np.zeros((len(features), 0))
+        for each in zip(features, seen, predict_model_probability(model, features, rows), strict=True):
             words += [part.astype(np.float32) for part in each]
     if settings.integers:
-        apart = np.abs(network_probability(model, scaling) - network_probability(exact, scaling))
+        apart = np.abs(predict_network_probability(model, scaling) - predict_network_probability(exact, scaling))
         found = {"int8_examples": len(scaling), "int8_mean_difference": float(apart.mean()),
                  "int8_largest_difference": float(apart.max())}  # fmt: skip
     files = {
@@ -198,7 +198,7 @@ def _c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[
     return files, {"precision": "int8" if settings.integers else "float32", **sources.facts(), **found}
 
 
-def with_integers(model: Model, examples: list[Any]) -> Model:
+def convert_to_integers(model: Model, examples: list[Any]) -> Model:
     """Return a model whose networks compute in integers."""
     learned = model.learned
     if isinstance(learned, Network):

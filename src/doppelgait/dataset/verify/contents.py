@@ -14,7 +14,7 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION, shard_names
+from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION, list_shard_names
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import Plan, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
@@ -94,7 +94,7 @@ class Verification:
         return {**asdict(self), "directory": str(self.directory), **outcome}
 
 
-def some(names: Sequence[str]) -> str:
+def list_some(names: Sequence[str]) -> str:
     """List the first few of many names."""
     more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
     return f"{', '.join(map(str, names[:SHOWN_NAMES]))}{more}"
@@ -158,7 +158,7 @@ class Contents:
             return ""
         return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
 
-    def drawn(self, rng: np.random.Generator, *, most: int = MOST_DRAWN) -> list[ExampleSpec]:
+    def resolve_sample(self, rng: np.random.Generator, *, most: int = MOST_DRAWN) -> list[ExampleSpec]:
         """Resolve index examples again, up to ``most``.
 
         They are chosen at random, as many of every class.
@@ -176,7 +176,7 @@ class Contents:
         return [self.plan.example(number) for number in chosen]
 
 
-def known_description(directory: Path) -> dict[str, Any]:
+def read_known_description(directory: Path) -> dict[str, Any]:
     """Read ``dataset.json`` if this version can read the dataset.
 
     Raises
@@ -197,12 +197,12 @@ def known_description(directory: Path) -> dict[str, Any]:
     return description
 
 
-def planned_shards(description: Mapping[str, Any]) -> list[str]:
+def list_planned_shards(description: Mapping[str, Any]) -> list[str]:
     """List the shards that the dataset should have."""
-    return shard_names(description["shards"])
+    return list_shard_names(description["shards"])
 
 
-def plan_of(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:
+def read_plan(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:
     """Return a dataset's plan, or why it has none."""
     if description.get("origin") == "imported":
         return None, "imported recordings have no plan"
@@ -212,7 +212,7 @@ def plan_of(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, 
         return None, f"no plan: {error}"
 
 
-def plain(values: pd.Series | None) -> list[Any]:
+def convert_to_plain(values: pd.Series | None) -> list[Any]:
     """Convert a column to plain Python values, None for unknown."""
     if values is None:
         return []

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.shard_files import decode
-from doppelgait.dataset.verify.contents import Check, Contents, some
+from doppelgait.dataset.verify.contents import Check, Contents, list_some
 from doppelgait.features import FEATURE_UNITS
 
 Float32Array = npt.NDArray[np.float32]
@@ -48,7 +48,7 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
         values = contents.index[columns].to_numpy(dtype=np.float64)
         known = np.isfinite(values[:, :2]).all(axis=1)
         digests = {int(n): values[n].tobytes() for n in np.flatnonzero(known)}
-        same = _equal(digests, splits)
+        same = _find_equal(digests, splits)
         numbers: dict[str, Any] = {"rows": len(digests), "compared_for_likeness": len(digests), "identical": len(same)}
         check = _check(contents, same, [], numbers)
         words = check.summary.replace("signatures", "rows' features")
@@ -57,7 +57,7 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
     count = len(splits)
     chosen = np.sort(rng.choice(count, min(count, MOST_COMPARED), replace=False))
     digests, pictures = _read(contents, set(chosen.tolist()), tick)
-    same = _equal(digests, splits)
+    same = _find_equal(digests, splits)
     has_target = (contents.index["source"] != "none").to_numpy(dtype=bool)
     rows = np.array([n for n in chosen if has_target[n] and n in pictures], dtype=np.int64)
     # of every row the likeliest one in each later split, where alike enough for a look
@@ -67,7 +67,7 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
         for place, split in enumerate(SPLITS)
         for other in SPLITS[place + 1 :]
         if len(parts[split]) and len(parts[other])
-        for pair in _nearest(parts[other], parts[split], pictures)
+        for pair in _find_nearest(parts[other], parts[split], pictures)
     ]
     candidates = sorted(found, reverse=True)[:MOST_CANDIDATES]
     near, identical, dataset = [], set(same), contents.dataset
@@ -76,7 +76,7 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
             continue
         one, two = (np.sqrt(np.maximum(dataset.array("signature", n), 0.0)) for n in (first, second))
         if one.shape == two.shape:
-            correlation = float(_unit(one.ravel()) @ _unit(two.ravel()))
+            correlation = float(_scale_to_unit(one.ravel()) @ _scale_to_unit(two.ravel()))
             if correlation > ALIKE:
                 near.append((correlation, first, second))
     dataset.files.close()
@@ -95,7 +95,7 @@ def _check(contents: Contents, same: Sequence[tuple[int, int]], near: Sequence[P
     if pairs:
         ids, splits = contents.index["id"].to_numpy(dtype=str), contents.index["split"].to_numpy(dtype=str)
         listed = [f"{ids[a]} ({splits[a]}) and {ids[b]} ({splits[b]}) {how}" for a, b, how in pairs]
-        return Check("duplicates", "failed", f"in different splits: {some(listed)}", numbers)
+        return Check("duplicates", "failed", f"in different splits: {list_some(listed)}", numbers)
     words = f"no identical ones among {numbers['rows']} signatures, no near-identical ones in different splits"
     if numbers["compared_for_likeness"] < numbers["rows"]:
         words += f" among {numbers['compared_for_likeness']} of them"
@@ -120,19 +120,19 @@ def _read(
             continue
         digests[number] = hashlib.blake2b(stored.tobytes(), digest_size=16).digest()
         if number in chosen:
-            pictures[number] = picture(decode(stored, facts))
+            pictures[number] = make_picture(decode(stored, facts))
     files.close()
     return digests, pictures
 
 
-def picture(power: npt.NDArray[Any]) -> Float32Array:
+def make_picture(power: npt.NDArray[Any]) -> Float32Array:
     """Average a signature into :data:`SHAPE` cells for comparison.
 
     The cells are in dB above their median, with the mean removed and norm 1, flat.
     """
     small = _average(_average(np.asarray(power, dtype=np.float32), SHAPE[0]).T, SHAPE[1]).T
     level = np.maximum(small, max(float(np.median(small)), 1e-37))
-    return _unit(10.0 * np.log10(level).ravel())
+    return _scale_to_unit(10.0 * np.log10(level).ravel())
 
 
 def _average(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
@@ -148,13 +148,13 @@ def _average(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
     return np.asarray(sums / np.diff(np.append(starts, size))[:, None])
 
 
-def _unit(values: npt.NDArray[Any]) -> Float32Array:
+def _scale_to_unit(values: npt.NDArray[Any]) -> Float32Array:
     centred = values - values.mean()
     norm = float(np.linalg.norm(centred))
     return np.asarray(centred / norm if norm > 0 else centred, dtype=np.float32)
 
 
-def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
+def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
     """Return the first pair across splits per digest.
 
     Only digests that occur in more than one split have a pair.
@@ -168,7 +168,7 @@ def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tupl
     return [(numbers[0], numbers[1]) for numbers in places.values() if len(numbers) > 1]
 
 
-def _nearest(
+def _find_nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
 ) -> Iterator[Pair]:
     """Yield the nearest of ``others`` to each of ``rows``.

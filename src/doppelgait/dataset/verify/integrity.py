@@ -14,13 +14,13 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.files import file_sha256
-from doppelgait.core.own_hdf5 import open_hdf5, own_member
+from doppelgait.core.files import hash_file
+from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
 from doppelgait.dataset.config import SPLITS, PlanConfig
-from doppelgait.dataset.finish import LOG, SUMS, count_shards, dataset_id, sums_text
-from doppelgait.dataset.lock import running_builds
-from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, facts_of, hash_contents
-from doppelgait.dataset.verify.contents import Check, Contents, plain, some
+from doppelgait.dataset.finish import LOG, SUMS, compute_dataset_id, count_shards, format_checksums
+from doppelgait.dataset.lock import list_running_builds
+from doppelgait.dataset.shard_files import INDEX_NAMES, ShardFiles, describe_fields, hash_contents
+from doppelgait.dataset.verify.contents import Check, Contents, convert_to_plain, list_some
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def look_at_shards(
             continue
         whole.append(name)
         if index is not None:
-            difference = _difference(index.iloc[places.get(name, [])], record)
+            difference = _describe_difference(index.iloc[places.get(name, [])], record)
             if difference:
                 findings.unlisted[name] = difference
     if index is not None:
@@ -93,7 +93,7 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
     The hashes are kept in the findings.
     """
     try:
-        findings.hashes[path.stem] = file_sha256(path)
+        findings.hashes[path.stem] = hash_file(path)
         record = parse_json(path.with_suffix(".json").read_text())
         if record["dataset"] != identity:
             return None, f"is of dataset {record['dataset']}"
@@ -101,7 +101,7 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
             return None, "the file is not the one that its record describes (another hash)"
         rows = record["rows"]
         with open_hdf5(path, members=False) as file:
-            ids = [text.decode() for text in own_member(file, "id")[:]]
+            ids = [text.decode() for text in get_own_member(file, "id")[:]]
             split = str(file.attrs["split"])
         if ids != [row["id"] for row in rows]:
             return None, "holds other ids than its record"
@@ -123,7 +123,7 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
     return record, ""
 
 
-def _difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
+def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Describe the first difference of index rows and a record.
 
     The text is empty if there is none.
@@ -131,13 +131,15 @@ def _difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
     rows = record["rows"]
     ids = [row["id"] for row in rows]
     if part["id"].tolist() != ids:
-        return f"the index has rows {some(part['id'].tolist()) or 'none'} of it, the shard {some(ids) or 'none'}"
+        return (
+            f"the index has rows {list_some(part['id'].tolist()) or 'none'} of it, the shard {list_some(ids) or 'none'}"
+        )
     if len(part) and set(part["shard_sha256"]) != {record["sha256"]}:
         return "the index has another hash of it"
     for column in dict.fromkeys(name for row in rows for name in row):
         expected = [row.get(column) for row in rows]
         name = INDEX_NAMES.get(column, column)
-        found = plain(part[name]) if name in part.columns else [None] * len(rows)
+        found = convert_to_plain(part[name]) if name in part.columns else [None] * len(rows)
         if found != expected:
             place = next(n for n, (a, b) in enumerate(zip(found, expected, strict=True)) if a != b)
             return f"{column} of {ids[place]} is {found[place]} in the index, {expected[place]} in the shard's record"
@@ -155,10 +157,10 @@ def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
     }  # fmt: skip
     parts = [f"{len(findings.whole)} of {total} shards are there and whole"]
     if findings.damaged:
-        parts.append("damaged: " + some([f"{name} ({reason})" for name, reason in findings.damaged.items()]))
+        parts.append("damaged: " + list_some([f"{name} ({reason})" for name, reason in findings.damaged.items()]))
     if findings.missing:
         words = "missing, though the dataset says it is complete" if complete else "not built yet"
-        parts.append(f"{words}: {some(findings.missing)}")
+        parts.append(f"{words}: {list_some(findings.missing)}")
     wrong = bool(findings.damaged) or (complete and bool(findings.missing))
     return Check("shards", "failed" if wrong else "passed", "; ".join(parts), numbers)
 
@@ -170,7 +172,7 @@ def check_index(findings: ShardFindings, index: pd.DataFrame | None, reason: str
         return Check("index", status, reason or "no index.parquet yet; the rows are those of the shards' records")
     numbers = {"rows": len(index), "columns": len(index.columns), "different": findings.unlisted}
     if findings.unlisted:
-        listed = some([f"{name}: {difference}" for name, difference in findings.unlisted.items()])
+        listed = list_some([f"{name}: {difference}" for name, difference in findings.unlisted.items()])
         return Check("index", "failed", listed, numbers)
     return Check("index", "passed", f"{len(index)} rows, each value as in the shards' records", numbers)
 
@@ -191,7 +193,7 @@ def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
             continue
         if found != ids:
             other = sorted(set(found) ^ set(ids))
-            wrong.append(f"splits/{split}.txt differs from the index: {some(other) if other else 'another order'}")
+            wrong.append(f"splits/{split}.txt differs from the index: {list_some(other) if other else 'another order'}")
     known = set(index["split"]) - set(SPLITS) if len(index) else set()
     wrong += [f"the index has a split {name!r}" for name in sorted(known)]
     listed = ", ".join(f"{split} {count}" for split, count in counts.items())
@@ -223,7 +225,7 @@ def check_files(directory: Path, names: Sequence[str], shards: Mapping[str, str]
     wrong = []
     for name in dict.fromkeys((*single, *(f"shards/{name}.{kind}" for name in names for kind in ("h5", "json")))):
         try:
-            found = known.get(name) or file_sha256(directory / name)
+            found = known.get(name) or hash_file(directory / name)
         except OSError:
             if name != LOG or name in stated:
                 wrong.append(f"{name} cannot be read")
@@ -233,28 +235,28 @@ def check_files(directory: Path, names: Sequence[str], shards: Mapping[str, str]
                 wrong.append(f"{SUMS} has no {name}")
             elif stated[name] != found:
                 wrong.append(f"{name} is not the file that the dataset was finished with")
-    if not wrong and path.read_bytes() != sums_text(known).encode():
+    if not wrong and path.read_bytes() != format_checksums(known).encode():
         wrong.append(f"{SUMS} is damaged")
     numbers = {"files": len(known), "different": len(wrong)}
     if wrong:
-        return Check("files", "failed", f"{some(wrong)}; build the dataset again", numbers)
+        return Check("files", "failed", f"{list_some(wrong)}; build the dataset again", numbers)
     ours = {*known, SUMS}
     there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*") if not path.is_dir())
     foreign = [name for name in there if name not in ours and not name.endswith((".partial", ".lock"))]
     if foreign:
-        return Check("files", "warning", f"no part of the dataset: {some(foreign)}", numbers)
+        return Check("files", "warning", f"no part of the dataset: {list_some(foreign)}", numbers)
     return Check("files", "passed", f"{len(known)} files, each with the hash it was finished with", numbers)
 
 
 def check_leftovers(directory: Path) -> Check:
     """Check for half-written files."""
-    running = [str(holder) for holder in running_builds(directory)]
+    running = [str(holder) for holder in list_running_builds(directory)]
     found = sorted(str(path.relative_to(directory)) for path in directory.rglob("*.partial"))
     numbers = {"partial": found, "running": running}
     if running:
-        return Check("leftovers", "skipped", f"a build is at work here: {some(running)}", numbers)
+        return Check("leftovers", "skipped", f"a build is at work here: {list_some(running)}", numbers)
     if found:
-        return Check("leftovers", "failed", f"half-written files: {some(found)}; run dataset status", numbers)
+        return Check("leftovers", "failed", f"half-written files: {list_some(found)}; run dataset status", numbers)
     return Check("leftovers", "passed", "no half-written file", numbers)
 
 
@@ -273,12 +275,12 @@ def check_identity(contents: Contents) -> Check:
     stated = contents.description["id"]
     try:
         config = validate(PlanConfig, contents.description["config"], where="dataset.json")
-        found = dataset_id(config, contents.plan.folder)
+        found = compute_dataset_id(config, contents.plan.folder)
     except DoppelgaitError as error:
         return Check("identity", "skipped", f"cannot be hashed again: {error}")
     wrong = [] if found == stated else [f"id is {stated}, configuration and source files give {found}"]
     shards = count_shards(shard.name for shard in contents.plan.shards())
-    for name, value in {"shards": shards, "fields": facts_of(config.dataset.fields)}.items():
+    for name, value in {"shards": shards, "fields": describe_fields(config.dataset.fields)}.items():
         if contents.description[name] != value:
             wrong.append(f"{name} is {contents.description[name]}, the configuration gives {value}")
     numbers = {"stated": stated, "found": found}
@@ -303,7 +305,7 @@ def check_rows(contents: Contents) -> Check:
         elif tuple(found) != expected and (name == scene or tuple(found[1:3]) != expected[1:3]):
             wrong.append(f"{name}: is {'/'.join(found)}, planned {'/'.join(expected)}")
     numbers = {"rows": len(contents.index), "different": len(wrong)}
-    summary = some(wrong) or f"{len(contents.index)} rows with label, split, group and subject as planned"
+    summary = list_some(wrong) or f"{len(contents.index)} rows with label, split, group and subject as planned"
     return Check("rows", "failed" if wrong else "passed", summary, numbers)
 
 
@@ -329,13 +331,15 @@ def check_balance(contents: Contents, *, missing_shards: int) -> Check:
     counts = {label: {split: planned[label, split] - gone[label, split] for split in SPLITS} for label in labels}
     numbers: dict[str, Any] = {"counts": counts, "failed": dict(contents.failed), "absent": silent}
     if silent:
-        return Check("class balance", "failed", f"neither there nor named as failed: {some(silent)}", numbers)
+        return Check("class balance", "failed", f"neither there nor named as failed: {list_some(silent)}", numbers)
     listed = "; ".join(f"{label} " + " ".join(f"{n}" for n in row.values()) for label, row in counts.items())
     if not lost:
         return Check("class balance", "passed", f"as planned in train, validation, test: {listed}", numbers)
     bent = [f"{label} in {split}" for (label, split), n in gone.items() if n > MOST_LOST * planned[label, split]]
-    reasons = some([f"{name}: {reason}" for name, reason in list(contents.failed.items())[:2]])
-    words = f"{len(lost)} examples failed ({reasons}), of {some(bent)} more than {100 * MOST_LOST:.0f} %" if bent else (
-        f"{len(lost)} examples failed ({reasons})"
-    )  # fmt: skip
+    reasons = list_some([f"{name}: {reason}" for name, reason in list(contents.failed.items())[:2]])
+    words = (
+        f"{len(lost)} examples failed ({reasons}), of {list_some(bent)} more than {100 * MOST_LOST:.0f} %"
+        if bent
+        else (f"{len(lost)} examples failed ({reasons})")
+    )
     return Check("class balance", "failed" if bent else "warning", words, numbers)

@@ -23,10 +23,10 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DatasetError, warn_caller
-from doppelgait.dataset.plan import nuisance_of
+from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.splits import names_of
-from doppelgait.dataset.verify.contents import Check, Contents, some
+from doppelgait.dataset.splits import list_names
+from doppelgait.dataset.verify.contents import Check, Contents, list_some
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
@@ -121,11 +121,12 @@ def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
         return Guess(len(table), len(names), float("nan"), allowed, reason=words)
     folds = rng.permutation(int(groups.max()) + 1)[groups] % FOLDS
     columns = [table[name] for name in names]
-    cells = cells_of(columns)
-    accuracy = float(scores(cells, folds, labels[:, None])[0])
+    cells = make_cells(columns)
+    accuracy = float(score_folds(cells, folds, labels[:, None])[0])
     p_value = _p_value(accuracy, cells, folds, labels, groups, rng)
     alone = [
-        (name, float(scores(cells_of([c]), folds, labels[:, None])[0])) for name, c in zip(names, columns, strict=True)
+        (name, float(score_folds(make_cells([c]), folds, labels[:, None])[0]))
+        for name, c in zip(names, columns, strict=True)
     ]
     telling = sorted(alone, key=lambda entry: -entry[1])
     return Guess(len(table), len(names), accuracy, allowed, p_value, tuple(telling))
@@ -140,20 +141,20 @@ def _p_value(
     """
     made = better = 0
     while made < PERMUTATIONS or (not better and made < MOST_PERMUTATIONS):
-        drawn = np.column_stack([permuted(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
-        better += int((scores(cells, folds, drawn) >= accuracy - 1e-12).sum())
+        drawn = np.column_stack([permute_labels(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
+        better += int((score_folds(cells, folds, drawn) >= accuracy - 1e-12).sum())
         made += drawn.shape[1]
     return (better + 1) / (made + 1)
 
 
-def cells_of(columns: Sequence[pd.Series]) -> Cells:
+def make_cells(columns: Sequence[pd.Series]) -> Cells:
     """Return the cells of every column and of every pair.
 
     Pairs are used for up to :data:`MOST_PAIRED` columns.
     """
-    terms = [bins_of(column, BINS) for column in columns]
+    terms = [bin_values(column, BINS) for column in columns]
     if len(columns) <= MOST_PAIRED:
-        coarse = [bins_of(column, PAIR_BINS) for column in columns]
+        coarse = [bin_values(column, PAIR_BINS) for column in columns]
         terms += [one * (PAIR_BINS + 1) + two for one, two in combinations(coarse, 2)]
     parts, starts, first = [], [], 0
     for term in terms:
@@ -164,7 +165,7 @@ def cells_of(columns: Sequence[pd.Series]) -> Cells:
     return Cells(np.hstack(parts), np.array(starts, dtype=np.int64))
 
 
-def bins_of(column: pd.Series, count: int) -> IntArray:
+def bin_values(column: pd.Series, count: int) -> IntArray:
     """Return every value's quantile bin from 1, missing 0.
 
     Few different values have a bin each.
@@ -181,7 +182,7 @@ def bins_of(column: pd.Series, count: int) -> IntArray:
     return np.where(known, 1 + np.searchsorted(edges, values, side="right"), 0)
 
 
-def scores(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
+def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
     """Return the folds' mean balanced accuracy per label column.
 
     Each fold is guessed from the others; labels have the shape (n, n_columns).
@@ -191,12 +192,12 @@ def scores(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.fl
     for fold in range(FOLDS):
         test = folds == fold
         if test.any() and not test.all():
-            levels = _levels(cells, test, labels[~test], n_classes)
+            levels = _compute_log_ratios(cells, test, labels[~test], n_classes)
             found.append(balanced_accuracy(labels[test], levels.argmax(axis=0), n_classes))
     return np.asarray(np.mean(found, axis=0))
 
 
-def _levels(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
+def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
     """Return the log-likelihood ratio of every class against all rows.
 
     It is that of the rows of a fold; shape (n_classes, n_test, P).
@@ -227,7 +228,7 @@ def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> np
     return np.asarray(hits / present)
 
 
-def permuted(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
+def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
     """Permute labels over groups.
 
     Groups of one label swap theirs, groups of several permute within.
@@ -261,7 +262,7 @@ def check_groups(contents: Contents) -> Check:
     torn: dict[str, list[str]] = {}
     for key in KINDS:
         splits: dict[str, set[str]] = {}
-        for names, split in zip(names_of(index, key), index["split"], strict=True):
+        for names, split in zip(list_names(index, key), index["split"], strict=True):
             for name in names:
                 splits.setdefault(name, set()).add(split)
         found = [f"{name} ({', '.join(sorted(within))})" for name, within in sorted(splits.items()) if len(within) > 1]
@@ -269,7 +270,7 @@ def check_groups(contents: Contents) -> Check:
             torn[key] = found
     numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
     if torn:
-        words = "; ".join(f"{KINDS[key]} in more than one split: {some(names)}" for key, names in torn.items())
+        words = "; ".join(f"{KINDS[key]} in more than one split: {list_some(names)}" for key, names in torn.items())
         return Check("groups", "failed", words, numbers)
     models = index[index["source"] == "model"]
     same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
@@ -305,20 +306,20 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     index = contents.index
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
     if drawn:
-        table = nuisance_table(index, drawn)
+        table = tabulate_nuisances(index, drawn)
     elif len(index) <= MOST_ROWS:
-        table = _measured(index)
+        table = _select_measured(index)
     else:
-        table = _measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
-    table = _without(table, leaks)
+        table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
+    table = _drop_leaks(table, leaks)
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # classes with targets by all parameters, and all classes by those that an empty room has, too
     nobody = table["nobody"].to_numpy(dtype=bool)
     table = table.drop(columns="nobody")
-    questions = [("classes of movers" if nobody.any() else "classes", _varying(table[~nobody]))]
+    questions = [("classes of movers" if nobody.any() else "classes", _select_varying(table[~nobody]))]
     if nobody.any():
         seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
-        questions.append(("all classes", _varying(table[seen])))
+        questions.append(("all classes", _select_varying(table[seen])))
     findings = [
         (words, guess_classes(part, rng))
         for words, part in questions
@@ -327,7 +328,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     if not findings:
         return Check("nuisance", "not applicable", f"one class, or no nuisance parameter that differs{declared}")
     numbers = {words: guess.as_dict() for words, guess in findings}
-    told = [_words(words, guess, table) for words, guess in findings if guess.leaks]
+    told = [_describe_guess(words, guess, table) for words, guess in findings if guess.leaks]
     if told:
         words = "; ".join(told) + declared
         return Check("nuisance", "warning" if contents.measured else "failed", words, numbers)
@@ -344,24 +345,24 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     return Check("nuisance", "passed", words, numbers)
 
 
-def _without(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
+def _drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
     """Drop the columns of leaks that a plan names."""
     known = {column for leak in leaks for column in MEASURED_LEAKS.get(leak, ())}
     own = tuple(f"{leak}." for leak in leaks)
     return table[[n for n in table.columns if n not in known and n not in leaks and not str(n).startswith(own)]]
 
 
-def _varying(table: pd.DataFrame) -> pd.DataFrame:
+def _select_varying(table: pd.DataFrame) -> pd.DataFrame:
     """Select label, group and the parameters that differ beyond rounding.
 
     No radar measures the sixth digit of a level.
     """
-    table = table.apply(lambda values: rounded(values) if pd.api.types.is_float_dtype(values) else values)
+    table = table.apply(lambda values: round_values(values) if pd.api.types.is_float_dtype(values) else values)
     kept = [name for name in table.columns if name in ("label", "group") or table[name].nunique(dropna=False) > 1]
     return table[kept]
 
 
-def rounded(values: pd.Series) -> pd.Series:
+def round_values(values: pd.Series) -> pd.Series:
     """Round numbers to five significant digits.
 
     So values that were summed in another order become equal.
@@ -374,14 +375,14 @@ def rounded(values: pd.Series) -> pd.Series:
     return pd.Series(numbers, index=values.index)
 
 
-def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+def tabulate_nuisances(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate the nuisance parameters of examples that were resolved again.
 
     The values of the index are in the table, too.
     """
-    flat = drawn_table(drawn).drop(columns=["label", "group"])
+    flat = tabulate_examples(drawn).drop(columns=["label", "group"])
     rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
-    stated = _measured(rows).rename(
+    stated = _select_measured(rows).rename(
         columns=lambda name: name if name in ("label", "group", "nobody") else f"index.{name}"
     )
     if (flat["noise.kind"] == "snr").all():
@@ -389,7 +390,7 @@ def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.Data
     return pd.concat([stated, flat], axis=1)
 
 
-def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+def tabulate_examples(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate label, group and nuisance parameters of resolved examples.
 
     Rows are named by their identifiers.
@@ -398,7 +399,7 @@ def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
     for example in drawn:
         snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan
         for number, row in enumerate(example.rows):
-            stated = {"label": row.label, "group": example.group, **nuisance_of(example, number)}
+            stated = {"label": row.label, "group": example.group, **collect_nuisance(example, number)}
             records.append({**stated, "noise.snr_db": snr_db})
             names.append(row.id)
     return pd.DataFrame(records, index=names)
@@ -419,12 +420,16 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leak
         Keys that the plan names in ``dataset.leaks``; they are not judged.
     """
     moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
-    table = _varying(_without(drawn_table(moving), (*leaks, "gate_error_m"))) if moving else pd.DataFrame({"label": []})
+    table = (
+        _select_varying(_drop_leaks(tabulate_examples(moving), (*leaks, "gate_error_m")))
+        if moving
+        else pd.DataFrame({"label": []})
+    )
     if table["label"].nunique() < 2 or len(table.columns) < 3:
         return
     guess = guess_classes(table, rng)
     if guess.leaks:
-        raise DatasetError(f"{_words('classes', guess, table)}; draw them by one law for every class")
+        raise DatasetError(f"{_describe_guess('classes', guess, table)}; draw them by one law for every class")
 
 
 def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
@@ -438,12 +443,12 @@ def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, lea
         warn_caller(f"{error}; the dataset is built, but what learns from it learns these")
 
 
-def _measured(rows: pd.DataFrame) -> pd.DataFrame:
+def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
     kept = rows[["label", "group", *(name for name in MEASURED if name in rows)]].copy()
     return kept.assign(nobody=(rows["source"] == "none").to_numpy(dtype=bool))
 
 
-def _words(words: str, guess: Guess, table: pd.DataFrame) -> str:
+def _describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
     telling = []
     for name, alone in guess.telling[:SHOWN_PARAMETERS]:
         # The parameter in every class: the median of numbers, else the most frequent value.

@@ -18,7 +18,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.dataset.plan import PlannedExample
 from doppelgait.dataset.shard import BuildContext, build_planned
 from doppelgait.dataset.shard_files import INDEX_NAMES, Arrays, decode
-from doppelgait.dataset.verify.contents import Check, Contents, some
+from doppelgait.dataset.verify.contents import Check, Contents, list_some
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
@@ -115,7 +115,7 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
         "largest_feature_difference": max((d.feature for d in found if math.isfinite(d.feature)), default=0.0),
     }  # fmt: skip
     if reasons or off:
-        return Check("re-simulation", "failed", some([*reasons, *off]), numbers)
+        return Check("re-simulation", "failed", list_some([*reasons, *off]), numbers)
     if identical == len(found):
         return Check("re-simulation", "passed", f"{len(chosen)} examples made again: identical bytes", numbers)
     words = (
@@ -127,15 +127,19 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
 
 
 def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: Arrays) -> Difference:
-    equal_row = all(_same(there.get(INDEX_NAMES.get(name, name)), value) for name, value in row.items())
-    other = [name for name in NAMES if not _same(there.get(name), row[name])]
+    equal_row = all(_is_same(there.get(INDEX_NAMES.get(name, name)), value) for name, value in row.items())
+    other = [name for name in NAMES if not _is_same(there.get(name), row[name])]
     for name, made in row.items():
         if name.startswith(FACTS):
             exact = isinstance(made, str) or made is None
-            far = not _same(there.get(name), made) if exact else _relative(made, there.get(name)) > FEATURE_TOLERANCE
+            far = (
+                not _is_same(there.get(name), made)
+                if exact
+                else _compare_numbers(made, there.get(name)) > FEATURE_TOLERANCE
+            )
             other += [name] if far else []
     features = [*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz"]
-    feature = max(_relative(row[name], there.get(name)) for name in features)
+    feature = max(_compare_numbers(row[name], there.get(name)) for name in features)
     files, worst, equal_arrays = contents.dataset.files, 0.0, True
     for name, values in arrays.items():
         stored = files.read(str(there["shard"]), name, int(there["row"]))
@@ -154,14 +158,14 @@ def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: 
     return Difference(row["id"], equal_row and equal_arrays, worst, feature, reason)
 
 
-def _same(there: Any, made: Any) -> bool:
+def _is_same(there: Any, made: Any) -> bool:
     """Return True for equal values, unknown being None or NaN."""
     if there is None or there != there:
         return made is None
     return bool(there == made)
 
 
-def _relative(made: Any, there: Any) -> float:
+def _compare_numbers(made: Any, there: Any) -> float:
     """Return the relative difference of two numbers.
 
     It is infinite where only one of them is known.
@@ -218,6 +222,6 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
     wrong = [f"{name} by {error:+.1f} dB" for name, error in errors.items() if not abs(error) <= tolerance_db[name]]
     numbers = {"examples": len(errors), "largest_error_db": max(abs(error) for error in errors.values())}
     if wrong:
-        return Check("measured SNR", "failed", f"SNR_frame of the index is off: {some(wrong)}", numbers)
+        return Check("measured SNR", "failed", f"SNR_frame of the index is off: {list_some(wrong)}", numbers)
     words = f"{len(errors)} examples: SNR_frame as in the index, off by {numbers['largest_error_db']:.2f} dB at most"
     return Check("measured SNR", "passed", words, numbers)

@@ -21,9 +21,9 @@ from doppelgait.dataset.verify.contents import (
     Contents,
     Progress,
     Verification,
-    known_description,
-    plan_of,
-    planned_shards,
+    list_planned_shards,
+    read_known_description,
+    read_plan,
 )
 from doppelgait.dataset.verify.duplicates import check_duplicates
 from doppelgait.dataset.verify.integrity import (
@@ -54,7 +54,7 @@ MOST_TIMES = 400
 """Columns of a signature that are drawn, 400 to 800 of longer ones: a small picture has no more pixels."""
 
 
-def draw_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> list[Path]:
+def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> list[Path]:
     """Plot signatures per class on pages, and features.
 
     A page has up to 24 signatures, where they are kept.
@@ -75,7 +75,7 @@ def draw_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> l
     files = []
     if "signature" in contents.description["fields"]:
         for label in sorted(contents.index["label"].unique()):
-            figure = _sheet(contents, label, rng)
+            figure = _plot_sheet(contents, label, rng)
             if figure is not None:
                 files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.png"))
     if len(contents.index):
@@ -85,7 +85,7 @@ def draw_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> l
     return files
 
 
-def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
+def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
     """Plot the page of one class.
 
     It is None where no row has a signature.
@@ -99,7 +99,7 @@ def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
     for number in rng.permutation(members).tolist():
         example = contents.dataset.example(number)
         if "signature" in example.arrays:
-            arrays.append(above_floor(example.signature, example.row.get("quality_noise_floor_v2")))
+            arrays.append(divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2")))
             row = contents.index.iloc[number]
             parts = [str(row["id"]).removeprefix(f"{label.replace(' ', '_')}-").lstrip("0") or "0"]
             speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")  # the true ones, else the measured
@@ -123,7 +123,7 @@ def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
     return figure
 
 
-def above_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
+def divide_by_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
     """Divide a signature by its noise floor.
 
     Without a known floor its median is used. The columns are decimated to what a page shows.
@@ -189,17 +189,17 @@ def verify_dataset(
     if not 0 <= share <= 1:
         raise ConfigError(f"share = {share}: is not allowed; must be from 0 to 1")
     began, target = time.monotonic(), Path(directory)
-    description = known_description(target)
-    steps = _Steps(2 * len(planned_shards(description)), on_progress)
+    description = read_known_description(target)
+    steps = _Steps(2 * len(list_planned_shards(description)), on_progress)
     contents, checks, n_missing = _open(target, description, folder or Path.cwd(), steps)
     try:
-        for check in _checks(contents, n_missing, share, rng, steps):
+        for check in _run_checks(contents, n_missing, share, rng, steps):
             checks.append(check)
     except Exception as error:
         if checks[0].status == "passed":
             raise
         checks.append(Check("rest", "failed", f"files are damaged, and a check stopped at it: {error}"))
-    pages = draw_sheets(contents, figures, rng) if figures is not None else []
+    pages = plot_sheets(contents, figures, rng) if figures is not None else []
     return Verification(
         directory=target,
         dataset_id=str(description["id"]),
@@ -225,7 +225,7 @@ def _open(
         except Exception as error:  # Arrow raises whatever it likes at damaged files
             index = None
             reason = f"index.parquet cannot be read: {' '.join(str(error).split())}"
-    names = planned_shards(description)
+    names = list_planned_shards(description)
     findings = look_at_shards(target, str(description["id"]), names, index, tick)
     complete = bool(description.get("complete"))
     if index is None and complete and not reason:
@@ -246,7 +246,7 @@ def _open(
         check_split_lists(target, index),
         check_leftovers(target),
     ]
-    plan, no_plan = plan_of(description, folder)
+    plan, no_plan = read_plan(description, folder)
     if index is None:
         rows = make_index(read_records(target, findings.whole))
     else:
@@ -255,7 +255,7 @@ def _open(
     return contents, checks, len(findings.missing) + len(findings.damaged)
 
 
-def _checks(
+def _run_checks(
     contents: Contents, n_missing: int, share: float, rng: np.random.Generator, steps: _Steps
 ) -> Iterator[Check]:
     yield check_identity(contents)
@@ -265,7 +265,7 @@ def _checks(
     for_sample, for_draws, for_pairs, for_guess = rng.spawn(4)
     chosen = choose(contents, share, for_sample)
     steps.total += len(chosen)
-    drawn = contents.drawn(for_draws)
+    drawn = contents.resolve_sample(for_draws)
     yield check_rows(contents)
     yield check_balance(contents, missing_shards=n_missing)
     yield check_resimulation(contents, chosen, steps)

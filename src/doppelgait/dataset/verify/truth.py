@@ -42,7 +42,7 @@ SHOWN_DB = 3.0
 """A row shows something from this signature SNR on. Noise alone stays below 0 dB in gates of many range bins."""
 
 
-def off_as_a_whole(hits: int, rows: int, least: float = LEAST_SHARE) -> bool:
+def has_too_few_hits(hits: int, rows: int, least: float = LEAST_SHARE) -> bool:
     """Return True if fewer than ``least`` rows hit, beyond chance."""
     from scipy.special import bdtr
 
@@ -60,7 +60,7 @@ def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Chec
         rms = float(np.sqrt(np.mean(np.square(part["error"]))))
         numbers[str(label)] = {"rows": rows, "share_inside": hits / rows, "rms": rms}
         parts.append(f"{label} {100 * hits / rows:.0f} % of {rows}{extra.format(rms=rms)}")
-        if off_as_a_whole(hits, rows):
+        if has_too_few_hits(hits, rows):
             wrong.append(str(label))
     summary = f"{what}: {', '.join(parts)}"
     return Check(name, "failed", f"off as a whole: {', '.join(wrong)}; {summary}", numbers) if wrong else Check(
@@ -68,7 +68,7 @@ def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Chec
     )  # fmt: skip
 
 
-def column(index: pd.DataFrame, name: str) -> FloatArray:
+def read_column(index: pd.DataFrame, name: str) -> FloatArray:
     """Return a column of numbers, NaN where absent."""
     values = index[name] if name in index else pd.Series(np.nan, index=index.index)
     return np.asarray(pd.to_numeric(values).to_numpy(dtype=np.float64, na_value=np.nan))
@@ -79,11 +79,11 @@ def check_velocity(index: pd.DataFrame) -> Check:
 
     Rows that show nothing are left out.
     """
-    truth, found = column(index, "truth_radial_velocity_mps"), column(index, "feature_torso_velocity_mps")
+    truth, found = read_column(index, "truth_radial_velocity_mps"), read_column(index, "feature_torso_velocity_mps")
     error = np.abs(found - truth)
     table = pd.DataFrame({"label": index["label"], "error": error})
     table["inside"] = error <= VELOCITY_TOLERANCE_MPS + VELOCITY_TOLERANCE_SHARE * np.abs(truth)
-    known = np.isfinite(error) & (column(index, "quality_snr_mu_db") >= SHOWN_DB)
+    known = np.isfinite(error) & (read_column(index, "quality_snr_mu_db") >= SHOWN_DB)
     return judge("torso velocity", table[known], "within 0.15 m/s + 10 % of the truth", extra=" (rms {rms:.2f} m/s)")
 
 
@@ -92,11 +92,11 @@ def check_gait_frequency(index: pd.DataFrame) -> Check:
 
     Rows of 10 dB and more that are not flagged are used.
     """
-    truth, found = column(index, "truth_gait_frequency_hz"), column(index, "gait_frequency_hz")
+    truth, found = read_column(index, "truth_gait_frequency_hz"), read_column(index, "gait_frequency_hz")
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(found / truth - 1.0)
     sure = ~index["quality_flags"].fillna("").astype(str).str.contains("low_confidence").to_numpy(dtype=bool)
-    known = np.isfinite(error) & sure & (column(index, "quality_snr_mu_db") >= FREQUENCY_LEAST_SNR_DB)
+    known = np.isfinite(error) & sure & (read_column(index, "quality_snr_mu_db") >= FREQUENCY_LEAST_SNR_DB)
     table = pd.DataFrame({"label": index["label"], "error": error, "inside": error <= FREQUENCY_TOLERANCE_SHARE})
     what = "within 10 % of the truth where not flagged and 10 dB or more"
     return judge("gait frequency", table[known], what)
@@ -111,7 +111,7 @@ def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
     if not asked:
         return Check("planned SNR", "not applicable", "the plan sets no SNR")
     rows = index[index["scene_id"].isin(list(asked)) & (index["source"] != "none")]
-    error = np.abs(column(rows, "snr_frame_db") - np.array([asked[name] for name in rows["scene_id"]]))
+    error = np.abs(read_column(rows, "snr_frame_db") - np.array([asked[name] for name in rows["scene_id"]]))
     table = pd.DataFrame({"label": rows["label"], "error": error, "inside": error <= SNR_TOLERANCE_DB})
     return judge("planned SNR", table, "SNR_frame within 0.1 dB of the plan")
 
@@ -199,8 +199,8 @@ def check_movers(contents: Contents) -> Check:
     if contents.measured:
         return Check("movers", "not applicable", "imported recordings declare no motion")
     index = contents.index
-    seen = column(index, "quality_snr_mu_db") >= SHOWN_DB
-    moving = seen & (abs(column(index, "feature_torso_velocity_mps")) >= MOVING_MPS)
+    seen = read_column(index, "quality_snr_mu_db") >= SHOWN_DB
+    moving = seen & (abs(read_column(index, "feature_torso_velocity_mps")) >= MOVING_MPS)
     nobody = (index["source"] == "none").to_numpy(dtype=bool)
     table = pd.DataFrame({"label": index["label"], "nobody": nobody, "seen": seen, "moving": moving})
     empty, odd, numbers = [], [], {}
@@ -209,7 +209,7 @@ def check_movers(contents: Contents) -> Check:
         numbers[str(label)] = {"rows": len(part), "nobody": bool(none), "share_seen": share}
         if none and share > MOST_SEEN_OF_NOBODY:
             odd.append(f"{label} declares nobody, but something moves in {100 * share:.0f} % of {len(part)} rows")
-        elif not none and off_as_a_whole(int(part["seen"].sum()), len(part), LEAST_SEEN):
+        elif not none and has_too_few_hits(int(part["seen"].sum()), len(part), LEAST_SEEN):
             empty.append(f"{label} declares motion, but only {100 * share:.0f} % of {len(part)} rows show any")
     if empty:
         return Check("movers", "failed", "noise instead of motion: " + "; ".join([*empty, *odd]), numbers)

@@ -1,6 +1,6 @@
 """Motion from equations: people, dogs, cats, confusers, and primitives."""
 
-from doppelgait.motion.models.boulic import BoulicConfig, boulic_points, boulic_walk
+from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk, compute_boulic_points
 from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
 from doppelgait.motion.models.dogs import Dog, sample_dog
@@ -17,7 +17,7 @@ from doppelgait.motion.models.primitives import (
     rotor,
 )
 from doppelgait.motion.models.quadruped import QuadrupedConfig, quadruped_gait
-from doppelgait.motion.models.registry import MOTION_MODELS, generate, parameters_of
+from doppelgait.motion.models.registry import MOTION_MODELS, generate, get_parameters
 
 __all__ = [
     "MOTION_MODELS",
@@ -34,16 +34,16 @@ __all__ = [
     "QuadrupedConfig",
     "RotorConfig",
     "VacuumConfig",
-    "boulic_points",
     "boulic_walk",
     "breathing_person",
+    "compute_boulic_points",
     "crawling_person",
     "curtain",
     "fan",
     "generate",
+    "get_parameters",
     "human_gait",
     "moving_point",
-    "parameters_of",
     "pendulum",
     "quadruped_gait",
     "robot_vacuum",

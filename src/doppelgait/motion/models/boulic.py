@@ -25,15 +25,15 @@ from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.human_body import LENGTHS, POINTS, figure_points
+from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     Curve,
+    fit_periodic_pchip,
     footfall_times_s,
+    make_stride_clock,
     mean_stride_frequency_hz,
-    periodic_pchip_curve,
     sample_times_s,
-    stride_clock,
 )
 from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
@@ -66,16 +66,16 @@ def cycle_duration_s(relative_speed: float) -> float:
     return 1.346 / math.sqrt(relative_speed)
 
 
-def support_fraction(relative_speed: float) -> float:
+def compute_support_fraction(relative_speed: float) -> float:
     """Return a foot's duty factor, 0.752 - 0.143 / T."""
     return 0.752 - 0.143 / cycle_duration_s(relative_speed)
 
 
-def _sin(cycles: FloatArray) -> FloatArray:
+def _sine(cycles: FloatArray) -> FloatArray:
     return np.asarray(np.sin(2 * np.pi * cycles))
 
 
-def _cos(cycles: FloatArray) -> FloatArray:
+def _cosine(cycles: FloatArray) -> FloatArray:
     return np.asarray(np.cos(2 * np.pi * cycles))
 
 
@@ -87,7 +87,7 @@ def _share(phase: FloatArray) -> FloatArray:
     return np.asarray(phase - np.floor(phase))
 
 
-def body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
+def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
     """Return the offset of the body from uniform motion.
 
     It is in units of the offset scale k.
@@ -119,9 +119,9 @@ def body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns 
     vertical = 0.015 * q
     return np.stack(
         [
-            fore_aft * _sin(2 * phase + 2 * (0.625 - support_fraction(q))),
-            lateral * _sin(phase - 0.1),
-            -vertical + vertical * _sin(2 * phase - 0.35),
+            fore_aft * _sine(2 * phase + 2 * (0.625 - compute_support_fraction(q))),
+            lateral * _sine(phase - 0.1),
+            -vertical + vertical * _sine(2 * phase - 0.35),
         ],
         axis=-1,
     )
@@ -136,7 +136,7 @@ def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
     first = p < 0.5
     half = np.where(first, p, p - 0.5)
     # down over 0.15 cycles and up over 0.35, half a cycle of the cosine each
-    drop = 1 - _cos(np.where(half < 0.15, half / 0.3, 0.5 + (half - 0.15) / 0.7))
+    drop = 1 - _cosine(np.where(half < 0.15, half / 0.3, 0.5 + (half - 0.15) / 0.7))
     return np.asarray(np.where(first, -1.66 * relative_speed, 1.66 * relative_speed) * drop)
 
 
@@ -153,7 +153,7 @@ def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Floa
     """
     q, pitch = relative_speed, lean_deg(relative_speed)
     return {
-        "trunk_pitch": -pitch + pitch * _sin(2 * phase - 0.1),
+        "trunk_pitch": -pitch + pitch * _sine(2 * phase - 0.1),
         **pelvis_angles_deg(phase, q),
         "thorax_torsion": thorax_torsion_deg(phase, q),
     }
@@ -161,14 +161,14 @@ def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Floa
 
 def pelvis_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
     """Return pelvic torsion and list by name."""
-    torsion = -4 * relative_speed * _cos(phase)
+    torsion = -4 * relative_speed * _cosine(phase)
     return {"pelvic_torsion": torsion, "pelvic_list": pelvic_list_deg(phase, relative_speed)}
 
 
 def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
     """Return the torsion of the upper body."""
     q = relative_speed
-    return periodic_pchip([(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)], phase)
+    return interpolate_periodic([(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)], phase)
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
@@ -177,23 +177,25 @@ def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Float
     They are hip, knee, ankle, shoulder and elbow, shaped like ``phase``.
     """
     q = relative_speed
-    knots = joint_knots(q)
-    return {joint: periodic_pchip(knots[joint], phase) for joint in ("hip", "knee", "ankle")} | arm_angles_deg(phase, q)
+    knots = find_joint_knots(q)
+    return {joint: interpolate_periodic(knots[joint], phase) for joint in ("hip", "knee", "ankle")} | arm_angles_deg(
+        phase, q
+    )
 
 
 def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
     """Return the flexion of shoulder and elbow alone."""
     q = relative_speed
-    shoulder = 3 - 0.5 * 9.88 * q - 9.88 * q * _cos(phase)
-    return {"shoulder": shoulder, "elbow": periodic_pchip(joint_knots(q)["elbow"], phase)}
+    shoulder = 3 - 0.5 * 9.88 * q - 9.88 * q * _cosine(phase)
+    return {"shoulder": shoulder, "elbow": interpolate_periodic(find_joint_knots(q)["elbow"], phase)}
 
 
-def joint_knots(relative_speed: float) -> dict[str, Knots]:
+def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     """Return the joint curves' control points (phase, degrees).
 
     They are those of hip, knee, ankle and elbow at a relative speed.
     """
-    q, s = relative_speed, support_fraction(relative_speed)
+    q, s = relative_speed, compute_support_fraction(relative_speed)
     if q < 0.5:
         return {
             "hip": [(-0.1, 50 * q), (0.5, -30 * q)],
@@ -223,13 +225,13 @@ def joint_knots(relative_speed: float) -> dict[str, Knots]:
     }  # fmt: skip
 
 
-def periodic_pchip(knots: Knots, phase: FloatArray) -> FloatArray:
+def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
     """Interpolate repeating knots by a shape-preserving cubic (Fritsch-Carlson)."""
-    return _pchip(tuple(knots))(_share(phase))
+    return _fit_pchip(tuple(knots))(_share(phase))
 
 
 @lru_cache(maxsize=256)
-def _pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
+def _fit_pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
     """Compute the shape-preserving periodic cubic through knots.
 
     Results are kept: a motion needs the same few again and again.
@@ -238,7 +240,7 @@ def _pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
     kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
     if kept[0][0] + 1 - kept[-1][0] <= SAME_KNOT:
         kept.pop()
-    return periodic_pchip_curve(*zip(*kept, strict=True))
+    return fit_periodic_pchip(*zip(*kept, strict=True))
 
 
 Form = Literal["consistent", "pendulum", "chen2011"]
@@ -288,7 +290,7 @@ class BoulicConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=50, le=10_000)
 
     @model_validator(mode="after")
-    def _speed_fits_the_leg(self) -> BoulicConfig:
+    def _check_speed(self) -> BoulicConfig:
         top_mps = TOP_RELATIVE_SPEED * LEG_LENGTH * self.height_m
         if self.speed_mps > top_mps * (1 + 1e-9):
             raise ValueError(
@@ -339,7 +341,7 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
     q = config.speed_mps / leg_m
     scale_m = 1.0 if config.form == "chen2011" else leg_m
     times_s = sample_times_s(duration_s, config.rate_hz)
-    clock = stride_clock(
+    clock = make_stride_clock(
         times_s[-1],
         period_s=cycle_duration_s(q),
         start_phase=config.start_phase,
@@ -350,7 +352,7 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
     # the frames and a whole cycle in one call: the floor is under the lowest point of the cycle
     both = np.concatenate([_WHOLE_CYCLE, phase])
     signs = _SIGNS[config.form]
-    both_m = boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    both_m = compute_boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
     points, lowest_m = both_m[_WHOLE_CYCLE.size :], float(both_m[: _WHOLE_CYCLE.size, _FEET, 2].min())
     points[:, :, 0] += (1.346 * math.sqrt(q) * scale_m * (phase - phase[0]))[:, None]
     points[:, :, 2] -= lowest_m
@@ -374,7 +376,7 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
     )  # fmt: skip
 
 
-def boulic_points(
+def compute_boulic_points(
     phase: npt.ArrayLike,
     relative_speed: float,
     height_m: float,
@@ -397,7 +399,7 @@ def boulic_points(
     offset_scale_m : float
         Length k that the body offsets are in units of: L to be consistent, 1 m in the published program.
     offset_signs : str
-        See :func:`body_offset`.
+        See :func:`compute_body_offset`.
 
     Returns
     -------
@@ -414,5 +416,5 @@ def boulic_points(
     trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(p, q).items()}
     limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([p + 0.5, p]), q).items()}
     size = {name: fraction * height_m for name, fraction in LENGTHS.items()}
-    offset_m = offset_scale_m * body_offset(p, q, signs=offset_signs)
-    return np.asarray(figure_points(trunk, limbs, size) + offset_m[:, None])
+    offset_m = offset_scale_m * compute_body_offset(p, q, signs=offset_signs)
+    return np.asarray(compute_figure_points(trunk, limbs, size) + offset_m[:, None])

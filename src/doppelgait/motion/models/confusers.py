@@ -57,7 +57,7 @@ class VacuumConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
     @model_validator(mode="after")
-    def _frames_follow_the_brush(self) -> VacuumConfig:
+    def _check_frame_rate(self) -> VacuumConfig:
         _check_turns(self.rate_hz, self.brush_hz, "brush_hz")
         return self
 
@@ -96,7 +96,7 @@ class CurtainConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=20, le=100_000)
 
     @model_validator(mode="after")
-    def _stays_above_the_floor(self) -> CurtainConfig:
+    def _check_height(self) -> CurtainConfig:
         if self.rail_height_m < self.drop_m:
             raise ValueError(
                 f"rail_height_m: {self.rail_height_m:g} is not allowed: the curtain would reach through the floor; "
@@ -131,7 +131,7 @@ class FanConfig(FrozenModel):
     rate_hz: float = Field(1000.0, ge=1, le=100_000)
 
     @model_validator(mode="after")
-    def _turns_and_stands(self) -> FanConfig:
+    def _check_fan(self) -> FanConfig:
         if self.hub_height_m < self.radius_m:
             raise ValueError(
                 f"hub_height_m: {self.hub_height_m:g} is not allowed: the blades would turn through the floor; "
@@ -259,7 +259,7 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
 
 
 @plugin("motion_model", parameters=VacuumConfig)
-def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     turn = math.radians(config.turn_deg_per_s)
     heading = turn * times_s
@@ -276,11 +276,11 @@ def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | 
         angle = heading + 2 * np.pi * (config.brush_hz * times_s + k / BRUSH_ARMS)
         points[f"brush_{k + 1}"] = hub + _round(angle, config.brush_radius_m)
     rate = {"gait_frequency_hz": BRUSH_ARMS * config.brush_hz} if config.brush_hz > 0 else {}
-    return _motion("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
+    return _make_motion("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
 
 
 @plugin("motion_model", parameters=CurtainConfig)
-def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     points = {}
     for column, across in enumerate(np.linspace(-0.5, 0.5, config.columns) if config.columns > 1 else [0.0]):
@@ -291,11 +291,11 @@ def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator 
             place = stack_xyz(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
             points[f"cloth_{column + 1}_{row + 1}"] = place
     rate = {"gait_frequency_hz": config.sway_hz} if config.amplitude_m > 0 else {}
-    return _motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
+    return _make_motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
 
 
 @plugin("motion_model", parameters=FanConfig)
-def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     turning = rotor(
         radius_m=config.radius_m,
         rotation_hz=config.rotation_hz,
@@ -309,14 +309,16 @@ def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None =
     still = np.zeros(turning.n_frames)
     points |= {"stand": stack_xyz(still, 0.0, config.hub_height_m / 2), "foot": stack_xyz(still, 0.0, 0.0)}
     top_m = config.hub_height_m + config.radius_m
-    return _motion("fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.facts.gait_frequency_hz)
+    return _make_motion(
+        "fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.facts.gait_frequency_hz
+    )
 
 
 def _round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
     return radius_m * np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros_like(angle_rad)], axis=1)
 
 
-def _motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: object) -> Motion:
+def _make_motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: object) -> Motion:
     return make_motion(
         np.stack(list(points.values()), axis=1),
         rate_hz=rate_hz,

@@ -16,14 +16,14 @@ from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.human_body import LENGTHS, POINTS
-from doppelgait.motion.models.quadruped_limbs import two_link
+from doppelgait.motion.models.quadruped_limbs import solve_two_links
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
+    make_stride_clock,
     mean_stride_frequency_hz,
     sample_times_s,
     stack_xyz,
-    stride_clock,
 )
 from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
@@ -71,7 +71,7 @@ class CrawlConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=50, le=10_000)
 
     @model_validator(mode="after")
-    def _speed_fits_the_limbs(self) -> CrawlConfig:
+    def _check_speed(self) -> CrawlConfig:
         top_mps = (0.36 / DUTY) ** 2 / STRIDE_RATIO * self.height_m
         if self.speed_mps > top_mps:
             raise ValueError(
@@ -124,7 +124,7 @@ def crawling_person(
 def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     stride_hz = math.sqrt(config.speed_mps / (STRIDE_RATIO * config.height_m))
-    clock = stride_clock(
+    clock = make_stride_clock(
         times_s[-1],
         period_s=1 / stride_hz,
         start_phase=config.start_phase,
@@ -133,7 +133,7 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
     )
     phase = clock(times_s)
     stride_m = config.speed_mps / stride_hz
-    points = crawling_points(phase, stride_m / config.height_m)
+    points = compute_crawling_points(phase, stride_m / config.height_m)
     position_m = config.height_m * np.stack([points[name] for name in POINTS], axis=1)
     position_m[:, :, 0] -= stride_m * phase[0]
     mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if config.mass_kg is None else {}
@@ -157,7 +157,7 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
     )  # fmt: skip
 
 
-def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
+def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
     """Return advance and lift of a stepping limb.
 
     The advance is in strides, the lift 0 to 1; ``cycles`` count from touchdown.
@@ -169,7 +169,7 @@ def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
     return number + share**3 * (10 - 15 * share + 6 * share**2), np.sin(np.pi * share) ** 2
 
 
-def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
+def compute_crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
     """Return the crawler's points by name, in statures.
 
     The pelvis is at ``stride`` times the phase.
@@ -190,14 +190,14 @@ def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
     for side, sigma in (("left", 1.0), ("right", -1.0)):
         shoulder = points["neck"] + np.array([0.0, sigma * size["half_shoulder"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_hand"]
-        advance, lift = placed(phase - touchdown, DUTY)
+        advance, lift = place_limb(phase - touchdown, DUTY)
         ahead = points["neck"][:, 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
         hand = stack_xyz(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
-        elbow = two_link(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
+        elbow = solve_two_links(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
         # the thigh turns about the hip over the standing knee, which so rises a little at either end
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_knee"]
-        advance, _ = placed(phase - touchdown, DUTY)
+        advance, _ = place_limb(phase - touchdown, DUTY)
         ahead = stride * (advance + touchdown + DUTY / 2 - phase)
         knee = hip + stack_xyz(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
         ankle = knee - [size["shank"], 0.0, 0.0]

@@ -95,7 +95,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     >>> sample_dog(np.random.default_rng(3), gait="trot").gait
     'trot'
     """
-    gaits = _possible_gaits(gait, froude)
+    gaits = _list_possible_gaits(gait, froude)
     chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"
     breed, way, effort, wag, sweep, time, length, landing = chance.random(8)
     size, *others = chance.standard_normal(9)
@@ -122,7 +122,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     return Dog(build, gait, **{name: float(value) for name, value in values.items()})
 
 
-def _possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
+def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
     """Return the gaits that a dog may have.
 
     A Froude number at which there is none is refused.

@@ -22,12 +22,12 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import (
     TOP_RELATIVE_SPEED,
     arm_angles_deg,
-    body_offset,
+    compute_body_offset,
+    compute_support_fraction,
     cycle_duration_s,
     lean_deg,
     limb_angles_deg,
     pelvis_angles_deg,
-    support_fraction,
     thorax_torsion_deg,
     trunk_angles_deg,
 )
@@ -38,24 +38,24 @@ from doppelgait.motion.models.human_body import (
     Body,
     Curves,
     Hands,
-    figure_points,
-    left_hip,
-    legless_points,
-    segment_lengths,
+    compute_figure_points,
+    find_segment_lengths,
+    place_left_hip,
+    place_legless_points,
     swing_arms,
 )
-from doppelgait.motion.models.human_curves import measured_curve, together, walk_duty
-from doppelgait.motion.models.human_feet import FOOT, Hips, Style, place_feet
+from doppelgait.motion.models.human_curves import join_curves, make_measured_curve, walk_duty
+from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     Curve,
-    columns,
-    cubic_spline,
+    fit_cubic_spline,
     footfall_times_s,
+    make_stride_clock,
     mean_stride_frequency_hz,
     sample_times_s,
+    stack_columns,
     step_series,
-    stride_clock,
 )
 from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
@@ -87,15 +87,15 @@ def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
 
     They follow a table against speed; below 2.2 m/s (at 1.75 m) its first slope is continued.
     """
-    return _table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
+    return _interpolate_table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
 
 
 def run_duty_factor(speed_mps: float, height_m: float = ADULT_M) -> float:
     """Return a runner's duty factor by speed."""
-    return _table(_DUTY, adult_speed_mps(speed_mps, height_m))
+    return _interpolate_table(_DUTY, adult_speed_mps(speed_mps, height_m))
 
 
-def _table(table: tuple[tuple[float, ...], tuple[float, ...]], at: float) -> float:
+def _interpolate_table(table: tuple[tuple[float, ...], tuple[float, ...]], at: float) -> float:
     x, y = table
     if at < x[0]:
         return y[0] + (at - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
@@ -169,7 +169,7 @@ def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
     and its lead are those of the recorded runs: hands 0.35 V about the trunk.
     """
     back = np.cos(2 * np.pi * (phase + 0.13))
-    return {"shoulder": -12.0 - _table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
+    return {"shoulder": -12.0 - _interpolate_table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
 
 
 OfPhase = Callable[[FloatArray], FloatArray]
@@ -263,7 +263,7 @@ class HumanConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=50, le=10_000)
 
     @model_validator(mode="after")
-    def _speed_fits_gait_and_size(self) -> HumanConfig:
+    def _check_speed(self) -> HumanConfig:
         if self.body == "child" and not CHILD_M[0] <= self.height_m <= CHILD_M[1]:
             raise ValueError(
                 f"height_m: {self.height_m:g} is not allowed with body = 'child': must be {CHILD_M[0]:g} to "
@@ -295,7 +295,7 @@ class HumanConfig(FrozenModel):
         if self.actual_gait == "run":
             scale = math.sqrt(self.height_m / ADULT_M)
             return SLOWEST_RUN_MPS * scale, FASTEST_RUN_MPS * scale
-        leg_m, tempo = _leg_and_tempo(self)
+        leg_m, tempo = _find_leg_and_tempo(self)
         return 0.0, TOP_RELATIVE_SPEED * leg_m * tempo
 
 
@@ -339,7 +339,7 @@ def human_gait(
 @plugin("motion_model", parameters=HumanConfig)
 def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
-    size_m = {name: part * config.height_m for name, part in segment_lengths(config.body, config.height_m).items()}
+    size_m = {name: part * config.height_m for name, part in find_segment_lengths(config.body, config.height_m).items()}
     if config.foot_lock:
         size_m["foot"] = FOOT[0] * config.height_m  # to the tip
     style = (
@@ -347,7 +347,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
         if config.actual_gait == "run"
         else _walk_style(config, size_m)
         if config.foot_lock
-        else _boulic_style(config, size_m)
+        else _make_boulic_style(config, size_m)
     )
     # phase against time, and distance against phase where it is no straight line
     varied = {
@@ -360,9 +360,9 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
             times_s[-1], stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng,
             **varied,
         )  # fmt: skip
-        clock, path = cubic_spline(steps_s, phases), cubic_spline(phases, path_m)
+        clock, path = fit_cubic_spline(steps_s, phases), fit_cubic_spline(phases, path_m)
     else:
-        clock = stride_clock(times_s[-1], period_s=style.period_s, start_phase=config.start_phase)
+        clock = make_stride_clock(times_s[-1], period_s=style.period_s, start_phase=config.start_phase)
     phase = clock(times_s)
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
@@ -400,32 +400,32 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
     )  # fmt: skip
 
 
-def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
+def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
     """Return leg length and tempo relative to Boulic's.
 
     The tempo is 1, or by Froude number for a child.
     """
-    lengths = segment_lengths(config.body, config.height_m)
+    lengths = find_segment_lengths(config.body, config.height_m)
     leg_m = (lengths["thigh"] + lengths["shank"]) * config.height_m
-    adult = segment_lengths("adult", ADULT_M)
+    adult = find_segment_lengths("adult", ADULT_M)
     adult_m = (adult["thigh"] + adult["shank"]) * ADULT_M
     return leg_m, 1.0 if config.body == "adult" else math.sqrt(adult_m / leg_m)
 
 
-def _boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+def _make_boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
     """Make the walk of Boulic et al. 1990.
 
     Its feet slide.
     """
     leg_m, stride_m, period_s, q = _walk_timing(config)
-    limbs = _with_arms(config, lambda phase: limb_angles_deg(phase, q))
+    limbs = _add_arms(config, lambda phase: limb_angles_deg(phase, q))
 
     def pose(phase: FloatArray) -> FloatArray:
-        trunk = _radians(trunk_angles_deg(phase, q))
-        points = figure_points(trunk, _radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
-        return np.asarray(points + (leg_m * body_offset(phase, q))[:, None])
+        trunk = _convert_to_radians(trunk_angles_deg(phase, q))
+        points = compute_figure_points(trunk, _convert_to_radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
+        return np.asarray(points + (leg_m * compute_body_offset(phase, q))[:, None])
 
-    return Style("walk", stride_m, period_s, support_fraction(q), np.zeros_like, pose, lambda phase: {})
+    return GaitStyle("walk", stride_m, period_s, compute_support_fraction(q), np.zeros_like, pose, lambda phase: {})
 
 
 def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
@@ -433,41 +433,41 @@ def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
 
     Lengths in m, the time in s; the speed is Boulic's q.
     """
-    leg_m, tempo = _leg_and_tempo(config)
+    leg_m, tempo = _find_leg_and_tempo(config)
     q = config.speed_mps / leg_m / tempo
     longer = math.sqrt(config.walk_ratio)
     return leg_m, 1.346 * math.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer, q
 
 
-def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
     leg_m, stride_m, period_s, q = _walk_timing(config)
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
 
-    motion = _measured_motion(
+    motion = _make_measured_motion(
         config, "walk", stride_m, stride_m, size_m,
-        pelvis=lambda phase: (pelvis_angles_deg(phase, q), leg_m * body_offset(phase, q)),
+        pelvis=lambda phase: (pelvis_angles_deg(phase, q), leg_m * compute_body_offset(phase, q)),
         thorax=lambda phase: (-lean_deg(q), thorax_torsion_deg(phase, q)),
-        arms=_with_arms(config, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
+        arms=_add_arms(config, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
     )  # fmt: skip
-    return Style("walk", stride_m, period_s, walk_duty(speed), *motion)
+    return GaitStyle("walk", stride_m, period_s, walk_duty(speed), *motion)
 
 
-def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
     adult_mps = adult_speed_mps(config.speed_mps, config.height_m)
     period_s = 2 / run_step_frequency_hz(config.speed_mps, config.height_m) * math.sqrt(config.walk_ratio)
     duty = run_duty_factor(config.speed_mps, config.height_m)
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], config.speed_mps * period_s
 
-    motion = _measured_motion(
+    motion = _make_measured_motion(
         config, "run", stride_m, stride_m * duty / RUN_DUTY, size_m,
         pelvis=lambda phase: (run_pelvis_deg(phase), run_offset_m(phase, leg_m, period_s, duty)),
         thorax=lambda phase: run_thorax_deg(phase, adult_mps),
-        arms=_with_arms(config, lambda phase: run_arms_deg(phase, adult_mps)),
+        arms=_add_arms(config, lambda phase: run_arms_deg(phase, adult_mps)),
     )  # fmt: skip
-    return Style("run", stride_m, period_s, duty, *motion)
+    return GaitStyle("run", stride_m, period_s, duty, *motion)
 
 
-def _measured_motion(
+def _make_measured_motion(
     config: HumanConfig, gait: Literal["walk", "run"], stride_m: float, reach_m: float, size_m: Mapping[str, float], *,
     pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
     thorax: Callable[[FloatArray], tuple[float, FloatArray]], arms: Curves,
@@ -482,13 +482,13 @@ def _measured_motion(
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
     pelvis_way, neck_way = (
-        measured_curve(gait, name, speed, integral=True, asymmetry=config.trunk_asymmetry)
+        make_measured_curve(gait, name, speed, integral=True, asymmetry=config.trunk_asymmetry)
         for name in ("pelvis_speed", "neck_speed")
     )
-    both_ways = together(pelvis_way, neck_way)
-    foot_curves = together(
-        measured_curve(gait, "ankle_speed", speed, integral=True),
-        *(measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
+    both_ways = join_curves(pelvis_way, neck_way)
+    foot_curves = join_curves(
+        make_measured_curve(gait, "ankle_speed", speed, integral=True),
+        *(make_measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
     )
     ripple_m = config.trunk_ripple * stride_m
 
@@ -499,26 +499,26 @@ def _measured_motion(
         ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, against the pelvis
         pitch, angles["thorax_torsion"] = thorax(phase)
         angles["trunk_pitch"] = pitch - config.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
-        trunk_rad, arms_rad = _radians(angles), _radians(arms(np.stack([phase + 0.5, phase])))
-        return legless_points(base_m, left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
+        trunk_rad, arms_rad = _convert_to_radians(angles), _convert_to_radians(arms(np.stack([phase + 0.5, phase])))
+        return place_legless_points(base_m, place_left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
 
     def hips(phase: FloatArray) -> Hips:
         angles, base_m = pelvis(phase)
         base_m[:, 0] = ripple_m * pelvis_way(phase)
-        left_m = left_hip(_radians(angles), size_m)
+        left_m = place_left_hip(_convert_to_radians(angles), size_m)
         return {"left": base_m + left_m, "right": base_m - left_m}
 
     def foot(phase: FloatArray) -> FloatArray:
         ankle, height, pitch_deg = foot_curves(phase)
-        return columns(reach_m * config.swing_peak * ankle, leg_m * height, np.radians(pitch_deg))
+        return stack_columns(reach_m * config.swing_peak * ankle, leg_m * height, np.radians(pitch_deg))
 
     return foot, pose, hips
 
 
-def _with_arms(config: HumanConfig, curves: Curves, like_recorded: float = 1.0) -> Curves:
+def _add_arms(config: HumanConfig, curves: Curves, like_recorded: float = 1.0) -> Curves:
     left, right = (like_recorded * config.arm_swing * (1 + side * config.arm_asymmetry / 2) for side in (1, -1))
     return swing_arms(curves, factors=(left, right), hands=(config.left_hand, config.right_hand))
 
 
-def _radians(angles_deg: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def _convert_to_radians(angles_deg: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {name: np.radians(angle) for name, angle in angles_deg.items()}

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from doppelgait.core.config import check_choice
 from doppelgait.core.rng import RandomSource, as_generator
-from doppelgait.motion.models.strides import columns
+from doppelgait.motion.models.strides import stack_columns
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -83,7 +83,7 @@ _UPPER = [
 """Points that turn with the pelvis, and those that turn with the upper body, in the order they are made in."""
 
 
-def figure_points(
+def compute_figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
     """Return points about the spine's base (Chen 2011).
@@ -109,60 +109,60 @@ def figure_points(
     # the foot is a rod at right angles to the shank when the ankle is at zero
     foot = shank + limbs_rad["ankle"] + np.pi / 2
     leg = ((limbs_rad["hip"], size_m["thigh"]), (shank, size_m["shank"]), (foot, size_m["foot"]))
-    x, z = _hanging((0.0, 0.0), leg)
+    x, z = _place_hanging_links((0.0, 0.0), leg)
     for row, y in enumerate((size_m["half_hip"], -size_m["half_hip"])):
         below += [(0.0, y, 0.0), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    lower = _columns(below, count)
+    lower = _stack_columns(below, count)
     _rotate(lower, trunk_rad["pelvic_list"], axis=0)
     _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
     result = np.empty((count, len(POINTS), 3))
-    result[:, _LOWER], result[:, _UPPER] = lower.T, _upper_body(trunk_rad, limbs_rad, size_m).T
+    result[:, _LOWER], result[:, _UPPER] = lower.T, _place_upper_body(trunk_rad, limbs_rad, size_m).T
     return result
 
 
-def _upper_body(
+def _place_upper_body(
     trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
     """Return neck, head, shoulders, elbows and hands."""
     top = size_m["torso"]
     above: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size_m["head"])]
     forearm = arms_rad["shoulder"] + arms_rad["elbow"]
-    x, z = _hanging((0.0, top), ((arms_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
+    x, z = _place_hanging_links((0.0, top), ((arms_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
     for row, y in enumerate((size_m["half_shoulder"], -size_m["half_shoulder"])):
         above += [(0.0, y, top), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    upper = _columns(above, forearm.shape[1])
+    upper = _stack_columns(above, forearm.shape[1])
     _rotate(upper, -trunk_rad["trunk_pitch"], axis=1)
     _rotate(upper, -trunk_rad["thorax_torsion"], axis=2)
     return upper
 
 
-def left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
+def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
     """Return the left hip relative to the spine's base.
 
-    The right one is opposite; angles are those of :func:`figure_points`.
+    The right one is opposite; angles are those of :func:`compute_figure_points`.
     """
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
     aside = size_m["half_hip"] * np.cos(tilt)
-    return columns(np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt))
+    return stack_columns(np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt))
 
 
-def legless_points(
+def place_legless_points(
     base_m: FloatArray, left_m: FloatArray, trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray],
     size_m: Mapping[str, float],
 ) -> FloatArray:  # fmt: skip
     """Return a figure without knees, ankles and toes.
 
     Shape (n, 17, 3), each coordinate of a point contiguous in memory. ``base_m`` is the base of the spine, ``left_m``
-    what :func:`left_hip` gives, both (n, 3); the angles are those of :func:`figure_points`.
+    what :func:`place_left_hip` gives, both (n, 3); the angles are those of :func:`compute_figure_points`.
     """
     found = np.zeros((3, len(POINTS), base_m.shape[0]))
-    found[:, _UPPER] = _upper_body(trunk_rad, arms_rad, size_m)
+    found[:, _UPPER] = _place_upper_body(trunk_rad, arms_rad, size_m)
     found[:, POINTS.index("left_hip")], found[:, POINTS.index("right_hip")] = left_m.T, -left_m.T
     found += base_m.T[:, None]
     return found.T
 
 
-def _columns(points: Sequence[Place], count: int) -> FloatArray:
+def _stack_columns(points: Sequence[Place], count: int) -> FloatArray:
     """Stack the coordinates of points as (3, k, n).
 
     Whole columns are rotated at a time.
@@ -174,7 +174,7 @@ def _columns(points: Sequence[Place], count: int) -> FloatArray:
     return found
 
 
-def _hanging(
+def _place_hanging_links(
     start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the ends (x, z) of linked rods.
@@ -299,7 +299,7 @@ class Person:
         return "child" if self.age_class == "child" and self.height_m <= CHILD_M[1] else "adult"
 
 
-def segment_lengths(body: Body, height_m: float) -> dict[str, float]:
+def find_segment_lengths(body: Body, height_m: float) -> dict[str, float]:
     """Return segment lengths as fractions of the stature.
 
     A child has shorter legs and a larger head, by straight lines in the stature from 1.6 m down to 0.9 m; the trunk

@@ -113,12 +113,12 @@ class CycleCurve:
         return np.asarray(total.real)
 
 
-def together(*curves: CycleCurve) -> CycleCurve:
+def join_curves(*curves: CycleCurve) -> CycleCurve:
     """Join curves of equally many harmonics, to save time."""
     return CycleCurve(np.stack([curve.coefficients for curve in curves]))
 
 
-def measured_curve(
+def make_measured_curve(
     gait: str, name: Curve, dimensionless_speed: float, *, integral: bool = False, asymmetry: float = 0.0
 ) -> CycleCurve:
     """Make a measured curve or its phase integral.
@@ -134,8 +134,8 @@ def measured_curve(
     asymmetry : float
         (first - second) / mean of its size in the halves of the cycle: 1 plus half of it times a sine.
     """
-    mean, slope = _harmonics(gait, name)
-    harmonics = mean + slope * _slowness(gait, dimensionless_speed)
+    mean, slope = _find_harmonics(gait, name)
+    harmonics = mean + slope * _compute_slowness(gait, dimensionless_speed)
     if asymmetry:
         beside = asymmetry / 4j * harmonics
         harmonics = np.append(harmonics, 0.0)
@@ -149,17 +149,17 @@ def measured_curve(
 
 def walk_duty(dimensionless_speed: float) -> float:
     """Return the duty factor of a walker's foot."""
-    return DUTY[0] + DUTY[1] * _slowness("walk", dimensionless_speed)
+    return DUTY[0] + DUTY[1] * _compute_slowness("walk", dimensionless_speed)
 
 
-def _slowness(gait: str, dimensionless_speed: float) -> float:
+def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
     """Return the mean speed divided by this speed."""
     low, middle, high = MEASURED[gait]
     return 1 / min(max(dimensionless_speed, low), high) - 1 / middle
 
 
 @cache
-def _harmonics(gait: str, name: Curve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+def _find_harmonics(gait: str, name: Curve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """Return harmonics of a table's mean and slope.
 
     Those at half the sampling rate are left out.

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.human_body import POINTS
-from doppelgait.motion.models.quadruped_limbs import two_link
-from doppelgait.motion.models.strides import columns
+from doppelgait.motion.models.quadruped_limbs import solve_two_links
+from doppelgait.motion.models.strides import stack_columns
 
 FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]
@@ -57,7 +57,7 @@ _NUDGE = 1e-5
 
 
 @dataclass(frozen=True)
-class Style:
+class GaitStyle:
     """One cycle of a gait: stride, timing, sole and pose.
 
     Parameters
@@ -87,7 +87,7 @@ class Style:
 
 
 def place_feet(
-    points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float],
+    points_m: FloatArray, phase: FloatArray, advance: Advance, style: GaitStyle, size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
 ) -> None:  # fmt: skip
     """Put a figure on feet that stand still.
@@ -114,7 +114,7 @@ def place_feet(
     ConfigError
         If the step is too long for the legs.
     """
-    cycle, leg = np.floor(phase[0]) + _GRID, _leg_phases(style.duty)
+    cycle, leg = np.floor(phase[0]) + _GRID, _sample_leg_phases(style.duty)
     in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]]))
     of_legs = {"left": in_place["left"][cycle.size : -leg.size], "right": in_place["right"][-leg.size :]}
     feet = make_feet(style, of_legs, size_m, left_ahead_m)
@@ -126,15 +126,15 @@ def place_feet(
         hip_m = np.concatenate([points_m[:, _number(side, "hip")], in_place[side][: cycle.size]])
         hip_m[count:, 0] += way_m[count:]
         own = style.foot(every + foot.offset)
-        own = columns(own[:, 0] + way_m, hip_m[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
-        place, pitch, swings = ankle_and_pitch(foot, own, every, advance)
+        own = stack_columns(own[:, 0] + way_m, hip_m[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
+        place, pitch, swings = compute_foot_path(foot, own, every, advance)
         # a swinging foot beyond the legs' reach, as of very fast runners, is drawn in; a standing one is where it is
         away_m = place[:, :2] - hip_m[:, :2]
         far = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]) / reach_m, 1e-9)
         near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
         drawn_in = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
         place[:, :2] += away_m * (drawn_in / far - 1.0)[:, None]
-        sole = columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
+        sole = stack_columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
         found[side] = place[:count], place[:count] + MIDDLE * size_m["foot"] * sole
         # the hips are raised until a leg is stretched
         leg_m = place - hip_m
@@ -147,7 +147,7 @@ def place_feet(
     points_m[:, :, 2] += rise_m
     for side, (ankle_m, toe_m) in found.items():
         hip_m = points_m[:, _number(side, "hip")]
-        knee_m = two_link(hip_m, ankle_m, size_m["thigh"], size_m["shank"], bend=1.0)
+        knee_m = solve_two_links(hip_m, ankle_m, size_m["thigh"], size_m["shank"], bend=1.0)
         for joint, place in (("knee", knee_m), ("ankle", ankle_m), ("toe", toe_m)):
             points_m[:, _number(side, joint)] = place
 
@@ -184,7 +184,7 @@ class Foot:
     leaving: tuple[FloatArray, FloatArray]
 
 
-def _leg_phases(duty: float) -> FloatArray:
+def _sample_leg_phases(duty: float) -> FloatArray:
     """Return sample phases of stance, touchdown and lift-off.
 
     Stance has a hundred steps; touchdown and lift-off have a neighbour on either side each.
@@ -193,27 +193,27 @@ def _leg_phases(duty: float) -> FloatArray:
     return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
 
 
-def make_feet(style: Style, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
+def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
     """Make a gait's feet and place their footprints.
 
-    The gait takes ``hips`` at :func:`_leg_phases`; the footprint is ``left_ahead_m`` before (a right one: behind) the
-    one for which the trunk sinks least.
+    The gait takes ``hips`` at :func:`_sample_leg_phases`; the footprint is ``left_ahead_m`` before (a right one:
+    behind) the one for which the trunk sinks least.
     """
-    cycles, reach_m = _leg_phases(style.duty), STRETCH * (size_m["thigh"] + size_m["shank"])
+    cycles, reach_m = _sample_leg_phases(style.duty), STRETCH * (size_m["thigh"] + size_m["shank"])
     own = style.foot(cycles)
-    roll, way_m = _roll(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]
+    roll, way_m = _roll_sole(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]
     feet = {}
     for side, hip in hips.items():
-        error = roll - columns(own[:, 0], hip[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
+        error = roll - stack_columns(own[:, 0], hip[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
         ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
         moving, beside_m = hip[:100] + _forward(way_m)[:, :3], float(hip[:100, 1].mean())
         ahead_m = left_ahead_m if side == "left" else -left_ahead_m
-        print_m = np.array([ahead_m + _best_print(moving, roll[:100], beside_m, reach_m), beside_m, 0.0, 0.0])
+        print_m = np.array([ahead_m + _find_best_print(moving, roll[:100], beside_m, reach_m), beside_m, 0.0, 0.0])
         feet[side] = Foot(OFFSET[side], style.duty, size_m["foot"], print_m, *ends)
     return feet
 
 
-def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
+def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
     """Find the footprint with the highest hip.
 
     The hip must reach all through stance.
@@ -236,7 +236,7 @@ def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float
     return float(places[np.argmax(highest(places))])
 
 
-def _roll(sole: FloatArray, foot_m: float) -> FloatArray:
+def _roll_sole(sole: FloatArray, foot_m: float) -> FloatArray:
     """Return ankle and pitch against the footprint, (n, 4).
 
     From the slope of the sole in stance, which comes down about the heel; then the heel rises about the toe.
@@ -245,7 +245,7 @@ def _roll(sole: FloatArray, foot_m: float) -> FloatArray:
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth where the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
     heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
-    return columns(
+    return stack_columns(
         heel_m * (np.cos(up) - 1) - height_m * np.sin(up) + foot_m * (math.cos(STANDING_RAD) - np.cos(slope)),
         0.0,
         heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * (np.sin(slope) + TIP),
@@ -253,7 +253,7 @@ def _roll(sole: FloatArray, foot_m: float) -> FloatArray:
     )
 
 
-def ankle_and_pitch(
+def compute_foot_path(
     foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Return the path of a foot over the floor.
@@ -311,7 +311,7 @@ def ankle_and_pitch(
         depth = -rows[2] - point_m
         rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
     swings = cycles >= foot.duty
-    stance = _roll(own[:, 3] + STANDING_RAD, foot.length_m).T
+    stance = _roll_sole(own[:, 3] + STANDING_RAD, foot.length_m).T
     stance[0] += (lands_m + foot.print_m[0]).take(step)
     stance[1:] += foot.print_m[1:, None]
     both = np.where(swings, rows, stance)
@@ -319,4 +319,4 @@ def ankle_and_pitch(
 
 
 def _forward(way_m: FloatArray) -> FloatArray:
-    return columns(way_m, 0.0, 0.0, 0.0)
+    return stack_columns(way_m, 0.0, 0.0, 0.0)

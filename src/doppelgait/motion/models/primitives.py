@@ -66,7 +66,7 @@ class PendulumConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
     @model_validator(mode="after")
-    def _stays_above_the_floor(self) -> PendulumConfig:
+    def _check_height(self) -> PendulumConfig:
         if self.pivot_height_m < self.length_m:
             raise ValueError(
                 f"pivot_height_m: {self.pivot_height_m:g} is not allowed: the pendulum would swing through the "
@@ -104,7 +104,7 @@ class RotorConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=1, le=100_000)
 
     @model_validator(mode="after")
-    def _stays_above_the_floor(self) -> RotorConfig:
+    def _check_height(self) -> RotorConfig:
         if self.plane != "xy" and self.hub_height_m < self.radius_m:
             raise ValueError(
                 f"hub_height_m: {self.hub_height_m:g} is not allowed: the blades would turn through the floor; "
@@ -282,22 +282,24 @@ def breathing_person(
 
 
 @plugin("motion_model", parameters=PointConfig)
-def _point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     xyz = stack_xyz(config.speed_mps * times_s, 0.0, config.height_m)
-    return _motion("point", {"point": xyz}, config.rate_hz)
+    return _make_motion("point", {"point": xyz}, config.rate_hz)
 
 
 @plugin("motion_model", parameters=PendulumConfig)
-def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
     x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
-    return _motion("pendulum", {"bob": stack_xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz)
+    return _make_motion(
+        "pendulum", {"bob": stack_xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz
+    )
 
 
 @plugin("motion_model", parameters=RotorConfig)
-def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     points = {"hub": stack_xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
     first, second = ("xyz".index(axis) for axis in config.plane)
@@ -307,7 +309,7 @@ def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | No
         tip[:, first] += config.radius_m * np.cos(angle)
         tip[:, second] += config.radius_m * np.sin(angle)
         points[f"blade_{blade + 1}"] = tip
-    return _motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
+    return _make_motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
 
 
 _STANDING = {
@@ -322,7 +324,7 @@ _STANDING = {
 
 
 @plugin("motion_model", parameters=BreathingConfig)
-def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
+def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
     size_m = config.height_m
@@ -330,7 +332,7 @@ def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Genera
         name: stack_xyz(x * size_m + share * chest_m, y * size_m, z * size_m)
         for name, (_, x, y, z, share) in _STANDING.items()
     }
-    return _motion(
+    return _make_motion(
         "breathing", points, config.rate_hz, parts=[row[0] for row in _STANDING.values()],
         species="human", gait="stand", height_m=size_m, mass_kg=23.0 * size_m**2,
         gait_frequency_hz=config.breathing_hz,
@@ -338,7 +340,7 @@ def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Genera
     )  # fmt: skip
 
 
-def _motion(
+def _make_motion(
     kind: str,
     points: dict[str, FloatArray],
     rate_hz: float,

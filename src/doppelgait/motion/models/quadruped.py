@@ -29,7 +29,7 @@ from doppelgait.motion.models.quadruped_gaits import (
     GaitChoice,
     GaitName,
     duty_factor,
-    fitted_gait,
+    fit_gait_to_build,
     froude_number,
     froude_speed_mps,
     hip_height_m,
@@ -37,15 +37,15 @@ from doppelgait.motion.models.quadruped_gaits import (
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import Carriage, Course, all_points, regular_course
+from doppelgait.motion.models.quadruped_limbs import Carriage, FootfallCourse, compute_all_points, make_regular_course
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     Curve,
-    autoregressive,
-    cubic_spline,
+    fit_cubic_spline,
+    make_stride_clock,
     mean_stride_frequency_hz,
+    sample_autoregressive,
     sample_times_s,
-    stride_clock,
 )
 from doppelgait.motion.motion import NAN, Motion, MotionFacts, make_motion
 
@@ -139,7 +139,7 @@ class QuadrupedConfig(FrozenModel):
     rate_hz: float = Field(250.0, ge=50, le=10_000)
 
     @model_validator(mode="after")
-    def _speed_fits_gait_and_size(self) -> QuadrupedConfig:
+    def _check_speed(self) -> QuadrupedConfig:
         if self.speed_mps is not None and self.froude is not None:
             raise ValueError("give speed_mps or froude, not both")
         if self.gait == "auto" and self.speed_mps is None and self.froude is None:
@@ -232,7 +232,7 @@ def quadruped_gait(
 @plugin("motion_model", parameters=QuadrupedConfig)
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
-    gait = fitted_gait(config.actual_gait, build, config.asymmetry)
+    gait = fit_gait_to_build(config.actual_gait, build, config.asymmetry)
     hind, fore = (
         replace(girdle, swing_peak=peak)
         for girdle, peak in ((gait.hind, config.hind_swing_peak), (gait.fore, config.fore_swing_peak))
@@ -240,7 +240,7 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     gait = replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
     stride_m = config.stride_ratio * stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
-    clock = stride_clock(
+    clock = make_stride_clock(
         times_s[-1],
         period_s=stride_m / speed_mps,
         start_phase=config.start_phase,
@@ -248,10 +248,10 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
         rng=rng,
     )
     phase = clock(times_s)
-    course = _course(config, phase, gait, stride_m / hip_m, rng)
+    course = _make_course(config, phase, gait, stride_m / hip_m, rng)
     wag_rad = np.radians(config.tail_sweep_deg) * np.sin(2 * np.pi * config.tail_frequency_hz * times_s)
     duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
-    points = all_points(phase, gait, build, course, duty, Carriage(config.neck_deg, config.tail_deg, wag_rad))
+    points = compute_all_points(phase, gait, build, course, duty, Carriage(config.neck_deg, config.tail_deg, wag_rad))
     position_m = hip_m * np.stack([points[name] for name in POINTS], axis=1)
     position_m[:, :, 0] -= hip_m * course.distance(phase[:1])
     stride_hz = mean_stride_frequency_hz(times_s, phase)
@@ -278,14 +278,14 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     )  # fmt: skip
 
 
-def _course(
+def _make_course(
     config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
-) -> Course:
+) -> FootfallCourse:
     """Return where and when the feet land.
 
     Half strides and landings vary as first-order autoregressive sequences.
     """
-    regular = regular_course(phase, gait, stride)
+    regular = make_regular_course(phase, gait, stride)
     length_sd, landing_sd = config.step_length_sd, config.footfall_sd
     if length_sd == landing_sd == config.length_asymmetry == 0.0:
         return regular
@@ -299,15 +299,15 @@ def _course(
     lengths = stride / 2 * (1 + config.length_asymmetry * np.where(halves % 2, -0.5, 0.5))
     landings = dict(regular.landings)
     if rng is not None and length_sd > 0:
-        lengths += stride / 2 * length_sd * autoregressive(halves.size, rng)
+        lengths += stride / 2 * length_sd * sample_autoregressive(halves.size, rng)
     if rng is not None and landing_sd > 0:
         for foot, (number, phases) in regular.landings.items():
-            landings[foot] = number, phases + landing_sd * autoregressive(phases.size, rng)
+            landings[foot] = number, phases + landing_sd * sample_autoregressive(phases.size, rng)
     way = np.concatenate([[0.0], np.cumsum(lengths)])
-    return Course(stride, landings, cubic_spline(np.arange(first, first + way.size) / 2, way))
+    return FootfallCourse(stride, landings, fit_cubic_spline(np.arange(first, first + way.size) / 2, way))
 
 
-def _footfalls_s(clock: Curve, course: Course, phase: FloatArray, end_s: float) -> dict[str, list[float]]:
+def _footfalls_s(clock: Curve, course: FootfallCourse, phase: FloatArray, end_s: float) -> dict[str, list[float]]:
     """Return the landing times of the feet to ``end_s``."""
     low, high = phase[0] - 1e-9, phase[-1] + 1e-9
     landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.motion.models.human_curves import CycleCurve
-from doppelgait.motion.models.strides import Curve, cubic_hermite
+from doppelgait.motion.models.strides import Curve, fit_cubic_hermite
 
 FloatArray = npt.NDArray[np.float64]
 TrunkCurve = Literal["surge", "hind_heave", "fore_heave", "neck", "tail"]
@@ -100,7 +100,7 @@ elevations in degrees by phase after the own foot: 0 hangs down, positive with t
 """
 
 
-def trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
+def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
     """Return a trunk curve and its first phase.
 
     Neck and front heave go with the fore feet, the rest with the hind feet.
@@ -118,20 +118,20 @@ def trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, fl
     if gait == "gallop":
         both = sum(cmath.exp(2j * math.pi * touchdown[f"{side}_{end}"]) for side in ("left", "right"))
         landing = cmath.phase(both) / (2 * math.pi)
-    return _curve(gait, name), landing - MEASURED_LANDING[gait][end == "fore"]
+    return _make_curve(gait, name), landing - MEASURED_LANDING[gait][end == "fore"]
 
 
 TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "neck", "tail")
 
 
-def trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
+def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
     """Join the trunk curves, each at its first phase.
 
-    They are those of :func:`trunk_curve`, in the order of :data:`TRUNK_CURVES`.
+    They are those of :func:`find_trunk_curve`, in the order of :data:`TRUNK_CURVES`.
     """
     terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
     for row, name in enumerate(TRUNK_CURVES):
-        curve, begins[row] = trunk_curve(gait, name, touchdown)
+        curve, begins[row] = find_trunk_curve(gait, name, touchdown)
         terms[row, : curve.coefficients.size] = curve.coefficients
     return CycleCurve(terms * np.exp(-2j * np.pi * begins * np.arange(5)))
 
@@ -162,11 +162,11 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
     eased = share * share * (3 - 2 * share)
     bow = slope * width * share * (1 - share) * (1 - 2 * share)
     at = np.where(swings, of_recording, 0.0) + rise * eased + bow
-    return np.radians(_curve(gait, segment)(at))
+    return np.radians(_make_curve(gait, segment)(at))
 
 
 @cache
-def swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
+def find_swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
     """Return the way of a swinging paw, 0 to 1.
 
     It is against the share of the swing.
@@ -185,11 +185,11 @@ def swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
     ways = step / 2 * (speed[:-1] + speed[1:])
     ways[1:-1] -= step**2 / 12 * np.diff(np.gradient(speed, step))[1:-1]  # a smooth speed, but for the ends
     way = np.concatenate([[0.0], np.cumsum(ways)])
-    return cubic_hermite(np.linspace(0, 1, speed.size), way / way[-1], speed / way[-1])
+    return fit_cubic_hermite(np.linspace(0, 1, speed.size), way / way[-1], speed / way[-1])
 
 
 @cache
-def _curve(gait: str, name: str) -> CycleCurve:
+def _make_curve(gait: str, name: str) -> CycleCurve:
     samples = CURVES[gait, name]
     count = N_HARMONICS.get(name, 4)
     terms = np.fft.rfft(np.tile(samples, 20 // len(samples)))[: count + 1] / 10

@@ -324,7 +324,7 @@ def mass_kg(build: Build, withers_m: float) -> float:
     return build.mass_kg * (withers_m / build.withers_m) ** 3
 
 
-def fitted_gait(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
+def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
     """Return a gait as a build performs it.
 
     Its right feet are ``asymmetry`` strides late.

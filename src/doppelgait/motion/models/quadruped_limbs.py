@@ -16,17 +16,17 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.motion.models.quadruped_curves import (
+    find_swing_curve,
+    join_trunk_curves,
     segment_elevation_rad,
-    swing_curve,
-    trunk_curves,
 )
 from doppelgait.motion.models.quadruped_gaits import Build, Gait, Girdle
-from doppelgait.motion.models.strides import Curve, columns, cubic_spline
+from doppelgait.motion.models.strides import Curve, fit_cubic_spline, stack_columns
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Curve) -> tuple[FloatArray, FloatArray]:
+def compute_paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Curve) -> tuple[FloatArray, FloatArray]:
     """Return the path of a paw over the ground.
 
     Parameters
@@ -94,7 +94,7 @@ _TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None]
 _WHOLE_CYCLE = np.arange(120) / 120
 
 
-def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
+def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
     """Return the middle joint of two links.
 
     They go from ``start`` to ``end``.
@@ -115,19 +115,19 @@ def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *,
     along = (square + (first**2 - second**2)) / (2 * square)  # share of the line
     # The bend lies in the plane of the limb and of the direction of travel: across the chain, not sideways.
     across = bend * np.sqrt(np.maximum(first**2 - along * along * square, 0.0) / level)
-    return np.asarray(start + columns(x * along - z * across, y * along, z * along + x * across))
+    return np.asarray(start + stack_columns(x * along - z * across, y * along, z * along + x * across))
 
 
-def hanging(angle_rad: FloatArray) -> FloatArray:
+def point_down(angle_rad: FloatArray) -> FloatArray:
     """Return unit vectors that point down at angle 0.
 
     They swing forward with the angle.
     """
-    return columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
+    return stack_columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
 
 
 @dataclass(frozen=True)
-class Course:
+class FootfallCourse:
     """Distance gone, and when the feet land on it.
 
     Parameters
@@ -149,11 +149,11 @@ class Course:
         return self.stride * phase if self.advance is None else self.advance(phase)
 
 
-def regular_course(phase: FloatArray, gait: Gait, stride: float) -> Course:
+def make_regular_course(phase: FloatArray, gait: Gait, stride: float) -> FootfallCourse:
     """Return the course of equal strides over phases."""
     first = math.floor(phase.min()) - 2
     numbers = np.arange(first, math.ceil(phase.max()) + 3.0)
-    return Course(stride, {foot: (first, numbers + lands) for foot, lands in gait.touchdown.items()})
+    return FootfallCourse(stride, {foot: (first, numbers + lands) for foot, lands in gait.touchdown.items()})
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ Trunk = tuple[FloatArray, FloatArray, FloatArray]
 """Path of the trunk's centre, (n, 3), and cosine and sine of its pitch, positive nose up."""
 
 
-def trunk_motion(
+def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Gait, build: Build, stride: float
 ) -> tuple[Trunk, FloatArray, FloatArray]:
     """Return the path of the trunk at standing height.
@@ -180,14 +180,14 @@ def trunk_motion(
     It surges and its girdles heave as recorded; the pitch is what the two heaves make of it. The elevations of neck and
     tail about their means, in degrees, are returned, too.
     """
-    surge, hind, fore, neck, tail = trunk_curves(gait.curves, gait.touchdown)(phase)
+    surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
     sine = (fore - hind) / (2 * GIRDLE_X * build.trunk)
-    centre = columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
+    centre = stack_columns(distance + gait.ripple * stride * surge, sway, (hind + fore) / 2)
     return (centre, np.sqrt(1 - sine**2), sine), neck, tail
 
 
-def on_trunk(
+def place_on_trunk(
     x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
 ) -> FloatArray:  # fmt: skip
     """Return the path of a point on the trunk.
@@ -197,14 +197,16 @@ def on_trunk(
     """
     z = height - TRUNK_Z
     centre, cosine, sine = trunk
-    return np.asarray(centre + columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
+    return np.asarray(centre + stack_columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
 
 
-Ride = tuple[FloatArray, Course]
+Ride = tuple[FloatArray, FootfallCourse]
 """Phases in cycles, and the course on which the animal has them."""
 
 
-def paws(rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float) -> tuple[FloatArray, FloatArray]:
+def compute_paws(
+    rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the paths of both paws of one girdle.
 
     In the middle of its stance a paw is below its girdle, but for the reach of the gait.
@@ -237,33 +239,33 @@ def paws(rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float)
         found = np.empty((3, 2, phase.size))
         for row, side in enumerate(SIDES):
             first, landings = course.landings[f"{side}_{end}"]
-            found[0, row] = cubic_spline(landings, first + np.arange(landings.size))(phase)
+            found[0, row] = fit_cubic_spline(landings, first + np.arange(landings.size))(phase)
             place = np.floor(found[0, row]).astype(int) - first
             prints = course.advance(landings + duty / 2)
             found[1, row], found[2, row] = prints[place], np.diff(prints)[place]
         parts.append((found[0], found[1], found[2]))
     cycles, print_at, step = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    advance, height = paw_path(cycles, girdle, duty, swing_curve(gait.curves, end, girdle.swing_peak))
+    advance, height = compute_paw_path(cycles, girdle, duty, find_swing_curve(gait.curves, end, girdle.swing_peak))
     x = print_at + (advance - np.floor(cycles)) * step
     x += girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
-    return cycles, columns(x, TRACK_Y * LEFT, height)
+    return cycles, stack_columns(x, TRACK_Y * LEFT, height)
 
 
-def limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
+def compute_limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
     """Return paw, carpus or hock, and trunk joint.
 
     The trunk is at standing height; each is (2, n, 3), left and right.
     """
-    cycles, paw = paws(rides, gait, build, "hind", duty["hind"])
-    along = hanging(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
+    cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
+    along = point_down(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
     result = {"hind_paw": paw, "hock": paw - METATARSUS * build.limbs * along}
-    result["hip"] = on_trunk(-GIRDLE_X * build.trunk * BOTH, HIP_Y * LEFT, HIP_Z, trunk)
-    cycles, paw = paws(rides, gait, build, "fore", duty["fore"])
+    result["hip"] = place_on_trunk(-GIRDLE_X * build.trunk * BOTH, HIP_Y * LEFT, HIP_Z, trunk)
+    cycles, paw = compute_paws(rides, gait, build, "fore", duty["fore"])
     along, scapula = (
-        hanging(segment_elevation_rad(gait.curves, s, cycles, duty["fore"])) for s in ("manus", "scapula")
+        point_down(segment_elevation_rad(gait.curves, s, cycles, duty["fore"])) for s in ("manus", "scapula")
     )
     result |= {"fore_paw": paw, "carpus": paw - MANUS * build.limbs * along}
-    top = on_trunk((GIRDLE_X * build.trunk + SCAPULA_X) * BOTH, SCAPULA_Y * LEFT, SCAPULA_Z, trunk)
+    top = place_on_trunk((GIRDLE_X * build.trunk + SCAPULA_X) * BOTH, SCAPULA_Y * LEFT, SCAPULA_Z, trunk)
     return result | {"shoulder": top + SCAPULA * build.limbs * scapula}
 
 
@@ -271,7 +273,7 @@ CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM
 """Two links between a joint at the trunk and the lower end, of either side."""
 
 
-def crouch(ends: Points, limbs: float) -> float:
+def compute_crouch(ends: Points, limbs: float) -> float:
     """Return how far the limbs lower the trunk.
 
     Every limb then reaches its paw at all places of ``ends``. It is no more than :data:`DEEPEST_CROUCH`; what is
@@ -285,7 +287,7 @@ def crouch(ends: Points, limbs: float) -> float:
     return min(lower, DEEPEST_CROUCH)
 
 
-def glide(top: FloatArray, bottom: FloatArray, length: float) -> None:
+def move_along_limb(top: FloatArray, bottom: FloatArray, length: float) -> None:
     """Move a trunk joint along its limb, in place.
 
     It moves where the limb is nearly straight or folded. A scapula glides over the ribs and a back bends.
@@ -304,7 +306,7 @@ TAIL_YIELD_RAD = 0.25
 """A tail yields this far before it hangs as low as it can (assumed)."""
 
 
-def above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
+def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
     """Lift a rod smoothly off the floor.
 
     ``height`` is that of its upper end over its length. It hangs by less than ``height`` rad, whose sine is smaller
@@ -315,40 +317,40 @@ def above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
     return np.where(elevation_rad < free, yielding, elevation_rad)
 
 
-def all_points(
-    phase: FloatArray, gait: Gait, build: Build, course: Course, duty: dict[str, float], carriage: Carriage
+def compute_all_points(
+    phase: FloatArray, gait: Gait, build: Build, course: FootfallCourse, duty: dict[str, float], carriage: Carriage
 ) -> Points:
     """Return the dog's points by name, (n, 3).
 
     They are in units of h; the trunk is lowered until all limbs reach.
     """
     # frames and a whole cycle of equal strides in one go: in the latter all limbs must reach
-    count, even = phase.size, Course(course.stride, course.landings)
+    count, even = phase.size, FootfallCourse(course.stride, course.landings)
     distance = np.concatenate([course.distance(phase), even.distance(_WHOLE_CYCLE)])
-    trunk, nod, lift = trunk_motion(np.concatenate([phase, _WHOLE_CYCLE]), distance, gait, build, course.stride)
-    ends = limb_ends(((phase, course), (_WHOLE_CYCLE, even)), gait, build, duty, trunk)
+    trunk, nod, lift = compute_trunk_motion(np.concatenate([phase, _WHOLE_CYCLE]), distance, gait, build, course.stride)
+    ends = compute_limb_ends(((phase, course), (_WHOLE_CYCLE, even)), gait, build, duty, trunk)
     size = build.limbs
-    lowered = crouch({name: place[:, count:] for name, place in ends.items()}, size)
+    lowered = compute_crouch({name: place[:, count:] for name, place in ends.items()}, size)
     ends = {name: place[:, :count] for name, place in ends.items()}
     for top, bottom, first, second in CHAINS:
         ends[top][..., 2] -= lowered
-        glide(ends[top], ends[bottom], size * (first + second))
-    ends["elbow"] = two_link(ends["shoulder"], ends["carpus"], size * HUMERUS, size * FOREARM, bend=-1.0)
-    ends["knee"] = two_link(ends["hip"], ends["hock"], size * FEMUR, size * TIBIA, bend=1.0)
+        move_along_limb(ends[top], ends[bottom], size * (first + second))
+    ends["elbow"] = solve_two_links(ends["shoulder"], ends["carpus"], size * HUMERUS, size * FOREARM, bend=-1.0)
+    ends["knee"] = solve_two_links(ends["hip"], ends["hock"], size * FEMUR, size * TIBIA, bend=1.0)
     centre, cosine, sine = (part[:count] for part in trunk)
     centre[:, 2] -= lowered
-    fixed = on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cosine, sine))
+    fixed = place_on_trunk(build.trunk * _TRUNK_X, 0.0, _TRUNK_HEIGHT, (centre, cosine, sine))
     points: Points = dict(zip(TRUNK_POINTS, fixed, strict=True))
     neck_base, tail_base = points["neck_base"], points["tail_base"]
     elevation = np.radians(carriage.neck_deg + gait.ripple * nod[:count])
-    along = columns(np.cos(elevation), 0.0, np.sin(elevation))
+    along = stack_columns(np.cos(elevation), 0.0, np.sin(elevation))
     skull = math.radians(SKULL_DEG)
     points["neck"] = neck_base + build.head * NECK / 2 * along
     points["head"] = neck_base + build.head * NECK * along
     points["nose"] = points["head"] + build.head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
     length, wag = TAIL * build.tail, carriage.wag_rad
-    elevation = above_floor(np.radians(carriage.tail_deg + lift[:count]), tail_base[:, 2] / length)
+    elevation = lift_above_floor(np.radians(carriage.tail_deg + lift[:count]), tail_base[:, 2] / length)
     level = np.cos(elevation)
-    back = columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
+    back = stack_columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
     points |= {"tail_middle": tail_base + length / 2 * back, "tail_tip": tail_base + length * back}
     return points | {f"{side}_{name}": place[row] for name, place in ends.items() for row, side in enumerate(SIDES)}

@@ -26,7 +26,7 @@ MOTION_MODELS: Group[Generate] = Group(
 """Motion models by the ``kind`` of a scene file; every parameter has a default, so that the name gives a motion."""
 
 
-def parameters_of(kind: str) -> type[FrozenModel]:
+def get_parameters(kind: str) -> type[FrozenModel]:
     """Return a motion model's parameter model."""
     found = MOTION_MODELS[kind].parameters
     if found is None:

@@ -20,7 +20,7 @@ from doppelgait.core.rng import RandomSource, as_generator
 FloatArray = npt.NDArray[np.float64]
 
 
-def columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
+def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
     """Stack columns to shape (n, number of columns).
 
     A number stands for a constant column; first columns of shape (k, n) make (k, n, number of columns).
@@ -99,7 +99,7 @@ class Curve:
         return np.asarray(x)
 
 
-def cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
+def fit_cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
     """Return cubics from heights and slopes at the knots."""
     step = knots[1:] - knots[:-1]  # np.diff takes three times as long for the few knots of a motion
     chord = (heights[1:] - heights[:-1]) / step
@@ -111,7 +111,7 @@ def cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) ->
     return Curve(knots, found)
 
 
-def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
+def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     r"""Return a C2 cubic spline with not-a-knot ends.
 
     .. math:: h_i s_{i-1} + 2 (h_{i-1} + h_i) s_i + h_{i-1} s_{i+1} = 3 (h_i m_{i-1} + h_{i-1} m_i)
@@ -145,10 +145,10 @@ def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     slopes[-1] /= diagonal[-1]
     for i in range(len(slopes) - 2, -1, -1):
         slopes[i] = (slopes[i] - upper[i] * slopes[i + 1]) / diagonal[i]
-    return cubic_hermite(x, y, np.array(slopes))
+    return fit_cubic_hermite(x, y, np.array(slopes))
 
 
-def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
+def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     """Return a shape-preserving cubic through periodic knots.
 
     The phase runs from 0 to 1. After Fritsch and Carlson 1980.
@@ -172,7 +172,7 @@ def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     level = before * after <= 0.0
     safe = (np.where(level, 1.0, before), np.where(level, 1.0, after))
     mean = (weight_before + weight_after) / (weight_before / safe[0] + weight_after / safe[1])
-    return cubic_hermite(x[1:-1], y[1:-1], np.where(level, 0.0, mean))
+    return fit_cubic_hermite(x[1:-1], y[1:-1], np.where(level, 0.0, mean))
 
 
 STRIDE_CORRELATION = 0.5
@@ -199,7 +199,7 @@ def sample_times_s(duration_s: float, rate_hz: float) -> FloatArray:
     return np.arange(math.ceil(duration_s * rate_hz - 1e-9) + 1) / rate_hz
 
 
-def stride_clock(
+def make_stride_clock(
     duration_s: float,
     *,
     period_s: float,
@@ -239,13 +239,13 @@ def stride_clock(
     if variation > 0:
         if rng is None:
             raise ConfigError(f"stride_variation: {variation!r} needs a random generator (rng=dg.rng(seed)), or set 0")
-        deviation = variation * autoregressive(deviation.size, as_generator(rng, "motion"))
+        deviation = variation * sample_autoregressive(deviation.size, as_generator(rng, "motion"))
     lengths_s = period_s * (1 + deviation)
     times_s = np.concatenate([-np.cumsum(lengths_s[_MARGIN - 1 :: -1])[::-1], [0.0], np.cumsum(lengths_s[_MARGIN:])])
-    return cubic_spline(times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0))
+    return fit_cubic_spline(times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0))
 
 
-def autoregressive(count: int, rng: np.random.Generator, correlation: float = STRIDE_CORRELATION) -> FloatArray:
+def sample_autoregressive(count: int, rng: np.random.Generator, correlation: float = STRIDE_CORRELATION) -> FloatArray:
     """Draw autoregressive numbers of unit variance, within :data:`LARGEST_DEVIATION`."""
     noise = rng.standard_normal(count)
     values = np.empty(count)
@@ -338,20 +338,23 @@ def step_series(
     count = 2 * _STEP_MARGIN + math.ceil(2 * duration_s / (stride_s * shortest)) + 1
     first = math.floor(2 * start_phase) - _STEP_MARGIN
     left = np.where(np.arange(first + 1, first + count) % 2, 0.5, -0.5)
-    time, length = (_deviations(sd, count - 1, source, 0.0) for sd in (time_sd, length_sd))
-    pace = _deviations(pace_sd, count - 1, source, PACE_CORRELATION) / 2
-    times = _sums(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
-    distance = _sums(stride_m / 2 * (1 + length + pace))
+    time, length = (_sample_deviations(sd, count - 1, source, 0.0) for sd in (time_sd, length_sd))
+    pace = _sample_deviations(pace_sd, count - 1, source, PACE_CORRELATION) / 2
+    times = _sum_steps(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
+    distance = _sum_steps(stride_m / 2 * (1 + length + pace))
     phases = (first + np.arange(count)) / 2
-    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, distance)(start_phase)
+    start_s, start_m = (
+        fit_cubic_spline(times, phases).where(start_phase),
+        fit_cubic_spline(phases, distance)(start_phase),
+    )
     return times - float(start_s), phases, distance - float(start_m)
 
 
-def _sums(steps: FloatArray) -> FloatArray:
+def _sum_steps(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _deviations(sd: float, count: int, rng: np.random.Generator | None, correlation: float) -> FloatArray:
+def _sample_deviations(sd: float, count: int, rng: np.random.Generator | None, correlation: float) -> FloatArray:
     if sd == 0 or rng is None:
         return np.zeros(count)
-    return sd * autoregressive(count, rng, correlation)
+    return sd * sample_autoregressive(count, rng, correlation)

@@ -17,7 +17,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
 from doppelgait.motion.motion import Motion
 
-__all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "reader_options", "take_part"]
+__all__ = ["MOTION_READERS", "check_types", "cut_part", "list_reader_options", "read", "take_part"]
 
 MOTION_READERS: Group[Callable[..., Motion]] = Group(
     "motion_reader",
@@ -98,7 +98,7 @@ def read(
     if len(names) > 1:
         raise MotionError(f"{file}: its content could be {' or '.join(names)}; it is not clear which reader is right")
     reader = MOTION_READERS[names[0]]
-    allowed = reader_options(reader.run)
+    allowed = list_reader_options(reader.run)
     if unknown := sorted(set(options) - set(allowed)):
         raise MotionError(
             f"the {reader.name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
@@ -172,7 +172,7 @@ def take_part(
 
     The gait of a segment is measured. The arguments are those of :func:`read`.
     """
-    from doppelgait.motion.gait import with_gait_facts
+    from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.loop import loop
     from doppelgait.motion.segments import crop, find_segments
     from doppelgait.motion.treadmill import move_over_ground
@@ -191,11 +191,11 @@ def take_part(
             )
         else:
             wanted = found[segment - 1]
-        motion = with_gait_facts(crop(motion, wanted))
+        motion = add_gait_facts(crop(motion, wanted))
     return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s, variation=loop_variation)
 
 
-def reader_options(read: Callable[..., Motion]) -> list[str]:
+def list_reader_options(read: Callable[..., Motion]) -> list[str]:
     """Return a reader's keyword-only options."""
     return [p.name for p in inspect.signature(read).parameters.values() if p.kind is p.KEYWORD_ONLY]
 

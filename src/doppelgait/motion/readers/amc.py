@@ -21,9 +21,9 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.joints import (
     Joints,
     check_skeleton_cost,
-    euler_rotations,
     forward_kinematics,
-    joint_motion,
+    make_euler_rotations,
+    make_joint_motion,
 )
 from doppelgait.motion.readers.text import is_finite, read_text
 
@@ -112,7 +112,7 @@ def read_asf(path: Path) -> Skeleton:
         if needed not in sections:
             raise MotionError(f"{path}: has no section :{needed}; it is no whole ASF skeleton")
     units = {words[0].lower(): (line, words[1:]) for line, words in sections.get("units", [])}
-    length = _numbers(path, *units.get("length", (0, ["1"])), count=1)[0]
+    length = _parse_numbers(path, *units.get("length", (0, ["1"])), count=1)[0]
     if not length > 0.0:
         raise MotionError(f"{path}: has the length unit {length:g}; it must be above 0")
     degrees = not " ".join(units.get("angle", (0, ["deg"]))[1]).lower().startswith("rad")
@@ -121,10 +121,10 @@ def read_asf(path: Path) -> Skeleton:
     axis_line, axis_words = stated.get("axis", (0, ["XYZ"]))
     order = "".join(axis_words).lower()
     _check_order(path, axis_line, order)
-    axes = _turn(order, _numbers(path, *stated.get("orientation", (0, ["0"] * 3)), count=3), degrees)
-    origin = np.array(_numbers(path, *stated.get("position", (0, ["0"] * 3)), count=3))
+    axes = _turn(order, _parse_numbers(path, *stated.get("orientation", (0, ["0"] * 3)), count=3), degrees)
+    origin = np.array(_parse_numbers(path, *stated.get("position", (0, ["0"] * 3)), count=3))
     values = stated.get("order", (0, ["TX", "TY", "TZ", "RX", "RY", "RZ"]))
-    root = Bone("root", -1, np.zeros(3), axes, order, _freedoms(path, *values, "rx ry rz tx ty tz"))
+    root = Bone("root", -1, np.zeros(3), axes, order, _parse_freedoms(path, *values, "rx ry rz tx ty tz"))
     bones = {"root": root} | _parse_bones(path, sections["bonedata"], degrees)
     parents = _parse_parents(path, sections["hierarchy"], bones)
     # sort the bones so that parents come before children
@@ -144,7 +144,7 @@ def read_asf(path: Path) -> Skeleton:
     return Skeleton(tuple(ordered), origin, INCH_M / length, degrees)
 
 
-def _numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list[float]:
+def _parse_numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError:
@@ -167,10 +167,10 @@ def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
     The rotation of the first letter is applied first.
     """
     radians = np.radians(angles) if degrees else np.asarray(angles)
-    return euler_rotations(order[::-1], radians[["xyz".index(axis) for axis in order[::-1]]])
+    return make_euler_rotations(order[::-1], radians[["xyz".index(axis) for axis in order[::-1]]])
 
 
-def _freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tuple[str, ...]:
+def _parse_freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tuple[str, ...]:
     found = tuple(word.lower() for word in words)
     if not set(found) <= set(allowed.split()) or len(set(found)) < len(found):
         raise MotionError(
@@ -193,14 +193,16 @@ def _parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]
             for needed in ("name", "direction", "length"):
                 if not entry.get(needed, (0, []))[1]:
                     raise MotionError(f"{path}, line {bone_line}: this bone has no {needed}")
-            direction = np.array(_numbers(path, *entry["direction"], count=3))
+            direction = np.array(_parse_numbers(path, *entry["direction"], count=3))
             norm = float(np.linalg.norm(direction))
-            vector = direction / norm * _numbers(path, *entry["length"], count=1)[0] if norm > 0.0 else np.zeros(3)
+            vector = (
+                direction / norm * _parse_numbers(path, *entry["length"], count=1)[0] if norm > 0.0 else np.zeros(3)
+            )
             axis_line, axis_words = entry.get("axis", (bone_line, ["0", "0", "0", "XYZ"]))
             order = axis_words[3].lower() if len(axis_words) == 4 else "xyz"
             _check_order(path, axis_line, order)
-            axes = _turn(order, _numbers(path, axis_line, axis_words[:3], count=3), degrees)
-            freedoms = _freedoms(path, *entry.get("dof", (bone_line, [])), "rx ry rz")
+            axes = _turn(order, _parse_numbers(path, axis_line, axis_words[:3], count=3), degrees)
+            freedoms = _parse_freedoms(path, *entry.get("dof", (bone_line, [])), "rx ry rz")
             bone = Bone(" ".join(entry["name"][1]), -1, vector, axes, order, freedoms)
             if bone.name in bones or bone.name == "root" or len(bones) >= MAX_BONES:
                 raise MotionError(f"{path}, line {line}: bone {bone.name!r} is there twice, or there are too many")
@@ -343,12 +345,12 @@ def read_amc(
     notes = (
         [] if rate_hz is not None else [f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is taken"]
     )
-    return joint_motion(
+    return make_joint_motion(
         path,
         Joints(
             tuple(bone.name for bone in body.bones),
             tuple(bone.parent for bone in body.bones),
-            _amc_positions(path, body, content),
+            _compute_positions(path, body, content),
         ),
         kind="amc",
         rate_hz=CMU_RATE_HZ if rate_hz is None else rate_hz,
@@ -413,7 +415,7 @@ def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[s
     return f"{path}: ends inside of frame {frame}, after {n} of {len(first)} bones; it is cut off"
 
 
-def _amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
+def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
     """Compute the positions of root and bone ends.
 
     They are in the unit and the axes of the skeleton.
@@ -457,7 +459,7 @@ def _amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> Float
         for n, axis in enumerate("xyz"):
             if f"t{axis}" in bone.freedoms:
                 moved[:, n] = values[:, bone.freedoms.index(f"t{axis}")]
-        turned = euler_rotations(bone.order[::-1], np.radians(angles) if degrees else angles)
+        turned = make_euler_rotations(bone.order[::-1], np.radians(angles) if degrees else angles)
         rotation[j] = bone.axes @ turned @ bone.axes.T
         # the end of a bone turns with the bone itself
         translation[j] = rotation[j] @ bone.vector

@@ -14,15 +14,15 @@ from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import MotionError
 from doppelgait.core.npz import is_npz, load_npz
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import metres_per_unit
+from doppelgait.motion.axes import convert_unit_to_metres
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     LengthUnit,
     check_amount,
     check_rate,
+    find_unit,
+    make_point_motion,
     pick_markers,
-    points_to_motion,
-    unit_or_guess,
 )
 from doppelgait.motion.readers.text import MAX_BYTES
 
@@ -117,21 +117,21 @@ def read_arrays(
         )
     position = np.where(np.isfinite(array), array, np.nan)
     check_amount(path, *position.shape[:2])
-    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content)
+    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _read_rate_hz(path, content)
     labels = _find_labels(path, content, position.shape[1], skeleton)
-    stated = _scalar(content.get(UNIT_KEY, ""))
+    stated = _convert_to_scalar(content.get(UNIT_KEY, ""))
     if isinstance(stated, bytes):
         stated = stated.decode("latin-1")
     if not units and not isinstance(stated, str):
         raise MotionError(f"{path}: {UNIT_KEY} is {stated!r}; it must be text such as 'm' or 'mm'")
-    unit = unit_or_guess(path, units or stated, position)
-    return points_to_motion(
+    unit = find_unit(path, units or stated, position)
+    return make_point_motion(
         path,
         position,
         pick_markers(path, labels, subject=subject, known_parts=SMPL_PARTS),
         file_format="npz" if packed else "json",
         rate_hz=rate,
-        unit=LengthUnit(unit, metres_per_unit(unit, where=str(path))),
+        unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path))),
         up_axis=up_axis,
     )
 
@@ -218,20 +218,22 @@ def _describe_unevenness(name: str, frames: Any) -> str:
     return f"{name!r} is no array of numbers (frames, points, 3)"
 
 
-def _rate(path: Path, content: Mapping[str, Any]) -> float:
+def _read_rate_hz(path: Path, content: Mapping[str, Any]) -> float:
     found = {name: content[name] for name in RATE_KEYS if content.get(name) is not None}
     if not found:
         raise MotionError(
             f"{path}: names no frame rate ({', '.join(RATE_KEYS)}); give it: rate_hz=... (frames per second)"
         )
-    rates = {name: check_rate(path, _scalar(value), said=f"{name} declares") for name, value in found.items()}
+    rates = {
+        name: check_rate(path, _convert_to_scalar(value), said=f"{name} declares") for name, value in found.items()
+    }
     if len(set(rates.values())) > 1:
         said = " and ".join(f"{name}={rate:g}" for name, rate in rates.items())
         raise MotionError(f"{path}: says {said}; give the true one: rate_hz=...")
     return next(iter(rates.values()))
 
 
-def _scalar(value: Any) -> Any:
+def _convert_to_scalar(value: Any) -> Any:
     return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
 
 

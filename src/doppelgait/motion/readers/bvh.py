@@ -18,11 +18,11 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.joints import (
     REST_POSE_NOTE,
     Joints,
-    begins_with_rest_pose,
     check_skeleton_cost,
-    euler_rotations,
     forward_kinematics,
-    joint_motion,
+    has_rest_pose,
+    make_euler_rotations,
+    make_joint_motion,
 )
 from doppelgait.motion.readers.text import parse_rows, read_text
 
@@ -236,10 +236,10 @@ def read_bvh(
         )
     names, parents = zip(*((node.name, node.parent) for node in content.nodes), strict=True)
     check_skeleton_cost(path, len(names), len(content.values))
-    position = bvh_positions(content)
+    position = compute_bvh_positions(content)
     turns = [n for n, channel in enumerate(content.nodes[0].channels) if channel[0] == "r"]
-    rest_pose = begins_with_rest_pose(content.values[:, turns], position)
-    return joint_motion(
+    rest_pose = has_rest_pose(content.values[:, turns], position)
+    return make_joint_motion(
         path,
         Joints(names, parents, position[1:] if rest_pose else position),
         kind="bvh",
@@ -252,7 +252,7 @@ def read_bvh(
     )
 
 
-def bvh_positions(content: BvhContent) -> FloatArray:
+def compute_bvh_positions(content: BvhContent) -> FloatArray:
     """Compute the positions (T, J, 3) of all nodes.
 
     They are in the unit and the axes of the file.
@@ -279,5 +279,5 @@ def bvh_positions(content: BvhContent) -> FloatArray:
             [first[j] + n for n, channel in enumerate(content.nodes[j].channels) if channel[0] == "r"] for j in members
         ]
         angles = np.radians(content.values[:, np.array(columns, dtype=np.intp)])
-        rotation[members] = euler_rotations(order, angles).swapaxes(0, 1)
+        rotation[members] = make_euler_rotations(order, angles).swapaxes(0, 1)
     return forward_kinematics([node.parent for node in content.nodes], translation, rotation)

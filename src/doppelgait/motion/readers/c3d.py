@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import metres_per_unit
+from doppelgait.motion.axes import convert_unit_to_metres
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.c3d_file import MAGIC, read_content
-from doppelgait.motion.readers.points import LengthUnit, check_rate, pick_markers, points_to_motion, unit_or_guess
+from doppelgait.motion.readers.points import LengthUnit, check_rate, find_unit, make_point_motion, pick_markers
 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
@@ -72,23 +72,23 @@ def read_c3d(
     # one unit for all points, or one each
     declared = [unit for unit in content.units if unit]
     if units is not None or not declared:
-        name = units if units is not None else unit_or_guess(path, "", content.position[:, body.kept])
+        name = units if units is not None else find_unit(path, "", content.position[:, body.kept])
         names = [name] * len(body.kept)
     elif len(content.units) == len(content.labels) > 1:
         names = [content.units[i] or declared[0] for i in body.kept]
     else:
         names = [declared[0]] * len(body.kept)
     first = max(dict.fromkeys(names), key=names.count)
-    each = np.array([metres_per_unit(name, where=str(path)) for name in names])[:, np.newaxis]
+    each = np.array([convert_unit_to_metres(name, where=str(path)) for name in names])[:, np.newaxis]
     # the axis plotted upwards on the screen; its sign is unreliable in practice
     screen = content.texts.get("POINT:Y_SCREEN", ())
-    return points_to_motion(
+    return make_point_motion(
         path,
         content.position,
         body,
         file_format="c3d",
         rate_hz=rate,
-        unit=LengthUnit(first, metres_per_unit(first, where=str(path)), each=each),
+        unit=LengthUnit(first, convert_unit_to_metres(first, where=str(path)), each=each),
         up_axis=up_axis,
         declared_up=screen[0].strip("+- ").lower()[:1] if screen else "",
         notes=content.notes,

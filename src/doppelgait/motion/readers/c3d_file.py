@@ -70,7 +70,7 @@ class Record:
         if self.kind == -1 or len(self.raw) < abs(self.kind):
             return None
         if self.kind == 4:
-            return float32(self.raw, self.processor)
+            return decode_float32(self.raw, self.processor)
         return float(int.from_bytes(self.raw[: self.kind], "big" if self.processor == SGI else "little", signed=True))
 
     def texts(self) -> tuple[str, ...]:
@@ -117,26 +117,26 @@ class Layout:
         record = self.records.get((group, name))
         return record.count() if record else 0
 
-    def _per_frame(self, group: str) -> float:
+    def _count_per_frame(self, group: str) -> float:
         """Return a group's samples per point frame."""
         point_rate = self.number("POINT", "RATE") or self.header_rate_hz
         return round((self.number(group, "RATE") or 0.0) / point_rate) if point_rate > 1e-3 else 0.0
 
-    def declared_analog(self) -> float:
+    def count_declared_analog(self) -> float:
         """Return the declared analog words per frame.
 
         That is channels times samples per frame.
         """
-        return (self.number("ANALOG", "USED") or 0.0) * self._per_frame("ANALOG")
+        return (self.number("ANALOG", "USED") or 0.0) * self._count_per_frame("ANALOG")
 
-    def declared_rotations(self) -> float:
+    def count_declared_rotations(self) -> float:
         """Return the number of rotation matrices per frame."""
         ratio = self.number("ROTATION", "RATIO")
         return max(self.number("ROTATION", "USED") or 0.0, 1.0) * (
-            self._per_frame("ROTATION") if ratio is None else ratio
+            self._count_per_frame("ROTATION") if ratio is None else ratio
         )
 
-    def frames_that_fit(self, points: int, analog: int) -> float:
+    def count_fitting_frames(self, points: int, analog: int) -> float:
         """Return the number of frames that fit."""
         stride = (4 * points + analog) * (4 if self.is_float else 2)
         return (self.size - self.data_at) / stride if stride else math.inf
@@ -150,7 +150,7 @@ class Layout:
         return 0 <= self.size - self.data_at - frames * stride <= BLOCK
 
 
-def float32(raw: bytes, processor: int) -> float:
+def decode_float32(raw: bytes, processor: int) -> float:
     """Decode one 32-bit float.
 
     DEC swaps the two words, and its exponent is two higher than that of IEEE.
@@ -208,12 +208,12 @@ def read_layout(path: Path) -> Layout:
         section_at=section_at,
         data_at=data_at,
         processor=processor[0],
-        is_float=float32(scale, processor[0]) < 0,
-        header_scale=float32(scale, processor[0]),
+        is_float=decode_float32(scale, processor[0]) < 0,
+        header_scale=decode_float32(scale, processor[0]),
         header_points=points,
         header_frames=last - first + 1,
         header_analog=analog,
-        header_rate_hz=float32(header[20:24], processor[0]),
+        header_rate_hz=decode_float32(header[20:24], processor[0]),
         records=records,
         spans=spans,
     )
@@ -223,7 +223,7 @@ def read_layout(path: Path) -> Layout:
             raise MotionError(
                 f"{path}: has a damaged parameter section: {':'.join(name)} is {value}, no usable number. {RESAVE}."
             )
-    extra = layout.declared_analog() + 17 * layout.declared_rotations()
+    extra = layout.count_declared_analog() + 17 * layout.count_declared_rotations()
     if not 0 <= extra * 2 <= max(layout.size - layout.data_at, 0):
         raise MotionError(
             f"{path}: is truncated or damaged: its parameters declare {extra:.0f} analog and rotation values per "
@@ -355,7 +355,7 @@ def read_content(path: Path) -> C3dContent:
         seen = np.flatnonzero(np.isfinite(position).any(axis=(1, 2)))
         position = position[: seen[-1] + 1] if seen.size else position
         notes += (f"the header counts to {MAX_HEADER_FRAMES} frames only; the size of the file gave their number",)
-    elif layout.number("POINT", "USED") is None or analog != layout.declared_analog():
+    elif layout.number("POINT", "USED") is None or analog != layout.count_declared_analog():
         notes += ("frames were read by the layout of the header, because the parameters do not describe it",)
     if n_frames < layout.header_frames:
         notes += (f"declares {layout.header_frames} frames but holds {n_frames}",)
@@ -376,11 +376,11 @@ def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
     frames, points = layout.header_frames, layout.header_points
     if frames < 1:
         raise MotionError(f"{path}: its header declares {frames} frames. {RESAVE}.")
-    candidates = list(dict.fromkeys((int(layout.declared_analog()), layout.header_analog)))
+    candidates = list(dict.fromkeys((int(layout.count_declared_analog()), layout.header_analog)))
     tight = [words for words in candidates if layout.is_tight(frames, points, words)]
     if len(tight) == 1:
         return tight[0], frames
-    held = math.floor(layout.frames_that_fit(points, candidates[0]))
+    held = math.floor(layout.count_fitting_frames(points, candidates[0]))
     if len(candidates) == 1 and held >= 1:
         # the header counts to 65535 only; beyond that the size of the file counts
         return candidates[0], held if frames >= MAX_HEADER_FRAMES else min(frames, held)

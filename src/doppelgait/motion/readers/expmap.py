@@ -18,11 +18,11 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.joints import (
     REST_POSE_NOTE,
     Joints,
-    begins_with_rest_pose,
     check_skeleton_cost,
     forward_kinematics,
-    joint_motion,
-    vector_rotations,
+    has_rest_pose,
+    make_joint_motion,
+    make_vector_rotations,
 )
 from doppelgait.motion.readers.text import parse_rows, read_text
 
@@ -128,12 +128,12 @@ def read_expmap(
     vectors = values[:, 3:].reshape(len(values), expmap_n_joints, 3).swapaxes(0, 1)
     translation = np.repeat(body.offsets[:, np.newaxis], len(values), axis=1)
     translation[0] = values[:, :3]
-    position = forward_kinematics(body.parents, translation, vector_rotations(-vectors))
-    rest_pose = begins_with_rest_pose(values[:, 3:6], position)
+    position = forward_kinematics(body.parents, translation, make_vector_rotations(-vectors))
+    rest_pose = has_rest_pose(values[:, 3:6], position)
     rate = body.frame_rate_hz if rate_hz is None else rate_hz
     if rate is None:
         raise MotionError(f"{file}: states no frame_rate_hz; give the rate: rate_hz=...")
-    return joint_motion(
+    return make_joint_motion(
         path,
         Joints(body.joint_names, body.parents, position[1:] if rest_pose else position),
         kind="expmap",

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from doppelgait.core.cost import check_cost
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.axes import metres_per_unit
+from doppelgait.motion.axes import convert_unit_to_metres
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     BodyPoints,
@@ -25,10 +25,10 @@ from doppelgait.motion.readers.points import (
     check_amount,
     check_labels,
     check_rate,
-    points_to_motion,
-    unique_names,
+    make_names_unique,
+    make_point_motion,
 )
-from doppelgait.motion.skeleton import guess_species, parts_of
+from doppelgait.motion.skeleton import find_parts, guess_species
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Joints:
     position: FloatArray
 
 
-def axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
+def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
     """Return right-handed rotations by angles about one coordinate axis.
 
     Parameters
@@ -76,7 +76,7 @@ def axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
     return rotation
 
 
-def euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
+def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
     """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``.
 
     The last axis rotates a vector first.
@@ -95,13 +95,13 @@ def euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
     """
     if not axes:
         return np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
-    rotation = axis_rotations(axes[0], angles_rad[..., 0])
+    rotation = make_axis_rotations(axes[0], angles_rad[..., 0])
     for n, axis in enumerate(axes[1:], start=1):
-        rotation = rotation @ axis_rotations(axis, angles_rad[..., n])
+        rotation = rotation @ make_axis_rotations(axis, angles_rad[..., n])
     return rotation
 
 
-def vector_rotations(vector_rad: FloatArray) -> FloatArray:
+def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
     """Convert rotation vectors (exponential maps) to rotation matrices.
 
     ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues).
@@ -167,7 +167,7 @@ def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
     check_cost(path, POSE_BYTES * n_joints * n_frames, MotionError, what=f"{n_joints:,} joints in {n_frames:,} frames")
 
 
-def begins_with_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
+def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
     """Return whether the first frame is a rest pose.
 
     Conversions of the CMU database have one.
@@ -207,7 +207,7 @@ _ROOT = re.compile(r"(?i)^(joint[_ ]?)?(root|reference|world|scene|armature)$")
 _BONE = re.compile(r"^b_")
 
 
-def joint_motion(
+def make_joint_motion(
     path: Path,
     joints: Joints,
     *,
@@ -259,7 +259,7 @@ def joint_motion(
     if not np.isfinite(joints.position).all():
         raise MotionError(f"{path}: holds offsets or positions that are too large to be those of a body")
     body = pick_joints(path, joints, subject)
-    return points_to_motion(
+    return make_point_motion(
         path,
         joints.position,
         body,
@@ -284,7 +284,7 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
     """
     check_labels(path, joints.names)
     # why a node is no point of the body
-    size = skeleton_size(joints.parents, _bone_lengths(joints))
+    size = measure_skeleton(joints.parents, _measure_bone_lengths(joints))
     reasons = {j: "rig helper (by its name)" for j, name in enumerate(joints.names) if _HELPER.search(name)}
     bones = [j for j, name in enumerate(joints.names) if _BONE.match(name)]
     # 3ds Max rigs call the bones that carry the body b_...; what else is there drives them or hangs on them
@@ -312,16 +312,16 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
     kept = [j for j in range(len(joints.names)) if j not in reasons]
     if not kept:
         raise MotionError(f"{path}: holds no joints of a body: {', '.join(sorted(set(reasons.values())))}")
-    names = unique_names([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
+    names = make_names_unique([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
     species = guess_species(joints.names)
     if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in joints.names):
         species = ""  # joint names of an animal fit others as well; those of a person leave no doubt
     return BodyPoints(
-        joints.names, kept, names, parts_of(names), reasons, subject=subject, species=species, is_skeleton=True
+        joints.names, kept, names, find_parts(names), reasons, subject=subject, species=species, is_skeleton=True
     )
 
 
-def _bone_lengths(joints: Joints) -> FloatArray:
+def _measure_bone_lengths(joints: Joints) -> FloatArray:
     """Return each node's median distance from its parent.
 
     It is in the unit of the file, 0 for the root.
@@ -331,7 +331,7 @@ def _bone_lengths(joints: Joints) -> FloatArray:
     return np.where(np.array(joints.parents) < 0, 0.0, lengths)
 
 
-def skeleton_size(parents: Sequence[int], lengths: FloatArray) -> float:
+def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
     """Return the longest path along the bones.
 
     It goes from one end to another and does not depend on the pose.
@@ -370,7 +370,7 @@ def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | floa
     kept : sequence of int
         Those of the body.
     unit, unit_from
-        As for :func:`joint_motion`.
+        As for :func:`make_joint_motion`.
     """
     # the tree of the kept nodes; where all ancestors were dropped, the first kept node is the parent
     number = {j: n for n, j in enumerate(kept)}
@@ -381,12 +381,12 @@ def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | floa
             parent = joints.parents[parent]
         parents.append(number[parent] if parent >= 0 else min(n, 1) - 1)
     tree = Joints(tuple(joints.names[j] for j in kept), tuple(parents), joints.position[:, list(kept)])
-    size = skeleton_size(parents, _bone_lengths(tree))
+    size = measure_skeleton(parents, _measure_bone_lengths(tree))
     species = guess_species(joints.names)
     (low, high), typical = SIZES_M[species]
     if unit is not None:
         if isinstance(unit, str):
-            name, metres = unit, CMU_METRES if unit.lower() == "cmu" else metres_per_unit(unit, where=str(path))
+            name, metres = unit, CMU_METRES if unit.lower() == "cmu" else convert_unit_to_metres(unit, where=str(path))
         else:
             name, metres = f"{unit:.6g} m", float(unit)
         if not low / 2.0 < size * metres < 2.0 * high:

@@ -1,7 +1,7 @@
 """Make a motion of the points of a file.
 
 All readers end here: :func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points
-of one body, :func:`points_to_motion` makes the motion.
+of one body, :func:`make_point_motion` makes the motion.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
-from doppelgait.motion.axes import body_extent, find_up_axis, turn_z_up
+from doppelgait.motion.axes import find_up_axis, measure_body_extent, turn_z_up
 from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.motion import Motion, make_motion
-from doppelgait.motion.skeleton import bare_name, complete_set, part_of, parts_of
+from doppelgait.motion.skeleton import complete_set, find_part, find_parts, strip_subject
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,12 +54,12 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     """
     kinds = dict.fromkeys(_OUTPUT_LISTS) | dict.fromkeys(name.upper() for name in texts.get("POINT:TYPE_GROUPS", ()))
     listed = {
-        bare_name(label): kind.lower()
+        strip_subject(label): kind.lower()
         for kind in kinds
         for n in ("", *range(2, 6))
         for label in texts.get(f"POINT:{kind}{n}", ())
     }
-    bare = [bare_name(label) for label in labels]
+    bare = [strip_subject(label) for label in labels]
     # Plug-in Gait writes every segment as origin and three axis ends
     segments = {s + end for s in _SEGMENTS if {s + end for end in "OALP"} <= set(bare) for end in "OALP"}
     reasons = {}
@@ -68,7 +68,7 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
             reasons[i] = f"model output ({listed[name]})"
         elif name in segments:
             reasons[i] = "model output (segment axes)"
-        elif _OUTPUT_NAME.search(name) and not part_of(name):
+        elif _OUTPUT_NAME.search(name) and not find_part(name):
             reasons[i] = "model output (by its name)"
     # a complete known set among many more points: the capture program computed the others from it
     rest = [i for i in range(len(labels)) if i not in reasons]
@@ -84,7 +84,7 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
     for i in named:
         ghost = _GHOST.match(labels[i])
         if ghost and ghost[1] in every:
-            reasons[i] = f"ghost of marker {bare_name(ghost[1])}"
+            reasons[i] = f"ghost of marker {strip_subject(ghost[1])}"
     return reasons
 
 
@@ -107,19 +107,19 @@ def _pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subjec
     MotionError
         If the wanted subject is absent, or several could be meant.
     """
-    counts = Counter(_prefix(labels[i]) for i in kept)
+    counts = Counter(_find_prefix(labels[i]) for i in kept)
     named = ", ".join(f"{name or '(no prefix)'} ({count} points)" for name, count in counts.most_common())
     if subject is not None:
         if subject not in counts:
             raise MotionError(f"{path}: holds no subject {subject!r}; allowed are {named}")
-        return subject, [i for i in kept if _prefix(labels[i]) == subject]
+        return subject, [i for i in kept if _find_prefix(labels[i]) == subject]
     bodies = [name for name, count in counts.items() if len(counts) == 1 or count >= MIN_SUBJECT_POINTS]
     if len(bodies) != 1:
         raise MotionError(f"{path}: holds several subjects: {named}. Name the one to read: subject='...'.")
-    return bodies[0], [i for i in kept if _prefix(labels[i]) == bodies[0]]
+    return bodies[0], [i for i in kept if _find_prefix(labels[i]) == bodies[0]]
 
 
-def _prefix(label: str) -> str:
+def _find_prefix(label: str) -> str:
     return label.rsplit(":", 1)[0].strip() if ":" in label else ""
 
 
@@ -144,7 +144,7 @@ def check_labels(path: Path, labels: Sequence[str]) -> None:
         )
 
 
-def unique_names(names: Sequence[str]) -> list[str]:
+def make_names_unique(names: Sequence[str]) -> list[str]:
     """Make names unique (T8, T8_2), ``point_7`` where missing."""
     found: list[str] = []
     taken: set[str] = set()
@@ -232,14 +232,14 @@ def pick_markers(
     name, kept = _pick_subject(path, labels, markers, subject)
     for i in set(markers) - set(kept):
         reasons[i] = (
-            f"belongs to subject or prop {_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
+            f"belongs to subject or prop {_find_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
         )
-    bare, extra = [bare_name(labels[i]) for i in kept], known_parts or {}
+    bare, extra = [strip_subject(labels[i]) for i in kept], known_parts or {}
     parts = [
         extra.get(bare_label.lower()) or part
-        for bare_label, part in zip(bare, parts_of([labels[i] for i in kept]), strict=True)
+        for bare_label, part in zip(bare, find_parts([labels[i] for i in kept]), strict=True)
     ]
-    return BodyPoints(labels, kept, unique_names(bare), parts, reasons, measured, name)
+    return BodyPoints(labels, kept, make_names_unique(bare), parts, reasons, measured, name)
 
 
 @dataclass(frozen=True)
@@ -315,7 +315,7 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
     return rate
 
 
-def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
+def find_unit(path: Path, name: str, position: FloatArray) -> str:
     """Return the named unit, else guess mm or m.
 
     Parameters
@@ -329,7 +329,7 @@ def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
     """
     if name:
         return name
-    span = float(np.nan_to_num(body_extent(position)).max())
+    span = float(np.nan_to_num(measure_body_extent(position)).max())
     guess = "m" if span < 10.0 else "mm"
     warn_caller(
         f"{path}: names no length unit; its points span {span:.3g}, so {guess} is taken. "
@@ -397,7 +397,7 @@ def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
     return notes
 
 
-def points_to_motion(
+def make_point_motion(
     path: Path,
     position: FloatArray,
     body: BodyPoints,

@@ -17,16 +17,24 @@ import numpy.typing as npt
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import body_extent, metres_per_unit
+from doppelgait.motion.axes import convert_unit_to_metres, measure_body_extent
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     LengthUnit,
     check_amount,
     check_rate,
+    make_point_motion,
     pick_markers,
-    points_to_motion,
 )
-from doppelgait.motion.readers.text import Row, decode, last_digit, rate_of_times, read_lines, to_numbers, trim_cells
+from doppelgait.motion.readers.text import (
+    Row,
+    decode,
+    find_frame_rate,
+    find_last_digit,
+    read_lines,
+    to_numbers,
+    trim_cells,
+)
 from doppelgait.motion.readers.trc import sniff_trc
 
 FloatArray = npt.NDArray[np.float64]
@@ -87,7 +95,7 @@ class Header:
         return first == ["field", "time"] and all(":" in self.titles[c[0]] for c in self.columns)
 
 
-def _content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
+def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
     """Return numbered lines without blanks and comments.
 
     A comment starts with ``# ``.
@@ -105,7 +113,7 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
     MotionError
         If a quoted cell does not end.
     """
-    numbered = _content_lines(lines)
+    numbered = _list_content_lines(lines)
     if not numbered:
         return [], ","
     first = numbered[0][1]
@@ -119,11 +127,11 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
         # blanks matter in names alone, and stripping millions of numbers takes longer than reading them
-        rows.append((number, [_title(cell) for cell in cells] if len(rows) < 2 else cells))
+        rows.append((number, [_shorten_title(cell) for cell in cells] if len(rows) < 2 else cells))
     return rows, delimiter
 
 
-def _title(cell: str) -> str:
+def _shorten_title(cell: str) -> str:
     """Return a short name with single blanks.
 
     Patterns are fast on such names.
@@ -267,7 +275,7 @@ def sniff_table(path: Path, head: bytes) -> bool:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
     try:
-        rows, _ = _split_rows(path, [line for _, line in _content_lines(decode(head).splitlines())[:2]])
+        rows, _ = _split_rows(path, [line for _, line in _list_content_lines(decode(head).splitlines())[:2]])
     except MotionError:
         return False
     # the first rows name coordinates of points, if perhaps in an unknown unit
@@ -334,7 +342,7 @@ def read_table(
                 "or, if the file is cut off there, remove it."
             )
     comma = delimiter == ";"
-    rate = _table_rate(path, header, frames, rate_hz, comma)
+    rate = _find_rate(path, header, frames, rate_hz, comma)
     columns = [i for places in header.columns for i in places]
     titles = [header.titles[i] for i in columns]
     position = to_numbers(path, frames, columns, titles, decimal_comma=comma).reshape(len(frames), -1, 3)
@@ -345,10 +353,10 @@ def read_table(
     if missing is not None:
         position[(position == float(missing)).all(axis=2)] = np.nan
     notes = [f"columns left out: {', '.join(header.left_out)}"] if header.left_out else []
-    names = _coordinate_units(path, header, units, notes)
-    metres = np.array([[metres_per_unit(name, where=str(path)) for name in point] for point in names])
+    names = _find_coordinate_units(path, header, units, notes)
+    metres = np.array([[convert_unit_to_metres(name, where=str(path)) for name in point] for point in names])
     if header.is_accad and units is None:
-        size = float(np.nan_to_num(body_extent(position * metres)).max())
+        size = float(np.nan_to_num(measure_body_extent(position * metres)).max())
         if not BODY_M[0] < size < BODY_M[1]:
             raise MotionError(
                 f"{path}: its points would span {size:.3g} m if it is in mm, as ACCAD files are; give the true unit: "
@@ -357,19 +365,19 @@ def read_table(
     flat = [name for point in names for name in point]
     first = max(dict.fromkeys(flat), key=flat.count)
     body = pick_markers(path, header.labels, subject=subject)
-    return points_to_motion(
+    return make_point_motion(
         path,
         position,
         body,
         file_format="table",
         rate_hz=rate,
-        unit=LengthUnit(first, metres_per_unit(first, where=str(path)), each=metres[body.kept]),
+        unit=LengthUnit(first, convert_unit_to_metres(first, where=str(path)), each=metres[body.kept]),
         up_axis=up_axis,
         notes=notes,
     )
 
 
-def _table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
+def _find_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
     """Return the frame rate, from the option or times."""
     if rate_hz is not None:
         return check_rate(path, rate_hz, said="was given")
@@ -380,12 +388,12 @@ def _table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: floa
         )
     time_s = to_numbers(path, frames, [column], [header.titles[column]], decimal_comma=comma)[:, 0] * header.time_factor
     printed = [cells[column].replace(",", ".") for _, cells in frames]
-    return rate_of_times(
-        path, time_s, [line for line, _ in frames], digit_s=last_digit(printed, time_s, header.time_factor)
+    return find_frame_rate(
+        path, time_s, [line for line, _ in frames], digit_s=find_last_digit(printed, time_s, header.time_factor)
     )
 
 
-def _coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
+def _find_coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
     """Return each coordinate's unit, named or default."""
     stated = {name for point in header.units for name in point if name}
     default = units or (ACCAD_UNIT if header.is_accad else "")
@@ -397,8 +405,8 @@ def _coordinate_units(path: Path, header: Header, units: str | None, notes: list
             "the columns NAME_x_mm, NAME_y_mm, NAME_z_mm"
         )
     if units is not None and stated:
-        wanted_m = metres_per_unit(units, where=str(path))
-        if any(metres_per_unit(name, where=str(path)) != wanted_m for name in stated):
+        wanted_m = convert_unit_to_metres(units, where=str(path))
+        if any(convert_unit_to_metres(name, where=str(path)) != wanted_m for name in stated):
             notes.append(f"the column names give {', '.join(sorted(stated))}; units={units} was not used for those")
             warn_caller(f"{path}: {notes[-1]}")
     return [[name or default for name in point] for point in header.units]

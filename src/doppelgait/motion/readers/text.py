@@ -192,7 +192,7 @@ COARSEST = 0.4
 INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
 
 
-def rate_of_times(
+def find_frame_rate(
     path: Path, time_s: FloatArray, lines: Sequence[int], *, digit_s: float, declared_hz: float | None = None
 ) -> float:
     """Determine the frame rate from frame times.
@@ -209,7 +209,7 @@ def rate_of_times(
     lines : sequence of int, length T
         Line of each frame, for messages.
     digit_s : float
-        One unit of the last printed digit (:func:`last_digit`), s.
+        One unit of the last printed digit (:func:`find_last_digit`), s.
     declared_hz : float, optional
         What the header says.
 
@@ -263,7 +263,7 @@ def _rounding_s(digit_s: float, rate_hz: float) -> float:
     return min(0.5 * digit_s * (1.0 + 1e-6), COARSEST / rate_hz)
 
 
-def last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
+def find_last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
     """Return a time column's last digit, s.
 
     It is at least 1e-8 of the largest time.

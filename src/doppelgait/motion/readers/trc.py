@@ -14,17 +14,17 @@ import numpy.typing as npt
 from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import metres_per_unit
+from doppelgait.motion.axes import convert_unit_to_metres
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
     LengthUnit,
     check_amount,
     check_rate,
+    find_unit,
+    make_point_motion,
     pick_markers,
-    points_to_motion,
-    unit_or_guess,
 )
-from doppelgait.motion.readers.text import Row, last_digit, rate_of_times, read_lines, to_numbers, trim_cells
+from doppelgait.motion.readers.text import Row, find_frame_rate, find_last_digit, read_lines, to_numbers, trim_cells
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -101,19 +101,19 @@ def read_trc(
     points = content.header.get("nummarkers", "")
     if _is_other(points, len(content.labels)):
         notes.append(f"declares {points[:LONGEST_NUMBER]} markers but holds {len(content.labels)}")
-    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content, notes)
+    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _find_rate(path, content, notes)
     titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(content.labels) for axis in "XYZ"]
     columns = range(FIRST, FIRST + len(titles))
     position = to_numbers(path, content.rows, columns, titles).reshape(len(content.rows), -1, 3)
     position[(position == 0.0).all(axis=2)] = np.nan
-    unit = unit_or_guess(path, units or content.header.get("units", ""), position)
-    return points_to_motion(
+    unit = find_unit(path, units or content.header.get("units", ""), position)
+    return make_point_motion(
         path,
         position,
         pick_markers(path, [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)], subject=subject),
         file_format="trc",
         rate_hz=rate,
-        unit=LengthUnit(unit, metres_per_unit(unit, where=str(path))),
+        unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path))),
         up_axis=up_axis,
         usual_up="y",
         notes=notes,
@@ -176,7 +176,7 @@ def _parse_header(lines: list[list[str]]) -> dict[str, str]:
     return dict(zip(keys, values, strict=True)) if len(values) == len(keys) else {}
 
 
-def _rate(path: Path, content: _Content, notes: list[str]) -> float:
+def _find_rate(path: Path, content: _Content, notes: list[str]) -> float:
     declared = content.header.get("datarate", "")
     lines = [line for line, _ in content.rows]
     printed = [cells[1] for _, cells in content.rows]
@@ -188,7 +188,7 @@ def _rate(path: Path, content: _Content, notes: list[str]) -> float:
     except ValueError:
         header_hz = 0.0
     header_hz = header_hz if 0.0 < header_hz < float("inf") else 0.0
-    rate = rate_of_times(path, time_s, lines, digit_s=last_digit(printed, time_s), declared_hz=header_hz or None)
+    rate = find_frame_rate(path, time_s, lines, digit_s=find_last_digit(printed, time_s), declared_hz=header_hz or None)
     if rate != header_hz:
         notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
         warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")

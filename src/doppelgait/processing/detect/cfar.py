@@ -125,7 +125,7 @@ class RangeWindow:
         return range(self.first, self.reach + 1, self.step)
 
 
-def range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
+def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
     """Build the window of training cells along range.
 
     Cells are from ``guard_m`` to ``window_m`` away and about ``resolution_m`` apart.
@@ -137,7 +137,7 @@ def range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resol
     )
 
 
-def ca_mask(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
+def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
     """Find cells above their cell-averaged threshold along range.
 
     Range is the last axis; see :func:`ca_factor`.
@@ -156,14 +156,14 @@ def ca_mask(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
     ndarray of bool, shape (..., N)
     """
     total = np.zeros(power_v2.shape, dtype=power_v2.dtype)
-    for here, there in _pairs(window, power_v2.shape[-1]):
+    for here, there in _iterate_pairs(window, power_v2.shape[-1]):
         total[..., here] += power_v2[..., there]
-    counts = training_counts(window, power_v2.shape[-1])
+    counts = count_training_cells(window, power_v2.shape[-1])
     factor = [ca_factor(int(n), pfa) / n if n >= MIN_TRAINING else 0.0 for n in counts]
     return np.asarray((power_v2 > total * np.array(factor, dtype=power_v2.dtype)) & (counts >= MIN_TRAINING))
 
 
-def os_mask(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
+def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
     """Find cells above their ordered-statistic threshold along range.
 
     Range is the last axis; see :func:`os_factor`.
@@ -176,7 +176,7 @@ def os_mask(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: flo
     power_v2 : ndarray, shape (..., N)
         Cells of one exponential variable each.
     window : RangeWindow
-        Ends of the frame as for :func:`ca_mask`.
+        Ends of the frame as for :func:`mark_above_ca`.
     pfa : float
     rank_share : float
         k / N, rounded up to whole cells.
@@ -185,30 +185,30 @@ def os_mask(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: flo
     -------
     ndarray of bool, shape (..., N)
     """
-    counts = training_counts(window, power_v2.shape[-1])
+    counts = count_training_cells(window, power_v2.shape[-1])
     ranks = np.maximum(np.ceil(rank_share * counts - 1e-9), 1).astype(int)
     factor = [
         os_factor(int(n), int(k), pfa) if n >= MIN_TRAINING else np.inf for n, k in zip(counts, ranks, strict=True)
     ]
     part = power_v2 / np.array(factor, dtype=power_v2.dtype)
     below = np.zeros(power_v2.shape, dtype=np.uint16)
-    for here, there in _pairs(window, power_v2.shape[-1]):
+    for here, there in _iterate_pairs(window, power_v2.shape[-1]):
         below[..., here] += power_v2[..., there] < part[..., here]
     return np.asarray(below >= ranks)
 
 
-def training_counts(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
+def count_training_cells(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
     """Count the training cells of every range bin.
 
     There are fewer at the ends of the frame; shape (N,).
     """
     counts = np.zeros(n_bins, dtype=np.int64)
-    for here, _ in _pairs(window, n_bins):
+    for here, _ in _iterate_pairs(window, n_bins):
         counts[here] += 1
     return counts
 
 
-def _pairs(window: RangeWindow, n_bins: int) -> Iterator[tuple[slice, slice]]:
+def _iterate_pairs(window: RangeWindow, n_bins: int) -> Iterator[tuple[slice, slice]]:
     """Yield slices of cells and training cells by distance."""
     for distance in window.distances:
         if distance < n_bins:

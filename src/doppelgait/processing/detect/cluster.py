@@ -41,7 +41,7 @@ class Cells:
         """Number of clusters."""
         return int(self.cluster.max(initial=-1)) + 1
 
-    def regrouped(self, group: IntArray) -> Cells:
+    def merge(self, group: IntArray) -> Cells:
         """Merge clusters by group numbers.
 
         Cluster i becomes part of ``group[i]``, or is removed where that is -1.
@@ -85,10 +85,10 @@ def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cell
         graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))
         group = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
     cells = Cells(scan, doppler, range_bin, group[labels[scan, doppler, range_bin]])
-    return cells.regrouped(np.arange(count + 1))
+    return cells.merge(np.arange(count + 1))
 
 
-def only_bodies(
+def keep_bodies(
     cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
 ) -> Cells:
     """Keep clusters that hold a peak or enough power.
@@ -105,9 +105,9 @@ def only_bodies(
     """
     place = (cells.scan, cells.doppler, cells.range_bin)
     snr = power_v2[place] / np.maximum(floor_v2[cells.range_bin], 1e-300)
-    kept = _sums(cells.cluster, snr, cells.n_clusters) >= min_snr
+    kept = _sum_weights(cells.cluster, snr, cells.n_clusters) >= min_snr
     kept[cells.cluster[peak[place]]] = True
-    return cells.regrouped(np.where(kept, np.arange(kept.size), -1))
+    return cells.merge(np.where(kept, np.arange(kept.size), -1))
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Shape:
     n_cells: IntArray
 
 
-def shape_of(
+def measure_shapes(
     cells: Cells, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, box_quantile: float
 ) -> Shape:
     """Measure centre, box and power of every cluster.
@@ -160,22 +160,22 @@ def shape_of(
     level = power_v2[cells.scan, cells.doppler, cells.range_bin].astype(np.float64)
     noise = floor_v2[cells.range_bin]
     weight = np.maximum(level - noise, 1e-3 * level)
-    along_range = _profile(cells.cluster, cells.range_bin, weight, n, n_bins)
-    along_doppler = _profile(cells.cluster, cells.doppler, weight, n, n_doppler)
-    range_bin, range_spread, range_box = _moments(along_range, box_quantile)
+    along_range = _sum_profile(cells.cluster, cells.range_bin, weight, n, n_bins)
+    along_doppler = _sum_profile(cells.cluster, cells.doppler, weight, n, n_doppler)
+    range_bin, range_spread, range_box = _compute_moments(along_range, box_quantile)
     start = np.zeros(n)  # profiles that reach both ends of the ring are unrolled where they are emptiest
     for row in np.flatnonzero((along_doppler[:, 0] > 0) & (along_doppler[:, -1] > 0)):
         profile = along_doppler[row]
         start[row] = np.argmin(profile + np.roll(profile, 1) + np.roll(profile, -1))
         along_doppler[row] = np.roll(profile, -int(start[row]))
-    doppler_bin, doppler_spread, doppler_box = _moments(along_doppler, box_quantile)
+    doppler_bin, doppler_spread, doppler_box = _compute_moments(along_doppler, box_quantile)
     turns = n_doppler * np.floor((start + doppler_bin + 0.5) / n_doppler)
     scan = np.zeros(n, dtype=np.int64)
     scan[cells.cluster] = cells.scan
     return Shape(
         scan=scan,
-        power=_sums(cells.cluster, weight, n),
-        snr=_sums(cells.cluster, weight / np.maximum(noise, 1e-300), n),
+        power=_sum_weights(cells.cluster, weight, n),
+        snr=_sum_weights(cells.cluster, weight / np.maximum(noise, 1e-300), n),
         range_bin=range_bin,
         doppler_bin=start + doppler_bin - turns,
         range_spread=range_spread,
@@ -186,20 +186,20 @@ def shape_of(
     )
 
 
-def _profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int, size: int) -> FloatArray:
+def _sum_profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int, size: int) -> FloatArray:
     """Sum the power of every cluster along one axis.
 
     The result has the shape (n, size).
     """
-    return _sums(cluster * size + place, weight, n * size).reshape(n, size)
+    return _sum_weights(cluster * size + place, weight, n * size).reshape(n, size)
 
 
-def _sums(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
+def _sum_weights(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
     """Sum the weights of every number below n."""
     return np.asarray(np.bincount(number, weight, n), dtype=np.float64)
 
 
-def _moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compute_moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute power profiles' centre, spread and edges."""
     bins = np.arange(profile.shape[1])
     share = profile / profile.sum(axis=1, keepdims=True)

@@ -23,8 +23,8 @@ class Detector(FrozenModel):
         Reference of a cell: the noise floor of its range bin over time and Doppler, or the cells around it in range at
         the same Doppler, ordered (OS) or averaged (CA).
     clutter : {"none", "mean", "median", "exponential", "mti"}
-        Clutter removal before detection (:func:`doppelgait.processing.clutter.without_clutter`); harmless where the
-        clutter has been removed already.
+        Clutter removal before detection (:func:`doppelgait.processing.clutter.remove_static_clutter`); harmless where
+        the clutter has been removed already.
     cpi_s : float
         Coherent processing interval of a scan T_d.
     hop_s : float

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.core.lazy import rows_of
+from doppelgait.core.labels import read_axis, sampling_rate_hz
+from doppelgait.core.lazy import read_pulses
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform
 from doppelgait.processing.detect.config import Detector
@@ -53,7 +53,7 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
     return float(gamma.isf(pfa, n_summed)) / n_summed
 
 
-def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
+def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
     r"""Estimate every range bin's mean noise power.
 
     The 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`, gives a first value. The mean of the cells
@@ -81,7 +81,7 @@ def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64
     return np.asarray(floor, dtype=np.float64)
 
 
-def residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
+def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
     r"""Estimate permanent echoes' mean power per cell.
 
     It is the 0.25-quantile over the scans, divided by -ln 0.75.
@@ -149,7 +149,7 @@ class Maps:
         return float(self.velocity_mps[1] - self.velocity_mps[0])
 
 
-def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
+def compute_maps(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
     """Compute maps in blocks of about a minute.
 
     Each block has its own noise map.
@@ -166,25 +166,25 @@ def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) 
     AnalysisError
         If the recording is too short or too slow for a processing interval.
     """
-    hop = max(1, round(settings.hop_s * sampling_rate_hz(axis(baseband, "slow_time"))))
+    hop = max(1, round(settings.hop_s * sampling_rate_hz(read_axis(baseband, "slow_time"))))
     analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)
     transform, prf_hz = plan_for(baseband, analysis)
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    times_s = axis(baseband, "slow_time")[0] + transform.centre_pulses() / prf_hz
+    times_s = read_axis(baseband, "slow_time")[0] + transform.compute_centre_pulses() / prf_hz
     n_blocks = math.ceil(transform.n_columns / BLOCK_SCANS)
     for scans in np.array_split(np.arange(transform.n_columns), n_blocks):
-        power = power_per_cell(baseband, transform, scans)
+        power = compute_cell_power(baseband, transform, scans)
         yield Maps(
             time_s=times_s[scans],
             doppler_hz=doppler_hz,
             velocity_mps=doppler_to_velocity_mps(doppler_hz, wavelength_m),
-            range_m=axis(baseband, "range"),
+            range_m=read_axis(baseband, "range"),
             power_v2=power,
-            floor_v2=noise_map(power),
+            floor_v2=estimate_noise_map(power),
         )
 
 
-def power_per_cell(
+def compute_cell_power(
     baseband: xr.DataArray, transform: Transform, scans: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float32]:
     """Compute the power of every range-Doppler cell (E-24).
@@ -213,16 +213,16 @@ def power_per_cell(
         part = scans[start : start + TRANSFORM_SCANS]
         frames = np.zeros((part.size, n_doppler, n_bins), dtype=np.complex64)
         pulses = transform.first_pulse + transform.hop * part
-        values = rows_of(baseband, pulses[0], pulses[-1] + size)
+        values = read_pulses(baseband, pulses[0], pulses[-1] + size)
         for row, pulse in enumerate(pulses - pulses[0]):
             np.multiply(values[pulse : pulse + size], window, out=frames[row, :size])
         spectrum = fft.fft(frames, axis=1, overwrite_x=True)
         out = power[start : start + part.size]
-        _square(spectrum[:, :first_half], out[:, n_doppler // 2 :])
-        _square(spectrum[:, first_half:], out[:, : n_doppler // 2])
+        _square_values(spectrum[:, :first_half], out[:, n_doppler // 2 :])
+        _square_values(spectrum[:, first_half:], out[:, : n_doppler // 2])
     return power
 
 
-def _square(values: npt.NDArray[np.complex64], out: npt.NDArray[np.float32]) -> None:
+def _square_values(values: npt.NDArray[np.complex64], out: npt.NDArray[np.float32]) -> None:
     np.multiply(values.real, values.real, out=out)
     out += values.imag**2

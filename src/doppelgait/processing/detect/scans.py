@@ -11,15 +11,21 @@ import xarray as xr
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, check_signal
 from doppelgait.core.units import db_to_power
-from doppelgait.processing.bursts import burst_pulses_of
-from doppelgait.processing.clutter import without_clutter
-from doppelgait.processing.common_phase import without_common_phase
-from doppelgait.processing.detect.cfar import MIN_TRAINING, ca_mask, os_mask, range_window, training_counts
-from doppelgait.processing.detect.cluster import Shape, find_clusters, merge_groups, only_bodies, shape_of
+from doppelgait.processing.bursts import get_burst_pulses
+from doppelgait.processing.clutter import remove_static_clutter
+from doppelgait.processing.common_phase import remove_common_phase
+from doppelgait.processing.detect.cfar import (
+    MIN_TRAINING,
+    count_training_cells,
+    make_range_window,
+    mark_above_ca,
+    mark_above_os,
+)
+from doppelgait.processing.detect.cluster import Shape, find_clusters, keep_bodies, measure_shapes, merge_groups
 from doppelgait.processing.detect.config import Detector
-from doppelgait.processing.detect.maps import Maps, maps_of, noise_factor, residue_map
+from doppelgait.processing.detect.maps import Maps, compute_maps, estimate_residue_map, noise_factor
 from doppelgait.processing.detections import Detection, Scan
-from doppelgait.processing.gate import bin_share
+from doppelgait.processing.gate import compute_bin_share
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -49,7 +55,7 @@ def find_scans(
     wavelength_m : float
     in_phase : bool
         Whether the common phase has been taken off already
-        (:func:`doppelgait.processing.common_phase.without_common_phase`).
+        (:func:`doppelgait.processing.common_phase.remove_common_phase`).
 
     Returns
     -------
@@ -74,25 +80,27 @@ def find_scans(
     """
     check_signal(baseband, BASEBAND)
     chosen = settings or Detector()
-    if burst_pulses_of(baseband) is not None:
+    if get_burst_pulses(baseband) is not None:
         raise AnalysisError(
             "bodies cannot be found yet in a recording that comes in bursts: a processing interval must not cross a "
             "pause; give the range where the target is, --gate 1.2:2.8 (gate=(1.2, 2.8))"
         )
-    steady = baseband if in_phase or chosen.clutter == "none" else without_common_phase(baseband)
-    moving = without_clutter(steady, kind=chosen.clutter)
+    steady = baseband if in_phase or chosen.clutter == "none" else remove_common_phase(baseband)
+    moving = remove_static_clutter(steady, kind=chosen.clutter)
     scans: list[Scan] = []
-    for maps in maps_of(moving, chosen, wavelength_m=wavelength_m):
-        mask, peak = detected_cells(maps, chosen)
+    for maps in compute_maps(moving, chosen, wavelength_m=wavelength_m):
+        mask, peak = find_cells(maps, chosen)
         cells = find_clusters(
             mask,
-            join_bins=_odd(chosen.join_range_m / maps.bin_spacing_m),
-            join_doppler_bins=_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
+            join_bins=_round_to_odd(chosen.join_range_m / maps.bin_spacing_m),
+            join_doppler_bins=_round_to_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
         )
         # neighbouring bins that share noise exceed a threshold together, and their power adds up sooner
-        cells = only_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / bin_share(baseband))
+        cells = keep_bodies(
+            cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / compute_bin_share(baseband)
+        )
         # clusters of one body become one, and bodies of too few cells are left out
-        shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
+        shape = measure_shapes(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         group = merge_groups(
             shape,
             range_bins=chosen.merge_range_m / maps.bin_spacing_m,
@@ -101,8 +109,8 @@ def find_scans(
             n_doppler=maps.velocity_mps.size,
         )
         sizes = np.bincount(group, shape.n_cells, group.size)
-        cells = cells.regrouped(np.where(sizes[group] >= chosen.min_cells, group, -1))
-        shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
+        cells = cells.merge(np.where(sizes[group] >= chosen.min_cells, group, -1))
+        shape = measure_shapes(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         found: list[list[Detection]] = [[] for _ in maps.time_s]
         for number in range(shape.power.size):
             found[shape.scan[number]].append(_make_detection(maps, shape, number))
@@ -110,7 +118,7 @@ def find_scans(
     return scans
 
 
-def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
+def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
     """Find cells of bodies, and peaks.
 
     A peak is a stronger cell that each body must have; both shape (J, K, N).
@@ -124,7 +132,7 @@ def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
     if maps.range_m.size > 1:
         above &= maps.range_m >= settings.near_m
     slow = np.abs(maps.velocity_mps) < settings.slow_mps
-    residue = residue_map(power[:, slow])
+    residue = estimate_residue_map(power[:, slow])
     masks = []
     for pfa in (settings.pfa, settings.peak_pfa):
         mask = _apply_threshold(maps, settings, pfa) & above
@@ -136,23 +144,23 @@ def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
 def _apply_threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
     if settings.method == "noise_map":
         return np.asarray(maps.power_v2 > (noise_factor(pfa) * maps.floor_v2).astype(np.float32))
-    window = range_window(
+    window = make_range_window(
         bin_spacing_m=maps.bin_spacing_m,
         window_m=settings.window_m,
         guard_m=settings.guard_m,
         resolution_m=settings.resolution_m,
     )
-    if training_counts(window, maps.range_m.size).min() < MIN_TRAINING:
+    if count_training_cells(window, maps.range_m.size).min() < MIN_TRAINING:
         raise AnalysisError(
             f"method {settings.method!r} compares cells along range, and a frame of {maps.range_m.size} range bins "
             f"holds no window from {settings.guard_m:g} to {settings.window_m:g} m; take method 'noise_map'"
         )
     if settings.method == "os_cfar":
-        return os_mask(maps.power_v2, window, pfa, rank_share=settings.rank)
-    return ca_mask(maps.power_v2, window, pfa)
+        return mark_above_os(maps.power_v2, window, pfa, rank_share=settings.rank)
+    return mark_above_ca(maps.power_v2, window, pfa)
 
 
-def _odd(size_bins: float) -> int:
+def _round_to_odd(size_bins: float) -> int:
     """Round to an odd number of at least 3.
 
     Touching cells are always joined.
@@ -166,13 +174,13 @@ def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
     low_m, high_m = maps.range_m[0] + to_m * shape.range_box[number]
     low_mps, high_mps = maps.velocity_mps[0] + to_mps * shape.doppler_box[number]
     snr = max(float(shape.snr[number]), 1.0)
-    range_sd_m = _centre_sd(to_m * shape.range_spread[number], to_m, snr, RANGE_SD_M, RANGE_SPREAD_SHARE)
+    range_sd_m = _compute_centre_sd(to_m * shape.range_spread[number], to_m, snr, RANGE_SD_M, RANGE_SPREAD_SHARE)
     return Detection(
         range_m=float(maps.range_m[0] + to_m * shape.range_bin[number]),
         velocity_mps=float(maps.velocity_mps[0] + to_mps * shape.doppler_bin[number]),
         power_v2=float(shape.power[number]),
         range_sd_m=range_sd_m if to_m else NO_RANGE_SD_M,
-        velocity_sd_mps=_centre_sd(
+        velocity_sd_mps=_compute_centre_sd(
             to_mps * shape.doppler_spread[number], to_mps, snr, VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE
         ),
         range_low_m=float(low_m),
@@ -183,7 +191,7 @@ def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
     )
 
 
-def _centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
+def _compute_centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
     """Compute the standard deviation of a centre.
 
     It has three parts: a constant, moving limbs, and noise on a cell's width (Cramer-Rao).

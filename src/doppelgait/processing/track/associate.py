@@ -29,7 +29,7 @@ class Associations(NamedTuple):
     weights: FloatArray
 
 
-def gate_threshold(probability: float) -> float:
+def compute_gate_threshold(probability: float) -> float:
     """Compute the chi-square quantile of two degrees of freedom.
 
     -2 ln(1 - P).
@@ -60,15 +60,15 @@ def associate(
     weights[:, -1] = 1.0
     gain = log_likelihood + math.log(detection_probability / clutter_density)  # of a hit, against clutter
     miss = math.log1p(-detection_probability * gate_probability)
-    for rows, columns in clusters(np.isfinite(gain)):
+    for rows, columns in find_clusters(np.isfinite(gain)):
         part = gain[np.ix_(rows, columns)]
-        chosen = best_assignment(part, miss)
+        chosen = find_best_assignment(part, miss)
         assigned[rows] = [columns[c] if c >= 0 else -1 for c in chosen]
         shared = len(rows) > 1
         soft = association == "jpda" or (association == "auto" and shared)
         most_events = float(np.prod(np.isfinite(part).sum(axis=1) + 1.0))
         if soft and most_events <= MAX_EVENTS:
-            table = joint_probabilities(part, miss)
+            table = compute_joint_probabilities(part, miss)
         else:
             table = np.zeros((part.shape[0], part.shape[1] + 1))
             table[range(len(chosen)), chosen] = 1.0  # -1 is the last column: none
@@ -76,7 +76,7 @@ def associate(
     return Associations(assigned, weights)
 
 
-def clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
+def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
     """Find connected groups of tracks and detections.
 
     Tracks without any detection are in none.
@@ -96,7 +96,7 @@ def clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]
     return sorted(found)
 
 
-def best_assignment(gain: FloatArray, miss: float) -> list[int]:
+def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
     """Find the assignment of the largest total gain.
 
     It uses the Hungarian method; -1 where a track is better left without.
@@ -122,7 +122,7 @@ def best_assignment(gain: FloatArray, miss: float) -> list[int]:
     return [int(c) if c < detections else -1 for c in columns]
 
 
-def joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
+def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
     """Compute marginal association probabilities over all joint events.
 
     The method is that of Fortmann, Bar-Shalom and Scheffe 1983.

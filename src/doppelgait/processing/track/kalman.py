@@ -56,7 +56,7 @@ class Innovation(NamedTuple):
     log_likelihood: float
 
 
-def constant_velocity(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
+def make_constant_velocity_model(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
     """Build a constant-velocity model with white acceleration.
 
     The spectral density is q.
@@ -68,7 +68,7 @@ def constant_velocity(interval_s: float, *, acceleration_noise_m2ps3: float) -> 
     return Model(dt, 1.0, q * dt**3 / 3, -q * dt**2 / 2, q * dt)
 
 
-def resting(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
+def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
     """Build the model of a resting body.
 
     Its velocity is an Ornstein-Uhlenbeck process around 0.
@@ -103,7 +103,7 @@ def predict(state: Gaussian, model: Model) -> Gaussian:
     )
 
 
-def innovation(
+def compute_innovation(
     predicted: Gaussian,
     *,
     range_m: float,
@@ -151,7 +151,7 @@ def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
     )
 
 
-def mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
+def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
     """Reduce a mixture to one Gaussian.
 
     With the mean and covariance of the mixture; weights sum to 1.
@@ -191,16 +191,16 @@ def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: 
         # x + C (x_after - x_predicted), P + C (P_after - P_predicted) C', C = P F' P_predicted^-1
         before, ahead, model, after = filtered[n], predicted[n + 1], models[n + 1], states[n + 1]
         transition = np.array([[1.0, -model.carry_s], [0.0, model.keep]])
-        before_cov, ahead_cov = covariance(before), covariance(ahead)
+        before_cov, ahead_cov = make_covariance(before), make_covariance(ahead)
         determinant = ahead.range_m2 * ahead.velocity_m2ps2 - ahead.cross_m2ps**2
         adjugate = np.array([[ahead.velocity_m2ps2, -ahead.cross_m2ps], [-ahead.cross_m2ps, ahead.range_m2]])
         gain = before_cov @ transition.T @ adjugate / determinant
         mean = np.array(before[:2]) + gain @ (np.array(after[:2]) - np.array(ahead[:2]))
-        cov = before_cov + gain @ (covariance(after) - ahead_cov) @ gain.T
+        cov = before_cov + gain @ (make_covariance(after) - ahead_cov) @ gain.T
         states[n] = Gaussian(*map(float, (mean[0], mean[1], cov[0, 0], cov[0, 1], cov[1, 1])))
     return states
 
 
-def covariance(state: Gaussian) -> FloatArray:
+def make_covariance(state: Gaussian) -> FloatArray:
     """Return the covariance matrix, shape (2, 2)."""
     return np.array([[state.range_m2, state.cross_m2ps], [state.cross_m2ps, state.velocity_m2ps2]])

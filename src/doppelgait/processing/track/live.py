@@ -94,7 +94,7 @@ class Tracker(FrozenModel):
     fastest_mps: float = Field(default=8.0, gt=0, le=50)
 
     @model_validator(mode="after")
-    def _hits_fit(self) -> Self:
+    def _check_hits(self) -> Self:
         if self.confirm_hits > self.confirm_scans:
             raise ValueError(
                 f"confirm_hits = {self.confirm_hits} of confirm_scans = {self.confirm_scans} cannot happen; "
@@ -130,7 +130,7 @@ class Step(NamedTuple):
 
 
 @dataclass(eq=False)
-class Live:
+class LiveTrack:
     """Track that is being followed.
 
     Tracks started by the same detection are of one ``family``.
@@ -251,7 +251,7 @@ class Track:
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
 
-    def followed_by(self, later: Track) -> Track:
+    def append_track(self, later: Track) -> Track:
         """Join a later track of the same body.
 
         The gap between them is kept.
@@ -268,8 +268,8 @@ class Track:
         )  # fmt: skip
 
 
-def finished(live: Live) -> Track:
-    """Build the smoothed track of a confirmed :class:`Live`.
+def finish_track(live: LiveTrack) -> Track:
+    """Build the smoothed track of a confirmed :class:`LiveTrack`.
 
     It ends with the last own detection.
     """
@@ -303,7 +303,7 @@ def finished(live: Live) -> Track:
     )
 
 
-def box_of(detection: Detection) -> tuple[float, float, float, float]:
+def find_box(detection: Detection) -> tuple[float, float, float, float]:
     """Return the limits of a detection less its centre."""
     return (
         detection.range_low_m - detection.range_m,

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.core.lazy import rows_of
+from doppelgait.core.labels import read_axis, sampling_rate_hz
+from doppelgait.core.lazy import read_pulses
 from doppelgait.processing.config import gaussian_window
 from doppelgait.processing.track.live import Track
 
@@ -57,7 +57,7 @@ class Ridge:
     deep: npt.NDArray[np.bool_]
 
 
-def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
+def sum_torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
     """Compute a track's moving power along range.
 
     Parameters
@@ -73,7 +73,7 @@ def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cp
         Power within 0.35 m/s of the track's velocity, from 1.6 m before the track to 1.6 m behind it, every 5 cm;
         0 outside the frame.
     """
-    times_s, range_m = axis(clean, "slow_time"), axis(clean, "range")
+    times_s, range_m = read_axis(clean, "slow_time"), read_axis(clean, "range")
     prf_hz = sampling_rate_hz(times_s)
     size = min(max(1, round(cpi_s * prf_hz)), times_s.size)
     window = gaussian_window(size, WINDOW_STEEPNESS)
@@ -86,7 +86,7 @@ def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cp
         zip(pulses, found.range_m, found.velocity_mps, strict=True)
     ):
         if number % READ_SCANS == 0:
-            start, read = first, rows_of(clean, first, int(pulses[number : number + READ_SCANS][-1]) + size)
+            start, read = first, read_pulses(clean, first, int(pulses[number : number + READ_SCANS][-1]) + size)
         low, high = np.searchsorted(range_m, [centre_m - REACH_M - STEP_M, centre_m + REACH_M + STEP_M])
         if high - low < 2:
             continue
@@ -109,7 +109,7 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
     Parameters
     ----------
     profiles : ndarray, shape (T, D)
-        Of :func:`torso_profiles`.
+        Of :func:`sum_torso_profiles`.
     found : Track
     others : sequence of Track
         A second echo near one of these at the time is theirs.
@@ -173,24 +173,24 @@ def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: 
     for number in range(len(tracks)):
         one = found[number]
         others = [other for other in found if other is not one]
-        profiles = torso_profiles(clean, one, wavelength_m=wavelength_m, cpi_s=cpi_s)
+        profiles = sum_torso_profiles(clean, one, wavelength_m=wavelength_m, cpi_s=cpi_s)
         ridge = find_ridge(profiles, one, others)
         alone = np.abs(one.velocity_mps) >= LEAST_SPEED_MPS
         for other in others:
             near_m = np.interp(one.times_s, other.times_s, other.range_m, left=np.nan, right=np.nan) - one.range_m
             alone &= ~(np.abs(near_m) < REACH_M)
         step_s = float(np.median(np.diff(one.times_s))) if one.times_s.size > 1 else np.inf
-        run = _longest_run(ridge.deep, max(1, round(SPLIT_S / step_s)))
+        run = _find_longest_run(ridge.deep, max(1, round(SPLIT_S / step_s)))
         if run is not None and ridge.deep.sum() >= SPLIT_SHARE * alone.sum():
             found = _replace(found, number, ridge, run)
             continue
         seen = np.isfinite(ridge.other_m)
-        lasting = _longest_run(seen, max(1, round(DOUBT_S / step_s))) is not None
+        lasting = _find_longest_run(seen, max(1, round(DOUBT_S / step_s))) is not None
         found[number] = replace(one, several=lasting and bool(seen.sum() >= DOUBT_SHARE * alone.sum()))
     return sorted(found, key=lambda one: one.first_s)
 
 
-def _longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int] | None:
+def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int] | None:
     """Find the longest run of nearly full windows."""
     if seen.size < least:
         return None
@@ -210,18 +210,18 @@ def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int
     """
     found, one = list(tracks), tracks[number]
     for echo in (1, 0):
-        second = _at_echo(one, ridge, run, echo, whole=False)
+        second = _move_to_echo(one, ridge, run, echo, whole=False)
         for place, other in enumerate(found):
             joined = _join(second, other) or _join(other, second)
             if place != number and joined is not None:
                 found[place] = joined
-                found[number] = _at_echo(one, ridge, run, 1 - echo, whole=True)
+                found[number] = _move_to_echo(one, ridge, run, 1 - echo, whole=True)
                 return found
-    found[number] = _at_echo(one, ridge, run, 0, whole=True)
-    return [*found, _at_echo(one, ridge, run, 1, whole=False)]
+    found[number] = _move_to_echo(one, ridge, run, 0, whole=True)
+    return [*found, _move_to_echo(one, ridge, run, 1, whole=False)]
 
 
-def _at_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
+def _move_to_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
     """Move a track to its nearer or farther echo.
 
     0 is the nearer echo, 1 the farther. It is cut to the time of both unless ``whole``.

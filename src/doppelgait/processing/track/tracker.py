@@ -13,9 +13,19 @@ import numpy as np
 from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import kalman
-from doppelgait.processing.track.associate import Associations, associate, gate_threshold
+from doppelgait.processing.track.associate import Associations, associate, compute_gate_threshold
 from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
-from doppelgait.processing.track.live import MEASURED, MISSED, SHARED, Live, Step, Track, Tracker, box_of, finished
+from doppelgait.processing.track.live import (
+    MEASURED,
+    MISSED,
+    SHARED,
+    LiveTrack,
+    Step,
+    Track,
+    Tracker,
+    find_box,
+    finish_track,
+)
 
 LEAST_SPAN_MPS = 2.0
 """A radar with a smaller unambiguous span cannot measure a walker's velocity."""
@@ -76,14 +86,14 @@ def track(
         )  # fmt: skip
         scans = [Scan(scan.time_s, tuple(map(unknown, scan.detections))) for scan in scans]
         velocity_span_mps = None
-    live: list[Live] = []
-    ended: list[Live] = []
+    live: list[LiveTrack] = []
+    ended: list[LiveTrack] = []
     family = itertools.count()
     for scan in scans:
         _update_tracks(live, scan, options, velocity_span_mps)
         for new in _start_tracks(live, scan, options, velocity_span_mps):
             number = next(family)
-            live += [Live([step], number) for step in new]
+            live += [LiveTrack([step], number) for step in new]
         for one in live:
             hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
             siblings = [other for other in live if other is not one and other.family == one.family]
@@ -96,12 +106,12 @@ def track(
         live = [one for one in live if one not in over]
     found = [one for one in [*ended, *live] if one.confirmed_at_s is not None]
     lasting = [one for one in found if one.last_own.time_s - one.steps[0].time_s >= options.min_duration_s - 1e-9]
-    moving = [one for one in map(finished, lasting) if not _is_still(one, options)]
+    moving = [one for one in map(finish_track, lasting) if not _is_still(one, options)]
     best = sorted(moving, key=lambda one: -int(one.measured.sum()))[: options.max_targets]
     return sorted(best, key=lambda one: one.first_s)
 
 
-def _update_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> None:
+def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> None:
     """Predict, associate and update every track.
 
     The confirmed ones choose first.
@@ -118,7 +128,7 @@ def _update_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: flo
         predictions = [kalman.predict(one.state, model) for one, model in zip(group, models, strict=True)]
         measured = [
             [
-                kalman.innovation(
+                kalman.compute_innovation(
                     predicted,
                     range_m=d.range_m,
                     velocity_mps=d.velocity_mps,
@@ -130,7 +140,7 @@ def _update_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: flo
             ]
             for predicted in predictions
         ]
-        limit = gate_threshold(options.gate_probability)
+        limit = compute_gate_threshold(options.gate_probability)
         table = [[i.log_likelihood if i.nis <= limit else -math.inf for i in row] for row in measured]
         chosen = associate(
             np.array(table, dtype=float).reshape(len(group), len(free)),
@@ -144,26 +154,26 @@ def _update_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: flo
             for n in range(len(group))
         ]
         if confirmed:
-            steps = _second_chance(steps, chosen, free, options, span_mps)
+            steps = _update_in_boxes(steps, chosen, free, options, span_mps)
         for one, step in zip(group, steps, strict=True):
             one.add(step, share_s=options.share_s)
         taken = {int(d) for d in chosen.assigned if d >= 0}
         free = [d for n, d in enumerate(free) if n not in taken]
 
 
-def _choose_model(one: Live, time_s: float, options: Tracker) -> Model:
+def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
     """Choose the motion model up to the next scan.
 
     It is constant velocity, or rest for a body that was slow and is not detected any more.
     """
     interval_s = time_s - one.steps[-1].time_s
     if one.confirmed_at_s is not None and one.steps[-1].outcome == MISSED and one.is_slow(options):
-        return kalman.resting(
+        return kalman.make_resting_model(
             interval_s,
             time_constant_s=options.rest_time_constant_s,
             velocity_sd_mps=options.rest_velocity_sd_mps,
         )
-    return kalman.constant_velocity(interval_s, acceleration_noise_m2ps3=options.acceleration_noise_m2ps3)
+    return kalman.make_constant_velocity_model(interval_s, acceleration_noise_m2ps3=options.acceleration_noise_m2ps3)
 
 
 def _update_track(
@@ -178,16 +188,16 @@ def _update_track(
     parts = [(kalman.update(predicted, measured[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
     if weights[-1] > 0:
         parts.append((predicted, weights[-1]))
-    state = parts[0][0] if len(parts) == 1 else kalman.mixture(*zip(*parts, strict=True))
+    state = parts[0][0] if len(parts) == 1 else kalman.merge_mixture(*zip(*parts, strict=True))
     if own < 0:
         return Step(time_s, model, predicted, state, SHARED if len(parts) > 1 else MISSED)
     detection = detections[own]
     return Step(
-        time_s, model, predicted, state, MEASURED, measured[own].nis, box_of(detection), detection.power_v2
+        time_s, model, predicted, state, MEASURED, measured[own].nis, find_box(detection), detection.power_v2
     )  # fmt: skip
 
 
-def _second_chance(
+def _update_in_boxes(
     steps: list[Step], chosen: Associations, detections: list[Detection], options: Tracker, span_mps: float | None
 ) -> list[Step]:
     """Update tracks inside the box of another detection.
@@ -196,7 +206,7 @@ def _second_chance(
     A box that holds several tracks, one of them without a detection of its own, is that of bodies that pass each other:
     its centre belongs to none of them, and each is measured only as well as the box is wide.
     """
-    inside = {m: [n for n, s in enumerate(steps) if _covers(d, s.predicted, span_mps)]
+    inside = {m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)]
               for m, d in enumerate(detections)}  # fmt: skip
     steps = list(steps)
     owners = {int(m): n for n, m in enumerate(chosen.assigned) if m >= 0}
@@ -206,21 +216,21 @@ def _second_chance(
             continue
         if m not in owners and len(tracks) == 1:
             owners[m] = lost[0]
-            steps[lost[0]] = _wide_step(steps[lost[0]], detections[m], options, span_mps, MEASURED)
+            steps[lost[0]] = _update_in_box(steps[lost[0]], detections[m], options, span_mps, MEASURED)
             chosen.assigned[lost[0]] = m
             continue
         for n in {*lost, *([owners[m]] if m in owners else [])}:
-            steps[n] = _wide_step(steps[n], detections[m], options, span_mps, SHARED if n in lost else MEASURED)
+            steps[n] = _update_in_box(steps[n], detections[m], options, span_mps, SHARED if n in lost else MEASURED)
     return steps
 
 
-def _wide_step(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
+def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
     """Update a track that is somewhere in a box.
 
     The standard deviation is half the width of the box.
     """
     half_m, half_mps = (d.range_high_m - d.range_low_m) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
-    measured = kalman.innovation(
+    measured = kalman.compute_innovation(
         step.predicted,
         range_m=d.range_m,
         velocity_mps=d.velocity_mps,
@@ -232,11 +242,11 @@ def _wide_step(step: Step, d: Detection, options: Tracker, span_mps: float | Non
     if outcome == SHARED:
         return step._replace(filtered=state, outcome=SHARED)
     return step._replace(
-        filtered=state, outcome=MEASURED, nis=measured.nis, box=step.box or box_of(d), power_v2=d.power_v2
+        filtered=state, outcome=MEASURED, nis=measured.nis, box=step.box or find_box(d), power_v2=d.power_v2
     )
 
 
-def _covers(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
+def _is_in_box(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
     """Return True if a detection's box holds a prediction.
 
     The prediction is a place and a velocity.
@@ -250,7 +260,7 @@ def _covers(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
     return abs(off) <= half + BOX_MARGIN_MPS
 
 
-def _start_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
+def _start_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
     """Return the first steps of new tracks.
 
     The strongest come first, none near a track; there is one for each unfolded velocity.
@@ -273,12 +283,12 @@ def _start_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: floa
         for velocity_mps in velocities:
             state = Gaussian(d.range_m, velocity_mps, range_sd_m**2, 0.0, velocity_sd_mps**2)
             stay = Model(0.0, 1.0, 0.0, 0.0, 0.0)
-            steps.append(Step(scan.time_s, stay, state, state, MEASURED, box=box_of(d), power_v2=d.power_v2))
+            steps.append(Step(scan.time_s, stay, state, state, MEASURED, box=find_box(d), power_v2=d.power_v2))
         new.append(steps)
     return new
 
 
-def _is_over(one: Live, live: list[Live], time_s: float, options: Tracker) -> bool:
+def _is_over(one: LiveTrack, live: list[LiveTrack], time_s: float, options: Tracker) -> bool:
     if one.confirmed_at_s is None:
         recent = one.steps[-options.confirm_scans :]
         misses = sum(step.outcome != MEASURED for step in recent)
@@ -288,14 +298,14 @@ def _is_over(one: Live, live: list[Live], time_s: float, options: Tracker) -> bo
     if time_s - one.last_sign_s > limit_s:
         return True
     # another track with more hits has been at the same place with the same velocity, on one detection, for long
-    if not any(_duplicates(one, other) for other in live):
+    if not any(_is_duplicate(one, other) for other in live):
         one.twin_since_s = None
         return False
     one.twin_since_s = time_s if one.twin_since_s is None else one.twin_since_s
     return time_s - one.twin_since_s >= options.twin_s - 1e-9
 
 
-def _duplicates(one: Live, other: Live) -> bool:
+def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
     """Return True if ``one`` now only repeats ``other``.
 
     Of two equals it is the younger one.

@@ -47,7 +47,7 @@ class FrameFaults:
     mean_length: float
 
 
-def frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
+def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
     """Find dropped and lost frames.
 
     Dropped ones repeat exactly or are zero (noise never repeats); lost ones are gaps of the time axis.
@@ -90,7 +90,7 @@ class Bursts:
     share: float
 
 
-def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
+def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
     """Find frames with interference.
 
     They have cells far over the noise after a running median that takes out what moves slowly.
@@ -112,7 +112,7 @@ def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Burst
     if not noise_power_v2 > 0 or not quiet.any():
         return Bursts(nothing, math.nan, 0.0, 0.0)
     rest = rest_v[:, quiet]
-    power = np.abs(rest - _running_median(rest.real) - 1j * _running_median(rest.imag)) ** 2
+    power = np.abs(rest - _compute_running_median(rest.real) - 1j * _compute_running_median(rest.imag)) ** 2
     floor = np.maximum(np.median(power, axis=0) / math.log(2.0), noise_power_v2)
     hit: Mask = np.asarray(power > floor * math.log(power.size / FALSE_ALARMS))
     hit[: MEDIAN_FRAMES // 2] = hit[len(hit) - MEDIAN_FRAMES // 2 :] = False
@@ -125,7 +125,7 @@ def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Burst
     return Bursts(frames, level, float(frames.sum() / runs), float(hit[frames].mean()))
 
 
-def _running_median(values: FloatArray) -> FloatArray:
+def _compute_running_median(values: FloatArray) -> FloatArray:
     """Return the running median of nine frames per bin.
 
     The first and last frame are repeated beyond the ends.

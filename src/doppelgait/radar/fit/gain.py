@@ -10,18 +10,18 @@ import numpy as np
 
 from doppelgait.core.config import validate
 from doppelgait.core.units import db_to_amplitude, power_to_db
-from doppelgait.radar.fit.measure import Measured
+from doppelgait.radar.fit.measure import SensorMeasurement
 from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB
-from doppelgait.radar.fit.population import MATTERS, Pooled, pool
+from doppelgait.radar.fit.population import MATTERS, PooledQuantity, pool
 from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
-from doppelgait.radar.link import echo_amplitude_v, noise_power_v2, noise_slope
+from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 
 PERSON_M2 = 0.8
 """Radar cross section of a person, of which the level of the echoes gives the gain."""
 
 
-def rescaled(radar: Radar, scale_db: float) -> Radar:
+def rescale_radar(radar: Radar, scale_db: float) -> Radar:
     """Return a radar with volts scaled up.
 
     Echoes, noise and the step of a counter go together, so that the SNR stays. ``volts_per_unit`` stays, too: it is how
@@ -33,8 +33,8 @@ def rescaled(radar: Radar, scale_db: float) -> Radar:
     return radar.model_copy(update=changes)
 
 
-def with_fitted_gain(
-    radar: Radar, same: Sequence[Measured], pooled: dict[str, Pooled], people_at_m: float | None, *,
+def fit_gain(
+    radar: Radar, same: Sequence[SensorMeasurement], pooled: dict[str, PooledQuantity], people_at_m: float | None, *,
     radar_is_given: bool,
 ) -> Radar:  # fmt: skip
     """Return a radar with fitted gain and noise figure.
@@ -46,7 +46,7 @@ def with_fitted_gain(
         return radar
     direct = pooled.get("direct_path_db")
     by_gain = direct is not None and direct.count == len(same) and direct.spread_is_known
-    channels = "noise_iq_gain_db" if noise_is_apart(pooled) else "iq_gain_db"
+    channels = "noise_iq_gain_db" if is_noise_separate(pooled) else "iq_gain_db"
     quadrature_db = pooled[channels].mean.value if channels in pooled else 0.0
     added_db = DB_PER_NEPER * math.log((1.0 + 10.0 ** (quadrature_db / 10.0)) / 2.0)
     gain_db = 0.0
@@ -55,7 +55,7 @@ def with_fitted_gain(
         expected_v = float(echo_amplitude_v(radar, range_m=people_at_m, rcs_m2=PERSON_M2))
         gain_db = float(np.median(echoes)) - 20.0 * math.log10(expected_v)
 
-    def figures() -> Pooled:
+    def figures() -> PooledQuantity:
         found = []
         for one in same:
             if "noise_level_db" not in one.estimates:
@@ -67,9 +67,9 @@ def with_fitted_gain(
             if by_gain and direct is not None:
                 own_db = one.estimates["direct_path_db"].value - direct.mean.value
                 own_sd = one.estimates["direct_path_db"].sd
-            own = rescaled(own, gain_db)  # units differ in gain, behind which a counter's step stays
+            own = rescale_radar(own, gain_db)  # units differ in gain, behind which a counter's step stays
             own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
-            figure = figure_of(own, Estimate(level.value - added_db, level.sd))
+            figure = find_noise_figure(own, Estimate(level.value - added_db, level.sd))
             found.append(Estimate(figure.value, math.hypot(figure.sd, own_sd)))
         return pool(found)
 
@@ -78,7 +78,7 @@ def with_fitted_gain(
     if people_at_m is None and not low_db <= figure.mean.value <= high_db:
         # no receiver has that: the scale of the file against volts is unknown, so that the gain takes the difference
         plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
-        gain_db = (figure.mean.value - plausible_db) * noise_slope(radar)
+        gain_db = (figure.mean.value - plausible_db) * find_noise_slope(radar)
         figure = figures()
     if by_gain and direct is not None:
         pooled["gain_db"] = direct
@@ -87,11 +87,11 @@ def with_fitted_gain(
         figure = replace(figure, mean=mean)
     pooled["noise_figure_db"] = figure
     limited_db = min(max(figure.mean.value, 0.0), 100.0)
-    fitted = {**rescaled(radar, gain_db).model_dump(), "noise_figure_db": limited_db}
+    fitted = {**rescale_radar(radar, gain_db).model_dump(), "noise_figure_db": limited_db}
     return validate(Radar, fitted, where=f"the radar fitted to {len(same)} recordings, whose values should be in V")
 
 
-def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
+def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
     """Return True if noise and echo images differ.
 
     In gain or phase of Q against I; it then arises behind the mixer.
@@ -105,7 +105,7 @@ def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
     return False
 
 
-def figure_of(radar: Radar, level_db: Estimate) -> Estimate:
+def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
     """Return the noise figure for a measured level.
 
     Found by bisection: behind a threshold counter the level is not proportional to it.

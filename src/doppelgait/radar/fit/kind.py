@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
-from doppelgait.radar.fit.gain import noise_is_apart
+from doppelgait.radar.fit.gain import is_noise_separate
 from doppelgait.radar.fit.measure import SLOW_CELLS
-from doppelgait.radar.fit.pool import SHAPE_DB, SensorKind, mains_of
-from doppelgait.radar.fit.population import MATTERS, Pooled
-from doppelgait.radar.fit.preset import setting_line, single_line
+from doppelgait.radar.fit.pool import SHAPE_DB, SensorKind, find_mains_harmonic
+from doppelgait.radar.fit.population import MATTERS, PooledQuantity
+from doppelgait.radar.fit.preset import clean_comment, format_setting
 from doppelgait.radar.fit.static import DB_PER_NEPER
-from doppelgait.radar.parameters import possible_correlation
+from doppelgait.radar.parameters import find_possible_correlation
 
 UNITS = {
     "noise_level_db": "dB re 1 V", "noise_figure_db": "dB", "gain_db": "dB", "direct_path_db": "dB re 1 V",
@@ -31,7 +31,7 @@ MOST_KNOTS = 16
 def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
     """Return pooled quantities as rows to print."""
     named = {**kind.pooled, **{f"clutter at {range_m:.2f} m": level for range_m, level in kind.clutter}}
-    named |= {_line_name(kind, n): line.level_db for n, line in enumerate(kind.lines)}
+    named |= {_name_line(kind, n): line.level_db for n, line in enumerate(kind.lines)}
     return [
         {
             "quantity": name,
@@ -46,13 +46,13 @@ def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
     ]
 
 
-def _line_name(kind: SensorKind, number: int) -> str:
+def _name_line(kind: SensorKind, number: int) -> str:
     line = kind.lines[number]
-    mains = mains_of(line.frequency_hz, kind.radar.prf_hz, max(line.half_width_hz, 0.5))
+    mains = find_mains_harmonic(line.frequency_hz, kind.radar.prf_hz, max(line.half_width_hz, 0.5))
     return f"line at {line.frequency_hz:+.4g} Hz" + (f" ({mains}?)" if mains else "")
 
 
-def kind_preset(kind: SensorKind) -> str:
+def format_kind_preset(kind: SensorKind) -> str:
     """Return the text of a preset with distributions.
 
     A plan draws each of them once per example.
@@ -64,25 +64,25 @@ def kind_preset(kind: SensorKind) -> str:
     ConfigError
         If the fitted values do not make a radar or an impairment.
     """
-    from doppelgait.core.draws import middle
+    from doppelgait.core.draws import replace_by_middle
     from doppelgait.radar.impairments import make_impairment
 
-    tables = list(_impairments(kind))
+    tables = list(_iterate_impairments(kind))
     for table, _ in tables:
-        make_impairment(middle(table))
+        make_impairment(replace_by_middle(table))
     names = ", ".join(m.recording.source or "a recording" for m in kind.recordings[:5])
     more = len(kind.recordings) - 5
     lines = [
-        f"# {single_line(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
-        f"{single_line(names)}{f' and {more} more' if more > 0 else ''}.",
+        f"# {clean_comment(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
+        f"{clean_comment(names)}{f' and {more} more' if more > 0 else ''}.",
         "# A number with +- carries one standard deviation. A distribution is the spread between recordings, without",
         "# that of the measurement; a plan draws it for every example, elsewhere its middle counts.",
         "# Levels are dB re 1 V at the receiver output.",
         "# Receiver noise arises behind the mixer: the thermal_noise below stands in place of the radar's own."
-        if noise_is_apart(kind.pooled)
+        if is_noise_separate(kind.pooled)
         else "# Receiver noise is in the radar: add no thermal_noise on top.",
-        *(f"# Refused: {single_line(name)}: {single_line(why)}." for name, why in kind.refused.items()),
-        *(f"# Left out: {single_line(why)}." for why in kind.left_out),
+        *(f"# Refused: {clean_comment(name)}: {clean_comment(why)}." for name, why in kind.refused.items()),
+        *(f"# Left out: {clean_comment(why)}." for why in kind.left_out),
         "",
     ]
     values = kind.radar.model_dump(mode="json", exclude_none=True)
@@ -93,26 +93,26 @@ def kind_preset(kind: SensorKind) -> str:
         values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db)
         if figure.spread_is_known and figure.mean.value < MATTERS * figure.spread:  # a normal draw would fall below 0
             values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0)
-        use = "not used: thermal_noise below" if noise_is_apart(kind.pooled) else "gives the measured noise"
-        comments["noise_figure_db"] = f"{_comment(figure, 'dB')}; {use}"
+        use = "not used: thermal_noise below" if is_noise_separate(kind.pooled) else "gives the measured noise"
+        comments["noise_figure_db"] = f"{_format_comment(figure, 'dB')}; {use}"
     if "gain_db" in kind.pooled:
         gain = kind.pooled["gain_db"]
         values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
-        comments["receiver_gain_db"] = _comment(gain, "dB") + "; the spread is that of the direct path"
+        comments["receiver_gain_db"] = _format_comment(gain, "dB") + "; the spread is that of the direct path"
     if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
-        values["noise_correlation"] = list(possible_correlation(kind.correlation))
+        values["noise_correlation"] = list(find_possible_correlation(kind.correlation))
         comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
     default = f"as {kind.radar.name}"
     nested = {name for name, value in values.items() if isinstance(value, dict) and name not in comments}
-    lines += [setting_line(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+    lines += [format_setting(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
     for name in sorted(nested):
-        lines += ["", f"[{name}]", *(setting_line(k, v, default) for k, v in values[name].items())]
+        lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in values[name].items())]
     for table, why in tables:
-        lines += ["", "[[impairments]]", *(setting_line(k, v, why.get(k, "")) for k, v in table.items())]
+        lines += ["", "[[impairments]]", *(format_setting(k, v, why.get(k, "")) for k, v in table.items())]
     return "\n".join(lines) + "\n"
 
 
-def _draw(pooled: Pooled, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
+def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
     """Return a number, or a distribution of known spread.
 
     Normal; uniform of the same spread where a value must not fall below ``lowest``.
@@ -126,7 +126,7 @@ def _draw(pooled: Pooled, middle: float, *, digits: int = 4, lowest: float | Non
     return {"uniform": [float(f"{max(middle - half, lowest):.4g}"), float(f"{middle + half:.4g}")]}
 
 
-def _comment(pooled: Pooled, unit: str) -> str:
+def _format_comment(pooled: PooledQuantity, unit: str) -> str:
     text = f"fitted from {pooled.count} recordings, mean +-{pooled.mean.sd:.2g} {unit}"
     if math.isnan(pooled.spread):
         return f"{text}; too few for a spread"
@@ -134,13 +134,13 @@ def _comment(pooled: Pooled, unit: str) -> str:
     return f"{text}; {known} {pooled.low:.2g} to {pooled.high:.2g}"
 
 
-def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+def _iterate_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
     """Yield impairments in order, with comments."""
     found = kind.pooled
     table: dict[str, Any]
-    apart = noise_is_apart(found)
+    apart = is_noise_separate(found)
     if not apart:
-        yield from _noise(kind)
+        yield from _iterate_noise(kind)
     if kind.clutter:
         levels = [[round(r, 3), _draw(level, level.mean.value, digits=2)] for r, level in kind.clutter]
         worst = max(level.mean.sd for _, level in kind.clutter)
@@ -149,7 +149,7 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
     if "white_rad" in found:
         names = {"white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)"}
         table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
-        yield {"kind": "phase_noise", **table}, {k: _comment(found[k], unit) for k, unit in names.items()}
+        yield {"kind": "phase_noise", **table}, {k: _format_comment(found[k], unit) for k, unit in names.items()}
     if apart:
         # echoes pass both, the noise behind the mixer the second alone: I stays, and both together make Q of the echoes
         g, phi, own_g, own_phi = (
@@ -162,19 +162,19 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
         gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
         table = {"gain_db": _draw(gain, gain_db), "phase_deg": _draw(phase, phase_deg, digits=3)}
         why = f"; with the next one {gain.mean.value:.2f} dB and {phase.mean.value:.1f} deg"
-        comments = {"gain_db": _comment(gain, "dB") + why, "phase_deg": _comment(phase, "deg")}
+        comments = {"gain_db": _format_comment(gain, "dB") + why, "phase_deg": _format_comment(phase, "deg")}
         yield {"kind": "iq_imbalance", **table}, comments
         level = found["noise_level_db"]
         level_db = level.mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
         yield (
             {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)},
-            {"level_db": _comment(level, "dB") + "; in place of the radar's own: it arises behind the mixer"},
+            {"level_db": _format_comment(level, "dB") + "; in place of the radar's own: it arises behind the mixer"},
         )
-        yield from _noise(kind)
+        yield from _iterate_noise(kind)
         table = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
         yield (
             {"kind": "iq_imbalance", **table},
-            {"gain_db": _comment(found["noise_iq_gain_db"], "dB") + "; of the noise"},
+            {"gain_db": _format_comment(found["noise_iq_gain_db"], "dB") + "; of the noise"},
         )
     elif "iq_gain_db" in found:
         gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
@@ -182,16 +182,16 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
             table = {"gain_db": _draw(gain, gain.mean.value), "phase_deg": _draw(phase, phase.mean.value, digits=3)}
             yield (
                 {"kind": "iq_imbalance", **table},
-                {"gain_db": _comment(gain, "dB"), "phase_deg": _comment(phase, "deg")},
+                {"gain_db": _format_comment(gain, "dB"), "phase_deg": _format_comment(phase, "deg")},
             )
-    if (constant := _constant(kind)) is not None:
+    if (constant := _find_constant(kind)) is not None:
         yield constant
     share = found.get("drop_probability")
     if share is not None and share.mean.value > 0.0:
         most = 0.9 * kind.run_length / (1.0 + kind.run_length)
         middle = min(share.mean.value, most)
         table = {"probability": _draw(share, middle, lowest=0.0), "mean_length": round(max(kind.run_length, 1.0), 3)}
-        yield {"kind": "dropped_frames", **table}, {"probability": _comment(share, "of all frames")}
+        yield {"kind": "dropped_frames", **table}, {"probability": _format_comment(share, "of all frames")}
     if kind.bits:
         why = "reached" if math.isfinite(kind.full_scale_v) and kind.clipped else "never reached: assumed"
         table = {"kind": "adc", "bits": kind.bits, "full_scale_v": float(f"{kind.full_scale_v:.6g}")}
@@ -201,27 +201,27 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
         )
 
 
-def _noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+def _iterate_noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
     """Yield what is added to the samples besides white noise."""
     noise_db = kind.pooled["noise_level_db"].mean.value if "noise_level_db" in kind.pooled else math.nan
     table: dict[str, Any]
     if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
         # what is there besides the white floor, in power
-        table = {"kind": "coloured_noise", "levels": _besides(_doppler_knots(kind), noise_db, 0.0)}
+        table = {"kind": "coloured_noise", "levels": _subtract_level(_make_doppler_knots(kind), noise_db, 0.0)}
         text = "fitted: noise over the white floor, by Doppler; constant outside, 20 dB below the floor where refused"
         yield table, {"levels": text}
     if math.isfinite(noise_db) and kind.range_db:
         lowest_db = min(level_db for _, level_db in kind.range_db)
         table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
-        table["range_db"] = _besides(list(kind.range_db), 0.0, lowest_db)
+        table["range_db"] = _subtract_level(list(kind.range_db), 0.0, lowest_db)
         yield table, {"range_db": "fitted: noise over its lowest level, by range"}
     for number, line in enumerate(kind.lines):
         frequency = {"frequency_hz": round(line.frequency_hz, 3)}
         table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
-        yield table, {"frequency_hz": _line_name(kind, number), "level_db": _comment(line.level_db, "dB")}
+        yield table, {"frequency_hz": _name_line(kind, number), "level_db": _format_comment(line.level_db, "dB")}
 
 
-def _doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
+def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
     """Return knots of noise over the floor, by Doppler.
 
     Where frequencies were refused it is that floor, 0 dB; an impairment holds its outer knots to either side.
@@ -242,7 +242,7 @@ def _doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
     return knots
 
 
-def _besides(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
+def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
     """Return knots of the power over a lowest level.
 
     They are dB re a reference, at least 20 dB below it.
@@ -251,13 +251,13 @@ def _besides(knots: list[tuple[float, float]], reference_db: float, lowest_db: f
     return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
 
 
-def _constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | None:
+def _find_constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | None:
     """Return the constant of all bins, if significant."""
     found = kind.pooled
     if "dc_level_db" in found and found["dc_level_db"].count > len(kind.recordings) / 2:
         level = found["dc_level_db"]
         return {"kind": "dc_leak", "level_db": _draw(level, level.mean.value, digits=2)}, {
-            "level_db": _comment(level, "dB")
+            "level_db": _format_comment(level, "dB")
         }
     if "dc_i_v" not in found or found["dc_i_v"].count < len(kind.recordings) / 2:
         return None

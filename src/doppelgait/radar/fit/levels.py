@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate, StaticPart, leverage
+from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate, StaticPart, compute_leverage
 
 ComplexArray = npt.NDArray[np.complex128]
 FloatArray = npt.NDArray[np.float64]
@@ -51,7 +51,7 @@ class NoiseFloor:
     independent_bins: float
 
 
-def noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
+def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
     """Estimate the mean square of the noise.
 
     It comes from frame-to-frame differences of what the static part leaves.
@@ -70,8 +70,8 @@ def noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
     from scipy.stats import gamma
 
     steps = np.diff(static.rest_v, axis=0)
-    correlation = bin_correlation(steps)
-    taken = leverage(static, correlation)
+    correlation = estimate_bin_correlation(steps)
+    taken = compute_leverage(static, correlation)
     by_bin = np.mean(np.abs(steps) ** 2, axis=0) / 2.0 / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
     by_bin = np.where(taken > MAX_LEVERAGE, np.nan, by_bin)
     used = by_bin[np.isfinite(by_bin)]
@@ -82,11 +82,11 @@ def noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
     spread = 1.4826 * float(np.median(np.abs(used - np.median(used))))
     least = float(np.sqrt(1.5 / len(steps))) * middle
     power = Estimate(middle, MEDIAN_SPREAD * max(spread, least) / float(np.sqrt(independent)))
-    slope, flat = _slope(by_bin, range_m, independent)
+    slope, flat = _fit_slope(by_bin, range_m, independent)
     return NoiseFloor(power, by_bin, slope, flat, correlation, independent)
 
 
-def bin_correlation(steps: ComplexArray) -> ComplexArray:
+def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
     """Estimate the noise correlation rho_l of bins l apart.
 
     It is the median over the bins; lags within chance of 0 are 0.
@@ -105,7 +105,7 @@ def bin_correlation(steps: ComplexArray) -> ComplexArray:
     return rho
 
 
-def _slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
+def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
     """Fit the level's slope in dB over range.
 
     Theil-Sen slope; its standard deviation is from the median absolute deviation.
@@ -158,7 +158,7 @@ class ClutterProfile:
         return np.asarray(np.interp(np.asarray(range_m, dtype=float), self.range_m, self.level_db))
 
 
-def clutter_profile(
+def fit_clutter_profile(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
 ) -> ClutterProfile:
     """Fit the most likely clutter profile to static powers.
@@ -223,7 +223,9 @@ NEAR_M = 1.0
 """Up to here a static echo counts as leakage from transmitter to receiver."""
 
 
-def leakage(echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, per_cell: float = 2.0) -> Leakage:
+def estimate_leakage(
+    echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, per_cell: float = 2.0
+) -> Leakage:
     """Estimate direct path and constant of the static echo.
 
     Parameters

@@ -14,11 +14,17 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.labels import BASEBAND, make_array, read_axis
 from doppelgait.core.units import db_to_power, power_to_db
 from doppelgait.radar.fit.levels import MAX_LEVERAGE, NEAR_M, ClutterProfile
 from doppelgait.radar.fit.model import BUSY_SHARE, MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
-from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate, factor_variance, leverage, static_part
+from doppelgait.radar.fit.static import (
+    DB_PER_NEPER,
+    Estimate,
+    compute_factor_variance,
+    compute_leverage,
+    fit_static_part,
+)
 from doppelgait.radar.recording import Recording
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -69,7 +75,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Measured:
+class SensorMeasurement:
     """Sensor as one recording shows it.
 
     Parameters
@@ -125,7 +131,7 @@ class Measured:
     uses: tuple[str, ...] = field(default=())
 
 
-def measure_recording(recording: Recording) -> Measured:
+def measure_recording(recording: Recording) -> SensorMeasurement:
     """Measure the sensor in one recording, whatever was before it.
 
     Parameters
@@ -148,23 +154,23 @@ def measure_recording(recording: Recording) -> Measured:
             f"{recording.source}: {n_pulses} pulses{f' in bursts of {window}' if burst else ''} are too few to show "
             f"anything of the sensor, or all are zero: at least {MIN_WINDOWS} windows of {MIN_PULSES} pulses are needed"
         )
-    step_v, full_scale_v, at_limit = converter_of(samples)
+    step_v, full_scale_v, at_limit = find_converter(samples)
     estimates: dict[str, Estimate] = {}
     refused: dict[str, str] = {}
-    room = _room(recording, refused)
+    room = _fit_room(recording, refused)
     repeated = np.concatenate([[False], (samples[1:] == samples[:-1]).all(axis=1)]) & (n_bins >= MIN_BINS)
     bad = ~samples.any(axis=1) | repeated | at_limit.any(axis=1)
-    rest, taken = _without_common_phase(samples, bad)
+    rest, taken = _remove_common_phase(samples, bad)
     count = n_pulses // window
     good = ~bad[: count * window].reshape(count, window).any(axis=1)
     if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: better biased than nothing, and the line says so
         refused["noise"] = f"fewer than {MIN_WINDOWS} windows without clipped, blank or repeated samples"
         good = np.ones(count, dtype=bool)
     part = rest[: count * window].reshape(count, window, n_bins)[good]
-    f_hz, power, spectrum = windowed_power(part, recording.radar.prf_hz)
+    f_hz, power, spectrum = compute_windowed_power(part, recording.radar.prf_hz)
     power = power / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
     upper = np.abs(f_hz) >= recording.radar.prf_hz / 4.0
-    quiet = _quiet(power, upper)
+    quiet = _find_quiet_windows(power, upper)
     level_v2 = math.nan
     range_db = range_sd_db = np.empty(0)
     correlation, correlation_sd = np.empty(0, dtype=complex), math.nan
@@ -172,37 +178,41 @@ def measure_recording(recording: Recording) -> Measured:
         refused.setdefault("noise", "in the upper half of the Doppler band something moved nearly all of the time")
     if "noise" not in refused:
         calm = power[quiet][:, upper]
-        noise = _jackknife(lambda chosen: power_to_db(_bin_levels(calm[chosen])[0]), int(quiet.sum()))
+        noise = _estimate_by_jackknife(
+            lambda chosen: power_to_db(_measure_bin_levels(calm[chosen])[0]), int(quiet.sum())
+        )
         level_v2 = float(db_to_power(noise.value))
         estimates["noise_level_db"] = noise
-        estimates |= _noise_of_channels(spectrum[quiet], f_hz, upper)
+        estimates |= _estimate_channel_noise(spectrum[quiet], f_hz, upper)
         if n_bins >= MIN_BINS:
-            range_db = power_to_db(_bin_levels(calm)[1]) - noise.value
+            range_db = power_to_db(_measure_bin_levels(calm)[1]) - noise.value
             range_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was taken from these
             range_sd_db = np.full(n_bins, DB_PER_NEPER * math.sqrt(HANN_SHARE / (calm.shape[0] * calm.shape[1])) * 1.5)
-            correlation, correlation_sd = _correlation(spectrum[quiet][:, upper])
+            correlation, correlation_sd = _measure_correlation(spectrum[quiet][:, upper])
         else:
             refused["noise over range"] = refused["noise correlation"] = f"{n_bins} range bins; {MIN_BINS} are needed"
-    doppler = _over_doppler(f_hz, power)
-    lines = _lines(rest, bad, recording, window)
+    doppler = _measure_over_doppler(f_hz, power)
+    lines = _find_lines(rest, bad, recording, window)
     echo_db = math.nan
     moving = power[:, np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window].sum(axis=1) / window
     if np.isfinite(level_v2):
         strongest_db = power_to_db(np.maximum(moving.max(axis=1), level_v2))
         if (busy := strongest_db > power_to_db(level_v2) + MOVING_DB).sum() >= MIN_WINDOWS:
-            every = windowed_power(rest[: count * window].reshape(count, window, n_bins), recording.radar.prf_hz)[1]
+            every = compute_windowed_power(
+                rest[: count * window].reshape(count, window, n_bins), recording.radar.prf_hz
+            )[1]
             fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
             echo_db = float(power_to_db(np.median((every[:, fast].sum(axis=1) / window).max(axis=1))))
-            estimates |= _image(spectrum[busy], moving[busy], f_hz, refused)
+            estimates |= _estimate_image(spectrum[busy], moving[busy], f_hz, refused)
         else:
             refused["I/Q image"] = "nothing moved fast and strongly enough to show an image"
     else:
         refused["I/Q image"] = "the noise is not known"
     if n_bins < MIN_BINS:
-        estimates |= _constant(samples[: count * window].reshape(count, window * n_bins), step_v)
+        estimates |= _estimate_constant(samples[: count * window].reshape(count, window * n_bins), step_v)
     faults = (0, 0, 1.0)
     if room is not None:
-        estimates |= _room_estimates(room, refused)
+        estimates |= _list_room_estimates(room, refused)
         if "iq_gain_db" in estimates:  # an image makes the phase turn faster or slower, by where the static echo points
             gain = 10.0 ** (estimates["iq_gain_db"].value / 20.0)
             turn = gain * np.exp(1j * np.radians(estimates["iq_phase_deg"].value))
@@ -223,7 +233,7 @@ def measure_recording(recording: Recording) -> Measured:
         *(["frame drops"] if faults[1] else []),
         *(["I/Q image, from what moved"] if "iq_gain_db" in estimates else []),
     ]
-    return Measured(
+    return SensorMeasurement(
         recording=recording, estimates=estimates, refused=refused, doppler_hz=doppler[0], doppler_db=doppler[1],
         doppler_sd_db=doppler[2], range_db=range_db, range_sd_db=range_sd_db, correlation=correlation,
         correlation_sd=correlation_sd, clutter=None if room is None else room.clutter, lines=lines,
@@ -233,7 +243,7 @@ def measure_recording(recording: Recording) -> Measured:
     )  # fmt: skip
 
 
-def windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
+def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Return Doppler axis, power and spectrum of centred windows.
 
     The window is Hann's; white noise has the power of one of its samples in every cell.
@@ -256,7 +266,7 @@ def windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, Float
     return np.asarray(np.fft.fftfreq(length, 1.0 / prf_hz)), power, spectrum
 
 
-def converter_of(samples: ComplexArray) -> tuple[float, float, Mask]:
+def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
     """Return a converter's step, full scale and clipping.
 
     Steps show as values on a lattice, full scale as many equal values at both ends. NaN where they do not show.
@@ -279,7 +289,7 @@ def converter_of(samples: ComplexArray) -> tuple[float, float, Mask]:
     return step_v, full_v, np.asarray((np.abs(samples.real) >= limit) | (np.abs(samples.imag) >= limit))
 
 
-def _room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
+def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
     """Fit static echoes, phase and faults of unbroken frames.
 
     Of bursts the first pulse of each is such a frame.
@@ -291,7 +301,7 @@ def _room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
     burst = recording.facts.get("burst_pulses")
     if burst:
         whole = recording.baseband[:: int(burst)]
-        time_s = axis(whole, "slow_time")
+        time_s = read_axis(whole, "slow_time")
         radar = recording.radar.model_copy(update={"prf_hz": 1.0 / float(np.median(np.diff(time_s)))})
         frames = make_array(BASEBAND, whole.values, {"slow_time": time_s, "range": recording.range_m})
         recording = Recording.from_baseband(frames, radar, source=recording.source)
@@ -305,7 +315,7 @@ def _room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
         return None
 
 
-def _room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estimate]:
+def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estimate]:
     found: dict[str, Estimate] = {}
     busy_m = sum(m.stop_m - m.start_m for m in room.movers)
     if room.phase is None:
@@ -314,8 +324,8 @@ def _room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estim
         refused["phase noise"] = "something moved in more than a third of the ranges"
     else:
         found["white_rad"] = room.phase.white
-        found["walk_rad_per_sqrt_min"] = room.phase.walk_per_root_s.scaled(math.sqrt(60.0))
-        found["drift_rad_per_min"] = room.phase.drift_per_s.scaled(60.0)
+        found["walk_rad_per_sqrt_min"] = room.phase.walk_per_root_s.scale(math.sqrt(60.0))
+        found["drift_rad_per_min"] = room.phase.drift_per_s.scale(60.0)
     constant = room.leakage.constant_v
     if constant.value > 3.0 * constant.sd:
         level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
@@ -335,7 +345,7 @@ def _room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estim
     return found
 
 
-def _without_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
+def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
     """Take off static echoes times one factor per frame.
 
     Nothing is taken off where they are too weak or too few.
@@ -345,17 +355,17 @@ def _without_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArra
     nothing = np.zeros(samples.shape[1])
     if samples.shape[1] < MIN_BINS or (~bad).sum() < MIN_FRAMES:
         return samples, nothing
-    static = static_part(samples[~bad])
+    static = fit_static_part(samples[~bad])
     noise = float(np.median(np.abs(np.diff(static.rest_v, axis=0)) ** 2)) / math.log(2.0) / 2.0
     white = np.ones(1, dtype=complex)
-    if factor_variance(static, white, noise_power_v2=noise) > MAX_PHASE_VARIANCE:
+    if compute_factor_variance(static, white, noise_power_v2=noise) > MAX_PHASE_VARIANCE:
         return samples, nothing
     rest = np.zeros_like(samples)
     rest[~bad] = static.rest_v
-    return rest, leverage(static, white)
+    return rest, compute_leverage(static, white)
 
 
-def _quiet(power: FloatArray, upper: Mask) -> Mask:
+def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
     """Return the windows with noise alone in the upper half-band.
 
     Noise is told by the spread of its powers, not by its level. Where bins are many, a window counts by the half of
@@ -369,7 +379,7 @@ def _quiet(power: FloatArray, upper: Mask) -> Mask:
     return np.asarray(np.median(ratio, axis=1) < limit)
 
 
-def _bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
+def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
     """Return noise power, and that of every bin.
 
     Both are from low quantiles of quiet cells.
@@ -378,7 +388,7 @@ def _bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
     return float(np.median(by_bin)), by_bin
 
 
-def _jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
+def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
     """Return an estimate with its jackknife uncertainty.
 
     Groups of windows in order are left out.
@@ -390,7 +400,7 @@ def _jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, mo
     return Estimate(float(estimate(np.arange(count))), sd)
 
 
-def _correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
+def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
     """Return correlation between bins l apart, and its uncertainty.
 
     Median over the bins of the mean over quiet cells.
@@ -409,7 +419,7 @@ def _correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, f
     return rho, sd
 
 
-def _over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return noise level over the size of the frequency.
 
     NaN where something moved.
@@ -434,7 +444,7 @@ def _over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, Floa
     return size_hz, level, sd
 
 
-def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
+def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
     """Find lines in Doppler.
 
     They stand out of their neighbours in three quarters of all windows and bins.
@@ -447,7 +457,7 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
     if good.sum() < MIN_WINDOWS:
         return ()
     part = rest[: count * window].reshape(count, window, n_bins)[good]
-    f_hz, power, _ = windowed_power(part, recording.radar.prf_hz)
+    f_hz, power, _ = compute_windowed_power(part, recording.radar.prf_hz)
     low = np.quantile(power.reshape(-1, window, n_bins).transpose(1, 0, 2).reshape(window, -1), QUANTILE, axis=1)
     low /= AT_QUANTILE
     around = np.concatenate([np.arange(-6, -1), np.arange(2, 7)])
@@ -464,7 +474,7 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
     gain = float(np.sum(np.hanning(window + 2)[1:-1]) ** 2 / np.sum(np.hanning(window + 2)[1:-1] ** 2))
     whole = None
     if not recording.facts.get("burst_pulses"):
-        whole_hz, whole, _ = windowed_power(rest[None, : count * window], recording.radar.prf_hz)
+        whole_hz, whole, _ = compute_windowed_power(rest[None, : count * window], recording.radar.prf_hz)
     found = []
     for place in np.flatnonzero(stands):
         logs = np.log(low[[place - 1, place, (place + 1) % window]])
@@ -484,7 +494,7 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
     return tuple(found)
 
 
-def _image(
+def _estimate_image(
     spectrum: ComplexArray, moving: FloatArray, f_hz: FloatArray, refused: dict[str, str]
 ) -> dict[str, Estimate]:  # fmt: skip
     r"""Estimate the quadrature channel's errors from moving echoes.
@@ -510,10 +520,10 @@ def _image(
     ratio = (square / whole)[one_way]
 
     def estimate(chosen: npt.NDArray[np.intp]) -> tuple[float, float]:
-        return channels_of(complex(np.median(ratio[chosen].real), np.median(ratio[chosen].imag)))
+        return convert_ratio(complex(np.median(ratio[chosen].real), np.median(ratio[chosen].imag)))
 
-    gain = _jackknife(lambda chosen: estimate(chosen)[0], len(ratio))
-    phase = _jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
+    gain = _estimate_by_jackknife(lambda chosen: estimate(chosen)[0], len(ratio))
+    phase = _estimate_by_jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
     # the jackknife of a median is rough: at least what the scatter of the windows gives
     scatter = 1.4826 * float(np.median(np.abs(ratio - complex(np.median(ratio.real), np.median(ratio.imag)))))
     least = 1.2533 * scatter / math.sqrt(2.0 * len(ratio))
@@ -526,7 +536,7 @@ def _image(
     }
 
 
-def channels_of(ratio: complex) -> tuple[float, float]:
+def convert_ratio(ratio: complex) -> tuple[float, float]:
     r"""Return gain (dB) and phase error (deg) of Q.
 
     From E y^2 / E |y|^2 = (1 - g^2 + 2 j g sin phi) / (1 + g^2) behind the channels.
@@ -537,7 +547,7 @@ def channels_of(ratio: complex) -> tuple[float, float]:
     return gain_db, math.degrees(math.asin(min(max(sine, -1.0), 1.0)))
 
 
-def _noise_of_channels(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
+def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
     """Estimate gain and phase of Q for noise alone.
 
     Amplifiers behind the mixer have noise of their own, which knows nothing of the mixer's error.
@@ -552,12 +562,12 @@ def _noise_of_channels(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) ->
         return complex(np.mean(square[chosen] / whole[chosen]))
 
     return {
-        "noise_iq_gain_db": _jackknife(lambda chosen: channels_of(ratio(chosen))[0], len(square)),
-        "noise_iq_phase_deg": _jackknife(lambda chosen: channels_of(ratio(chosen))[1], len(square)),
+        "noise_iq_gain_db": _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[0], len(square)),
+        "noise_iq_phase_deg": _estimate_by_jackknife(lambda chosen: convert_ratio(ratio(chosen))[1], len(square)),
     }
 
 
-def _constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
+def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
     """Estimate the constant of a radar with few bins.
 
     It is the median of I and of Q.

@@ -14,19 +14,26 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_power, power_to_db
-from doppelgait.radar.fit.frames import Bursts, FrameFaults, bursts, frame_faults
-from doppelgait.radar.fit.levels import ClutterProfile, Leakage, NoiseFloor, clutter_profile, leakage, noise_floor
+from doppelgait.radar.fit.frames import Bursts, FrameFaults, find_bursts, find_frame_faults
+from doppelgait.radar.fit.levels import (
+    ClutterProfile,
+    Leakage,
+    NoiseFloor,
+    estimate_leakage,
+    estimate_noise_floor,
+    fit_clutter_profile,
+)
 from doppelgait.radar.fit.static import (
     Estimate,
     SeriesFit,
     StaticPart,
-    factor_variance,
+    compute_factor_variance,
     fit_series,
+    fit_static_part,
     level_db,
-    static_part,
-    still_part,
+    split_still_part,
 )
-from doppelgait.radar.link import noise_power_v2, noise_slope
+from doppelgait.radar.link import find_noise_slope, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
@@ -45,7 +52,7 @@ MAX_PHASE_VARIANCE = 0.05
 
 
 @dataclass(frozen=True)
-class Mover:
+class MovingInterval:
     """A range interval in which something moved.
 
     Parameters
@@ -123,7 +130,7 @@ class SensorFit:
     gain: SeriesFit | None
     faults: FrameFaults
     bursts: Bursts
-    movers: tuple[Mover, ...]
+    movers: tuple[MovingInterval, ...]
     flags: tuple[str, ...]
 
     @property
@@ -181,7 +188,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     if not samples.any():
         raise AnalysisError(f"{_name(recording)}: every sample is zero; was the radar recording?")
     time_s, range_m = np.asarray(time_s[chosen], dtype=np.float64), np.asarray(range_m, dtype=np.float64)
-    faults = frame_faults(samples, slow_time_s=time_s)
+    faults = find_frame_faults(samples, slow_time_s=time_s)
     good = ~faults.dropped
     if int(good.sum()) < MIN_FRAMES:
         raise AnalysisError(
@@ -191,7 +198,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     hit, noise, static, movers = _separate(samples[good], range_m)
     used = np.flatnonzero(good)[~hit.frames]
     # phase (rad) and gain (dB) of the frames as drift, walk and jitter
-    variance = factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
+    variance = compute_factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
     phase, gain = None, None
     if variance <= MAX_PHASE_VARIANCE:
         per_gain_db = 20.0 / math.log(10.0)
@@ -200,9 +207,9 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         gain = fit_series(gain_db, time_s=time_s[used], measurement_variance=per_gain_db**2 * variance)
     left_v2 = noise.power_v2.value / used.size
     level = level_db(noise.power_v2)
-    slope = noise_slope(recording.radar)
+    slope = find_noise_slope(recording.radar)
     excess_db = (level.value - float(power_to_db(noise_power_v2(recording.radar)))) / slope
-    clutter = clutter_profile(
+    clutter = fit_clutter_profile(
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
     )
     fit = SensorFit(
@@ -211,18 +218,20 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd / slope),
         receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, level.sd / slope),
         echo_v=static.echo_v, clutter=clutter,
-        leakage=leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
+        leakage=estimate_leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
         time_s=time_s[used], factor=static.factor, phase=phase, gain=gain,
         faults=faults, bursts=hit, movers=movers, flags=(),
     )  # fmt: skip
-    return replace(fit, flags=flags_of(fit))
+    return replace(fit, flags=list_flags(fit))
 
 
 def _name(recording: Recording) -> str:
     return recording.source or "recording"
 
 
-def _separate(samples: ComplexArray, range_m: FloatArray) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[Mover, ...]]:
+def _separate(
+    samples: ComplexArray, range_m: FloatArray
+) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[MovingInterval, ...]]:
     """Separate interference, noise, static part and targets.
 
     In two passes, as each hides the others at first.
@@ -230,30 +239,32 @@ def _separate(samples: ComplexArray, range_m: FloatArray) -> tuple[Bursts, Noise
     quiet = np.ones(range_m.size, dtype=bool)
     kept = np.ones(len(samples), dtype=bool)
     for _ in range(2):
-        static, noise = _static_and_noise(samples[kept], range_m, quiet)
-        quiet = _without_movers(static.rest_v, noise, range_m)[0]
+        static, noise = _fit_static_and_noise(samples[kept], range_m, quiet)
+        quiet = _remove_targets(static.rest_v, noise, range_m)[0]
         energy = float(np.sum(np.abs(static.reference_v) ** 2))
         factor = samples @ static.reference_v.conj() / energy if energy > 0 else np.ones(len(samples), dtype=complex)
         everything = samples - factor[:, None] * static.echo_v
-        hit = bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
+        hit = find_bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
         kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
-    static, noise = _static_and_noise(samples[kept], range_m, quiet)
+    static, noise = _fit_static_and_noise(samples[kept], range_m, quiet)
     if not np.array_equal(kept, ~hit.frames):  # too few frames would be left: all are used
         hit = replace(hit, frames=~kept)
-    return hit, noise, static, _without_movers(static.rest_v, noise, range_m)[1]
+    return hit, noise, static, _remove_targets(static.rest_v, noise, range_m)[1]
 
 
-def _static_and_noise(samples: ComplexArray, range_m: FloatArray, quiet: Mask) -> tuple[StaticPart, NoiseFloor]:
-    static = static_part(samples, bins=quiet if quiet.sum() >= MIN_BINS else None)
-    noise = noise_floor(static, range_m=range_m)
-    variance = factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
+def _fit_static_and_noise(samples: ComplexArray, range_m: FloatArray, quiet: Mask) -> tuple[StaticPart, NoiseFloor]:
+    static = fit_static_part(samples, bins=quiet if quiet.sum() >= MIN_BINS else None)
+    noise = estimate_noise_floor(static, range_m=range_m)
+    variance = compute_factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
     if variance > MAX_PHASE_VARIANCE:
-        static = still_part(samples)
-        noise = noise_floor(static, range_m=range_m)
+        static = split_still_part(samples)
+        noise = estimate_noise_floor(static, range_m=range_m)
     return static, noise
 
 
-def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) -> tuple[Mask, tuple[Mover, ...]]:
+def _remove_targets(
+    rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray
+) -> tuple[Mask, tuple[MovingInterval, ...]]:
     """Return bins without targets, and the targets by range."""
     excess = np.mean(np.abs(rest) ** 2, axis=0) / max(noise.power_v2.value, np.finfo(float).tiny)
     busy = excess > float(db_to_power(MOVER_DB))
@@ -262,7 +273,7 @@ def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) 
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         if stop - first >= MOVER_BINS:
             largest_db = float(power_to_db(excess[first:stop].max()))
-            movers.append(Mover(float(range_m[first]), float(range_m[stop - 1]), largest_db))
+            movers.append(MovingInterval(float(range_m[first]), float(range_m[stop - 1]), largest_db))
         else:
             busy[first:stop] = False
     return ~busy, tuple(movers)
@@ -274,7 +285,7 @@ PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
 SHORT_S = 10.0
 
 
-def flags_of(fit: SensorFit) -> tuple[str, ...]:
+def list_flags(fit: SensorFit) -> tuple[str, ...]:
     """Return warnings about odd numbers."""
     flags = []
     if fit.movers:
@@ -323,14 +334,14 @@ def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
     if fit.phase is not None and fit.gain is not None:
         minute = 60.0
         rows += [
-            ("phase drift", fit.phase.drift_per_s.scaled(minute), "rad/min"),
-            ("phase random walk", fit.phase.walk_per_root_s.scaled(math.sqrt(minute)), "rad/sqrt(min)"),
+            ("phase drift", fit.phase.drift_per_s.scale(minute), "rad/min"),
+            ("phase random walk", fit.phase.walk_per_root_s.scale(math.sqrt(minute)), "rad/sqrt(min)"),
             ("phase jitter, white", fit.phase.white, "rad"),
-            ("as clock jitter", fit.phase.white.scaled(1e12 / (2 * math.pi * fit.radar.carrier_hz)), "ps"),
-            ("gain drift", fit.gain.drift_per_s.scaled(minute), "dB/min"),
+            ("as clock jitter", fit.phase.white.scale(1e12 / (2 * math.pi * fit.radar.carrier_hz)), "ps"),
+            ("gain drift", fit.gain.drift_per_s.scale(minute), "dB/min"),
             ("gain jitter, white", fit.gain.white, "dB"),
         ]
-    rows.append(("dropped frames", fit.faults.probability.scaled(100.0), "%"))
+    rows.append(("dropped frames", fit.faults.probability.scale(100.0), "%"))
     return rows
 
 
@@ -347,7 +358,7 @@ def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
         "frames_used": fit.n_used,
         "duration_s": fit.duration_s,
         "estimates": [
-            {"name": name, "value": _finite(e.value), "sd": _finite(e.sd), "unit": unit}
+            {"name": name, "value": _keep_finite(e.value), "sd": _keep_finite(e.sd), "unit": unit}
             for name, e, unit in estimate_rows(fit)
         ],
         "noise_is_flat": fit.noise.flat,
@@ -369,5 +380,5 @@ def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
     }
 
 
-def _finite(value: float) -> float | None:
+def _keep_finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

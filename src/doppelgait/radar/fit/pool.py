@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.radar.fit.gain import with_fitted_gain
-from doppelgait.radar.fit.measure import SLOW_CELLS, Measured, measure_recording
-from doppelgait.radar.fit.population import Pooled, pool
+from doppelgait.radar.fit.gain import fit_gain
+from doppelgait.radar.fit.measure import SLOW_CELLS, SensorMeasurement, measure_recording
+from doppelgait.radar.fit.population import PooledQuantity, pool
 from doppelgait.radar.fit.static import Estimate
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
@@ -34,7 +34,7 @@ class PooledLine:
     """Doppler line that at least half of the recordings share."""
 
     frequency_hz: float
-    level_db: Pooled
+    level_db: PooledQuantity
     half_width_hz: float
 
 
@@ -76,11 +76,11 @@ class SensorKind:
     """
 
     radar: Radar
-    recordings: tuple[Measured, ...]
-    pooled: dict[str, Pooled]
+    recordings: tuple[SensorMeasurement, ...]
+    pooled: dict[str, PooledQuantity]
     refused: dict[str, str]
     left_out: tuple[str, ...]
-    clutter: tuple[tuple[float, Pooled], ...]
+    clutter: tuple[tuple[float, PooledQuantity], ...]
     doppler: tuple[tuple[float, Estimate], ...]
     doppler_step_hz: float
     range_db: tuple[tuple[float, float], ...]
@@ -92,7 +92,7 @@ class SensorKind:
     clipped: float
 
 
-def _unlike(radar: Radar, other: Radar) -> str:
+def _find_difference(radar: Radar, other: Radar) -> str:
     """Name the quantity in which two radars differ, or nothing.
 
     The noise of a frame depends on how many pulses it averages, so that frame rates must agree.
@@ -125,7 +125,7 @@ def fit_kind(
     AnalysisError
         If no recording can be used.
     """
-    measured: list[Measured] = []
+    measured: list[SensorMeasurement] = []
     left_out: list[str] = []
     for number, recording in enumerate(recordings):
         try:
@@ -135,10 +135,10 @@ def fit_kind(
     if not measured:
         raise AnalysisError("no recording can be used; " + "; ".join(left_out))
     longest = max(measured, key=lambda one: one.recording.samples.matrix.size).recording
-    base = longest.radar if radar is None else _with_axes(radar, longest)
+    base = longest.radar if radar is None else _set_axes(radar, longest)
     same = []
     for one in measured:
-        other = _unlike(one.recording.radar, longest.radar)
+        other = _find_difference(one.recording.radar, longest.radar)
         if other:
             left_out.append(f"{one.recording.source}: {other} of {longest.source}, the longest recording")
         else:
@@ -148,12 +148,12 @@ def fit_kind(
         left_out.append(
             f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
         )
-    pooled = {name: pool(found) for name, found in _by_name(same).items()}
-    base = with_fitted_gain(base, same, pooled, people_at_m, radar_is_given=radar is not None)
-    refused = _reasons(same, pooled)
+    pooled = {name: pool(found) for name, found in _group_by_name(same).items()}
+    base = fit_gain(base, same, pooled, people_at_m, radar_is_given=radar is not None)
+    refused = _list_reasons(same, pooled)
     if people_at_m is None and "direct_path_db" not in pooled:
         refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
-    share, length = _drops(same)
+    share, length = _pool_drops(same)
     if share is not None:
         pooled["drop_probability"] = share
     step_v = min((m.step_v for m in same if math.isfinite(m.step_v)), default=math.nan)
@@ -166,18 +166,18 @@ def fit_kind(
             refused["full scale of the converter"] = "never reached; 16 bits are assumed"
     else:
         refused["converter"] = "the values show no steps"
-    doppler, doppler_step_hz = _doppler(same, refused)
+    doppler, doppler_step_hz = _pool_doppler(same, refused)
     return SensorKind(
         radar=base, recordings=tuple(same), pooled=pooled, refused=refused, left_out=tuple(left_out),
-        clutter=_clutter(spaced, longest.range_m), doppler=doppler, doppler_step_hz=doppler_step_hz,
-        range_db=_over_range(spaced),
-        correlation=_correlation(spaced), lines=_lines(same), run_length=length, bits=bits,
+        clutter=_pool_clutter(spaced, longest.range_m), doppler=doppler, doppler_step_hz=doppler_step_hz,
+        range_db=_pool_over_range(spaced),
+        correlation=_pool_correlation(spaced), lines=_pool_lines(same), run_length=length, bits=bits,
         full_scale_v=full_v if limits else step_v * 2.0**15,
         clipped=float(np.mean([m.clipped for m in same])),
     )  # fmt: skip
 
 
-def _with_axes(radar: Radar, recording: Recording) -> Radar:
+def _set_axes(radar: Radar, recording: Recording) -> Radar:
     """Return a radar with a recording's rate and range axis."""
     start_m = max(float(recording.range_m[0]), 0.0) if recording.n_range_bins > 1 else radar.range_start_m
     stop_m = radar.range_stop_m
@@ -187,7 +187,7 @@ def _with_axes(radar: Radar, recording: Recording) -> Radar:
     return Radar.model_validate({**radar.model_dump(), **changes})
 
 
-def _by_name(measured: Sequence[Measured]) -> dict[str, list[Estimate]]:
+def _group_by_name(measured: Sequence[SensorMeasurement]) -> dict[str, list[Estimate]]:
     found: dict[str, list[Estimate]] = {}
     for one in measured:
         for name, estimate in one.estimates.items():
@@ -195,7 +195,7 @@ def _by_name(measured: Sequence[Measured]) -> dict[str, list[Estimate]]:
     return found
 
 
-def _reasons(same: Sequence[Measured], pooled: Mapping[str, Pooled]) -> dict[str, str]:
+def _list_reasons(same: Sequence[SensorMeasurement], pooled: Mapping[str, PooledQuantity]) -> dict[str, str]:
     """Return why a quantity is in few or no recordings."""
     found: dict[str, list[str]] = {}
     for one in same:
@@ -208,7 +208,7 @@ def _reasons(same: Sequence[Measured], pooled: Mapping[str, Pooled]) -> dict[str
     return texts
 
 
-def _drops(same: Sequence[Measured]) -> tuple[Pooled | None, float]:
+def _pool_drops(same: Sequence[SensorMeasurement]) -> tuple[PooledQuantity | None, float]:
     counted = [m for m in same if m.n_frames]
     if not counted:
         return None, 1.0
@@ -222,7 +222,7 @@ def _drops(same: Sequence[Measured]) -> tuple[Pooled | None, float]:
     return pool(Estimate(m.n_faulty / m.n_frames, math.sqrt(each / m.n_frames)) for m in counted), length
 
 
-def _clutter(spaced: Sequence[Measured], range_m: FloatArray) -> tuple[tuple[float, Pooled], ...]:
+def _pool_clutter(spaced: Sequence[SensorMeasurement], range_m: FloatArray) -> tuple[tuple[float, PooledQuantity], ...]:
     with_clutter = [m for m in spaced if m.clutter is not None]
     if not with_clutter:
         return ()
@@ -240,7 +240,9 @@ def _clutter(spaced: Sequence[Measured], range_m: FloatArray) -> tuple[tuple[flo
     return tuple(found)
 
 
-def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[tuple[float, Estimate], ...], float]:
+def _pool_doppler(
+    same: Sequence[SensorMeasurement], refused: dict[str, str]
+) -> tuple[tuple[tuple[float, Estimate], ...], float]:
     """Return noise over the floor by Doppler, and cell width.
 
     Recordings with other windows than the fastest are left out.
@@ -284,7 +286,7 @@ def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[t
     return tuple(found), step_hz
 
 
-def _over_range(spaced: Sequence[Measured]) -> tuple[tuple[float, float], ...]:
+def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, float], ...]:
     """Return the noise over range where it is not flat.
 
     Bins count in groups.
@@ -310,7 +312,7 @@ def _over_range(spaced: Sequence[Measured]) -> tuple[tuple[float, float], ...]:
     return tuple(found) if bent else ()
 
 
-def _correlation(spaced: Sequence[Measured]) -> tuple[float, ...]:
+def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...]:
     usable = [m for m in spaced if m.correlation.size]
     if not usable:
         return ()
@@ -323,7 +325,7 @@ def _correlation(spaced: Sequence[Measured]) -> tuple[float, ...]:
     return tuple(found)
 
 
-def _lines(same: Sequence[Measured]) -> tuple[PooledLine, ...]:
+def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
     """Return lines that at least half of the recordings share.
 
     And two of them: what moves is elsewhere in each.
@@ -347,7 +349,7 @@ def _lines(same: Sequence[Measured]) -> tuple[PooledLine, ...]:
 MAINS_HZ = (50.0, 60.0)
 
 
-def mains_of(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
+def find_mains_harmonic(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
     """Return the mains harmonic that a line may be.
 
     It is seen as sampled; empty for none.

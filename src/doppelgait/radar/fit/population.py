@@ -19,7 +19,7 @@ MATTERS = 3.0
 
 
 @dataclass(frozen=True)
-class Pooled:
+class PooledQuantity:
     """A quantity over several recordings.
 
     Parameters
@@ -47,7 +47,7 @@ class Pooled:
         return self.count >= MIN_FOR_SPREAD and self.low > 0.0
 
 
-def pool(estimates: Iterable[Estimate]) -> Pooled:
+def pool(estimates: Iterable[Estimate]) -> PooledQuantity:
     r"""Pool estimates of a quantity that differs between recordings.
 
     Mean and spread :math:`\tau` of :math:`x_k = \mu + \tau u_k + s_k e_k` by Paule and Mandel (J. Res. NBS 87, 1982,
@@ -77,7 +77,7 @@ def pool(estimates: Iterable[Estimate]) -> Pooled:
     if count < MIN_FOR_SPREAD:
         mean, scatter, weight = weighted(0.0)
         inflation = max(scatter / max(count - 1, 1), 1.0)
-        return Pooled(Estimate(mean, math.sqrt(inflation / weight)), math.nan, math.nan, math.nan, count)
+        return PooledQuantity(Estimate(mean, math.sqrt(inflation / weight)), math.nan, math.nan, math.nan, count)
 
     def variance_at(target: float) -> float:
         if weighted(0.0)[1] <= target:
@@ -91,4 +91,4 @@ def pool(estimates: Iterable[Estimate]) -> Pooled:
     mean, scatter, weight = weighted(between)
     low, high = (variance_at(float(chi2.ppf(share, count - 1))) for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
     sd = math.sqrt(max(scatter / (count - 1), 1.0) / weight)
-    return Pooled(Estimate(mean, sd), math.sqrt(between), math.sqrt(low), math.sqrt(high), count)
+    return PooledQuantity(Estimate(mean, sd), math.sqrt(between), math.sqrt(low), math.sqrt(high), count)

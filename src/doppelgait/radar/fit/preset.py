@@ -11,16 +11,16 @@ from collections.abc import Iterable
 from typing import Any
 
 from doppelgait.core.config import validate
-from doppelgait.radar.fit.gain import rescaled
+from doppelgait.radar.fit.gain import rescale_radar
 from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB, SensorFit
 from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
-from doppelgait.radar.parameters import Radar, possible_correlation
+from doppelgait.radar.parameters import Radar, find_possible_correlation
 
 SIGNIFICANT = 3.0
 """Standard deviations from 0 at which a drift, a walk or a constant is put into the preset."""
 
 
-def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
+def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     """Return the radar with fitted noise and measured axes.
 
     Frame rate and range axis are those of the recording.
@@ -41,34 +41,34 @@ def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
         "range_stop_m": stop_m,
     }  # fmt: skip
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
-    noise = _noise_change(fit, same)
+    noise = _choose_noise_change(fit, same)
     if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
-        changes["noise_correlation"] = _noise_correlation(fit)
+        changes["noise_correlation"] = _choose_noise_correlation(fit)
     where = f"the radar fitted to {fit.source or 'a recording'}, whose values should be in V"
     return validate(Radar, {**base.model_dump(), **changes, **noise}, where=where)
 
 
-def _noise_correlation(fit: SensorFit) -> tuple[float, ...]:
+def _choose_noise_correlation(fit: SensorFit) -> tuple[float, ...]:
     found = [float(rho.real) for rho in fit.noise.correlation[1:]]
     while found and found[-1] == 0.0:  # lost in chance
         found.pop()
-    return possible_correlation(found)
+    return find_possible_correlation(found)
 
 
-def _noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:
+def _choose_noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:
     """Return a plausible noise figure, or a scale."""
-    from doppelgait.radar.link import noise_power_v2, noise_slope
+    from doppelgait.radar.link import find_noise_slope, noise_power_v2
 
     excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
-    figure_db = radar.noise_figure_db + excess_db / noise_slope(radar)
+    figure_db = radar.noise_figure_db + excess_db / find_noise_slope(radar)
     low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
     if low_db <= figure_db <= high_db:
         return {"noise_figure_db": figure_db}
-    scaled = rescaled(radar, excess_db)
+    scaled = rescale_radar(radar, excess_db)
     return {key: getattr(scaled, key) for key in ("receiver_gain_db", "threshold_step_v")}
 
 
-def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
+def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     """Return the text of a calibrated preset.
 
     It loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
@@ -87,57 +87,60 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
         If the fitted values do not make a radar or an impairment.
     """
     from doppelgait.radar.impairments import make_impairment
-    from doppelgait.radar.link import noise_slope
+    from doppelgait.radar.link import find_noise_slope
 
-    calibrated = calibrated_radar(fit, radar)
-    tables = list(_impairments(fit))
+    calibrated = calibrate_radar(fit, radar)
+    tables = list(_iterate_impairments(fit))
     for table, _ in tables:
         make_impairment(table)
     lines = [
-        f"# {single_line(f'Sensor model fitted from {_origin(fit)}.')}",
+        f"# {clean_comment(f'Sensor model fitted from {_format_origin(fit)}.')}",
         "# Values with +- carry one standard deviation. Levels are dB re 1 V at the receiver output.",
         "# Receiver noise is in the radar's own parameters: add no thermal_noise on top.",
     ]
-    if fit.gain is not None and _matters(fit.gain.white):
+    if fit.gain is not None and _is_significant(fit.gain.white):
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
-    lines += [*(f"# Note: {single_line(flag)}." for flag in fit.flags), ""]
+    lines += [*(f"# Note: {clean_comment(flag)}." for flag in fit.flags), ""]
     base = fit.radar if radar is None else radar
-    noise = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
+    noise = _choose_noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
     axes = f"axis of {fit.source or 'the recording'}"
     origins = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
-    origins["noise_correlation"] = f"fitted from {_origin(fit)}: between bins 1, 2, ... apart"
+    origins["noise_correlation"] = f"fitted from {_format_origin(fit)}: between bins 1, 2, ... apart"
     if "noise_figure_db" in noise:
-        noise_sd_db = fit.noise_level_db.sd / noise_slope(base)
-        origins["noise_figure_db"] = _fitted(fit, noise_sd_db, "dB") + "; gives the measured noise per bin and frame"
+        noise_sd_db = fit.noise_level_db.sd / find_noise_slope(base)
+        origins["noise_figure_db"] = (
+            _format_fitted(fit, noise_sd_db, "dB") + "; gives the measured noise per bin and frame"
+        )
     else:
         origins["receiver_gain_db"] = (
-            _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise: no noise figure of a receiver does"
+            _format_fitted(fit, fit.noise_level_db.sd, "dB")
+            + "; gives the measured noise: no noise figure of a receiver does"
         )
         origins["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
     values = calibrated.model_dump(mode="json", exclude_none=True)
     nested = {name: value for name, value in values.items() if isinstance(value, dict)}
     default = f"as {base.name}"
-    lines += [setting_line(k, v, origins.get(k, default)) for k, v in values.items() if k not in nested]
+    lines += [format_setting(k, v, origins.get(k, default)) for k, v in values.items() if k not in nested]
     for name, table in nested.items():
-        lines += ["", f"[{name}]", *(setting_line(k, v, default) for k, v in table.items())]
+        lines += ["", f"[{name}]", *(format_setting(k, v, default) for k, v in table.items())]
     for table, comments in tables:
         lines += [
             "",
             "[[impairments]]",
-            *(setting_line(key, value, comments.get(key, "")) for key, value in table.items()),
+            *(format_setting(key, value, comments.get(key, "")) for key, value in table.items()),
         ]
     return "\n".join(lines) + "\n"
 
 
-def _origin(fit: SensorFit) -> str:
+def _format_origin(fit: SensorFit) -> str:
     return f"{fit.source or 'a recording'}, {fit.n_used} of {fit.n_frames} frames, {fit.duration_s:.1f} s"
 
 
-def _fitted(fit: SensorFit, sd: float, unit: str) -> str:
-    return f"fitted from {_origin(fit)}, +-{sd:.2g} {unit}"
+def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
+    return f"fitted from {_format_origin(fit)}, +-{sd:.2g} {unit}"
 
 
-def _impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
+def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
     """Yield impairment tables with comments in their order.
 
     Echoes of the room, their phase, then the recorder's faults.
@@ -146,60 +149,63 @@ def _impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str
     sd_db = float(fit.clutter.sd_db.max())
     yield (
         {"kind": "static_clutter", "levels": knots},
-        {"levels": _fitted(fit, sd_db, "dB a knot") + "; holds the direct path too"},
+        {"levels": _format_fitted(fit, sd_db, "dB a knot") + "; holds the direct path too"},
     )
     constant = fit.leakage.constant_v
     if constant.value > SIGNIFICANT * constant.sd:
         level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
         sd = 2.0 * DB_PER_NEPER * constant.sd / constant.value
-        yield {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": _fitted(fit, sd, "dB")}
+        yield {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": _format_fitted(fit, sd, "dB")}
     if fit.phase is not None:
-        drift = fit.phase.drift_per_s.scaled(60.0)
-        walk = fit.phase.walk_per_root_s.scaled(math.sqrt(60.0))
+        drift = fit.phase.drift_per_s.scale(60.0)
+        walk = fit.phase.walk_per_root_s.scale(math.sqrt(60.0))
         rows = {
             "white_rad": (fit.phase.white, "rad"),
             "drift_rad_per_min": (drift, "rad/min"),
             "walk_rad_per_sqrt_min": (walk, "rad/sqrt(min)"),
         }
-        table = {name: _digits(estimate.value) if _matters(estimate) else 0.0 for name, (estimate, _) in rows.items()}
+        table = {
+            name: _round_digits(estimate.value) if _is_significant(estimate) else 0.0
+            for name, (estimate, _) in rows.items()
+        }
         comments = {
-            name: _fitted(fit, estimate.sd, unit)
-            + ("" if _matters(estimate) else f"; {estimate.value:.2g} is not distinguished from 0")
+            name: _format_fitted(fit, estimate.sd, unit)
+            + ("" if _is_significant(estimate) else f"; {estimate.value:.2g} is not distinguished from 0")
             for name, (estimate, unit) in rows.items()
         }
         yield {"kind": "phase_noise", **table}, comments
     if fit.bursts.frames.any():
-        yield _interference_table(fit)
+        yield _make_interference_table(fit)
     if fit.faults.probability.value > 0:
         repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
         length = max(fit.faults.mean_length, 1.0)
         share = min(fit.faults.probability.value, length / (1.0 + length))
         faults = {
             "kind": "dropped_frames",
-            "probability": _digits(share),
-            "mean_length": _digits(length),
+            "probability": _round_digits(share),
+            "mean_length": _round_digits(length),
             "fill": "zero" if fit.faults.blank > repeated else "repeat",
         }
         comments = {
-            "probability": _fitted(fit, fit.faults.probability.sd, "of all frames"),
+            "probability": _format_fitted(fit, fit.faults.probability.sd, "of all frames"),
             "mean_length": "fitted: mean length of the runs",
             "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
         }
         yield faults, comments
 
 
-def _interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
+def _make_interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
     count = float(fit.bursts.frames.sum())
     runs = count / fit.bursts.mean_length
     table = {
         "kind": "interference",
-        "rate_hz": _digits(runs / fit.duration_s),
-        "duration_s": _digits(max(fit.bursts.mean_length - 1.0, 1e-3) / fit.radar.prf_hz),
+        "rate_hz": _round_digits(runs / fit.duration_s),
+        "duration_s": _round_digits(max(fit.bursts.mean_length - 1.0, 1e-3) / fit.radar.prf_hz),
         "level_db": round(fit.bursts.level_db, 1),
-        "hit_share": _digits(fit.bursts.share),
+        "hit_share": _round_digits(fit.bursts.share),
     }
     comments = {
-        "rate_hz": _fitted(fit, math.sqrt(runs) / fit.duration_s, "Hz"),
+        "rate_hz": _format_fitted(fit, math.sqrt(runs) / fit.duration_s, "Hz"),
         "duration_s": f"fitted: {fit.bursts.mean_length:.2g} frames in a row, less one for a burst across two frames",
         "level_db": "fitted: rms of the cells found; those below the threshold are not counted",
         "hit_share": "fitted: share of the bins found in a frame hit",
@@ -207,21 +213,21 @@ def _interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]
     return table, comments
 
 
-def _matters(estimate: Estimate) -> bool:
+def _is_significant(estimate: Estimate) -> bool:
     return abs(estimate.value) > SIGNIFICANT * estimate.sd
 
 
-def _digits(value: float) -> float:
+def _round_digits(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def setting_line(key: str, value: Any, comment: str) -> str:
+def format_setting(key: str, value: Any, comment: str) -> str:
     """Return a line of TOML with a comment."""
-    text = f"{key} = {_toml(value)}"
-    return f"{text:<40}  # {single_line(comment)}" if comment else text
+    text = f"{key} = {_format_toml(value)}"
+    return f"{text:<40}  # {clean_comment(comment)}" if comment else text
 
 
-def single_line(comment: str) -> str:
+def clean_comment(comment: str) -> str:
     """Remove line breaks and control characters from a comment.
 
     They would end it or are not allowed in TOML.
@@ -229,13 +235,13 @@ def single_line(comment: str) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in comment).split())
 
 
-def _toml(value: Any) -> str:
+def _format_toml(value: Any) -> str:
     """Return a value in TOML.
 
     JSON's text is TOML's for text, numbers, truth values and lists of them.
     """
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{name} = {_toml(inner)}" for name, inner in value.items()) + " }"
+        return "{ " + ", ".join(f"{name} = {_format_toml(inner)}" for name, inner in value.items()) + " }"
     if isinstance(value, list) and value and isinstance(value[0], list):
-        return "[\n" + "".join(f"    [{', '.join(_toml(cell) for cell in row)}],\n" for row in value) + "]"
+        return "[\n" + "".join(f"    [{', '.join(_format_toml(cell) for cell in row)}],\n" for row in value) + "]"
     return json.dumps(value, ensure_ascii=False)

@@ -32,7 +32,7 @@ class Estimate:
     value: float
     sd: float
 
-    def scaled(self, factor: float) -> Estimate:
+    def scale(self, factor: float) -> Estimate:
         """Return the estimate in another unit."""
         return Estimate(self.value * factor, self.sd * abs(factor))
 
@@ -44,7 +44,7 @@ def level_db(power: Estimate) -> Estimate:
     return Estimate(10.0 * math.log10(power.value), DB_PER_NEPER * power.sd / power.value)
 
 
-def root(power: float, sd: float) -> Estimate:
+def take_root(power: float, sd: float) -> Estimate:
     """Square root of a variance that may be negative.
 
     The uncertainty is sqrt(r^2 + sd) - r with r the root: sd / (2 r) where the variance is well measured, sqrt(sd)
@@ -81,7 +81,7 @@ class StaticPart:
     rest_v: ComplexArray
 
 
-def static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
+def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
     """Fit static echo and common factor by least squares.
 
     The factor is the strongest eigenvector of the bins' covariance; one average follows.
@@ -105,12 +105,12 @@ def static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticP
     turn = np.exp(1j * (np.angle(np.sum(shares)) - np.angle(shares)))  # phases count from that of the mean frame
     echo = np.mean(samples_v * turn[:, None], axis=0)
     reference = np.where(chosen, echo, 0.0)
-    energy = _energy(reference)
+    energy = _compute_energy(reference)
     factor = samples_v @ reference.conj() / energy if energy > 0 else np.ones(len(samples_v), dtype=complex)
     return StaticPart(echo, reference, factor, samples_v - factor[:, None] * echo)
 
 
-def still_part(samples_v: ComplexArray) -> StaticPart:
+def split_still_part(samples_v: ComplexArray) -> StaticPart:
     """Return time mean and rest.
 
     For echoes too weak to show a common phase.
@@ -119,11 +119,11 @@ def still_part(samples_v: ComplexArray) -> StaticPart:
     return StaticPart(echo, np.zeros_like(echo), np.ones(len(samples_v), dtype=complex), samples_v - echo)
 
 
-def _energy(values_v: ComplexArray) -> float:
+def _compute_energy(values_v: ComplexArray) -> float:
     return float(np.sum(np.abs(values_v) ** 2))
 
 
-def correlation_sum(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
+def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
     """Multiply the noise correlation matrix by a vector.
 
     The matrix R has the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
@@ -134,7 +134,7 @@ def correlation_sum(values_v: ComplexArray, correlation: ComplexArray) -> Comple
     return np.asarray(summed[first : first + values_v.size])
 
 
-def leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
+def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
     """Return each bin's noise share lost with the common factor.
 
     Shape (N,).
@@ -142,25 +142,25 @@ def leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
     For r = w - c (a^H w) / S, a the reference and S its energy: 2 Re(c_n* (R a)_n) / S - |c_n|^2 a^H R a / S^2.
     """
     echo, reference = static.echo_v, static.reference_v
-    energy = _energy(reference)
+    energy = _compute_energy(reference)
     if not energy > 0:
         return np.zeros(echo.size)
-    summed = correlation_sum(reference, correlation)
+    summed = multiply_correlation(reference, correlation)
     whole = float(np.real(np.vdot(reference, summed)))
     share = 2.0 * np.real(echo.conj() * summed) / energy - np.abs(echo) ** 2 * whole / energy**2
     return np.asarray(share, dtype=np.float64)
 
 
-def factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
+def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
     """Return the variance that noise adds to the common factor.
 
     It is that of the phase (rad^2) and of the relative gain of a frame: a^H R a sigma^2 / (2 S^2).
     """
     reference = static.reference_v
-    energy = _energy(reference)
+    energy = _compute_energy(reference)
     if not energy > 0:
         return float("inf")
-    whole = float(np.real(np.vdot(reference, correlation_sum(reference, correlation))))
+    whole = float(np.real(np.vdot(reference, multiply_correlation(reference, correlation))))
     return whole * noise_power_v2 / (2.0 * energy**2)
 
 
@@ -237,17 +237,19 @@ def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: 
     )
     parts = scale * np.where(best.x <= bounds[0][0] + NEAR_BOUND, 0.0, np.exp(best.x))
     variance = scale * (np.exp(best.x[0]) + np.exp(best.x[1]) * white_shape)
-    sd_walk, sd_white = _fisher_sd(variance, white_shape)
+    sd_walk, sd_white = _compute_fisher_sd(variance, white_shape)
     # at the upper end of the interval: a walk that came out low would else claim to be known too well
-    sd_walk, _ = _fisher_sd(variance + sd_walk, white_shape)
+    sd_walk, _ = _compute_fisher_sd(variance + sd_walk, white_shape)
     drift = Estimate(slope_of(variance), float(1.0 / np.sqrt(np.sum(ramp**2 / variance))))
     step_s = float(np.mean(steps_s))
     return SeriesFit(
-        drift, root(parts[0] / step_s, sd_walk / step_s), root(float(parts[1]) - measurement_variance, sd_white)
+        drift,
+        take_root(parts[0] / step_s, sd_walk / step_s),
+        take_root(float(parts[1]) - measurement_variance, sd_white),
     )
 
 
-def _fisher_sd(variance: FloatArray, white_shape: FloatArray) -> tuple[float, float]:
+def _compute_fisher_sd(variance: FloatArray, white_shape: FloatArray) -> tuple[float, float]:
     shapes = np.stack([np.ones_like(white_shape), white_shape]) / variance
     spread = np.sqrt(np.diag(np.linalg.inv(0.5 * shapes @ shapes.T)))
     return float(spread[0]), float(spread[1])

@@ -7,7 +7,7 @@ from doppelgait.radar.impairments.apply import (
     Impairments,
     apply_impairments,
     make_impairment,
-    pulse_times,
+    shift_pulse_times,
 )
 from doppelgait.radar.impairments.clutter import Leakage, StaticClutter
 from doppelgait.radar.impairments.converter import Adc, X4Counts, x4_frame_rate_hz
@@ -20,5 +20,5 @@ __all__ = [
     "IMPAIRMENTS", "Adc", "Apply", "ColouredNoise", "DcLeak", "DroppedFrames", "FrameJitter", "Impairments",
     "Interference", "IqImbalance", "Leakage", "PhaseNoise", "Samples", "Spur", "StaticClutter", "ThermalNoise",
     "X4Counts", "apply_impairments", "image_ratio_db", "make_impairment", "noise_power_per_sample_v2",
-    "pulse_times", "x4_frame_rate_hz",
+    "shift_pulse_times", "x4_frame_rate_hz",
 ]  # fmt: skip

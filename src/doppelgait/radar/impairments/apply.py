@@ -119,7 +119,7 @@ def apply_impairments(
     return current
 
 
-def pulse_times(
+def shift_pulse_times(
     slow_time_s: npt.ArrayLike, specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
 ) -> Times:
     """Return the times at which the pulses really leave.
@@ -155,7 +155,7 @@ def pulse_times(
     return times_s if times_s is nominal_s else np.clip(times_s, nominal_s[0], nominal_s[-1])
 
 
-def volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
+def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
     """Return the volts per unit of the sensor's own files.
 
     Raises
@@ -171,16 +171,16 @@ def volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
     return radar.volts_per_unit
 
 
-def level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
+def convert_level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
     """Convert a level in dB to volts.
 
     The level is re 1 V, or re one unit of the sensor's own files.
     """
-    unit_v = volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
+    unit_v = find_volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
     return float(db_to_amplitude(level_db)) * unit_v
 
 
-def static_samples(
+def make_static_samples(
     range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar
 ) -> npt.NDArray[np.complex64]:
     """Return receiver samples of scatterers at rest.

@@ -14,7 +14,12 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude, dbm_to_watt, watt_to_volt
-from doppelgait.radar.impairments.apply import check_width, level_to_volt, static_samples, volts_per_unit
+from doppelgait.radar.impairments.apply import (
+    check_width,
+    convert_level_to_volt,
+    find_volts_per_unit,
+    make_static_samples,
+)
 from doppelgait.radar.link import echo_amplitude_v
 from doppelgait.radar.parameters import Radar
 
@@ -56,7 +61,7 @@ class Leakage(FrozenModel):
     phase_deg: float = Field(default=0.0, ge=-360, le=360)
 
     @model_validator(mode="after")
-    def _one_level(self) -> Leakage:
+    def _check_level(self) -> Leakage:
         if self.level_db is not None and self.isolation_db is not None:
             raise ValueError("give level_db or isolation_db, not both")
         if self.in_units and self.level_db is None:
@@ -73,7 +78,7 @@ def leakage_v(spec: Leakage, radar: Radar) -> float:
     As stated, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20).
     """
     if spec.level_db is not None:
-        return level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
+        return convert_level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
     loss_db = DEFAULT_ISOLATION_DB if spec.isolation_db is None else spec.isolation_db
     sent_v = float(watt_to_volt(dbm_to_watt(radar.tx_power_dbm)))
     return sent_v * float(db_to_amplitude(radar.receiver_gain_db - loss_db))
@@ -83,7 +88,7 @@ def leakage_v(spec: Leakage, radar: Radar) -> float:
 def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the direct path to every pulse."""
     check_width(samples, radar)
-    row = static_samples(np.array([[parameters.delay_m]]), np.array([[leakage_v(parameters, radar)]]), radar)
+    row = make_static_samples(np.array([[parameters.delay_m]]), np.array([[leakage_v(parameters, radar)]]), radar)
     phase_rad = math.radians(parameters.phase_deg)
     samples += row * np.complex64(complex(math.cos(phase_rad), math.sin(phase_rad)))
     return samples
@@ -120,14 +125,14 @@ class StaticClutter(FrozenModel):
 
     @field_validator("levels")
     @classmethod
-    def _rising(cls, levels: tuple[Level, ...] | None) -> tuple[Level, ...] | None:
+    def _check_rising(cls, levels: tuple[Level, ...] | None) -> tuple[Level, ...] | None:
         for (one_m, _), (other_m, _) in pairwise(levels or ()):
             if other_m <= one_m:
                 raise ValueError(f"ranges must rise from entry to entry, not go from {one_m:g} to {other_m:g} m")
         return levels
 
     @model_validator(mode="after")
-    def _one_way(self) -> StaticClutter:
+    def _check_choice(self) -> StaticClutter:
         if (self.levels is None) == (self.rcs_per_metre_m2 is None):
             raise ValueError("give exactly one of levels and rcs_per_metre_m2")
         if self.in_units and self.levels is None:
@@ -139,12 +144,12 @@ class StaticClutter(FrozenModel):
 def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add one realisation of the room to every pulse."""
     check_width(samples, radar)
-    range_m, spacing_m = clutter_ranges(radar)
+    range_m, spacing_m = make_clutter_ranges(radar)
     rms_v = clutter_rms_v(range_m, parameters, radar)
     amplitude_v = rms_v * np.sqrt(rng.standard_exponential(range_m.size) * spacing_m / echo_energy_m(radar))
     # a place anywhere within a quarter wavelength to either side makes the phase uniform
     range_m = range_m + rng.uniform(-0.25, 0.25, size=range_m.size) * radar.wavelength_m
-    samples += static_samples(range_m[None], amplitude_v[None], radar)
+    samples += make_static_samples(range_m[None], amplitude_v[None], radar)
     return samples
 
 
@@ -157,11 +162,11 @@ def echo_energy_m(radar: Radar) -> float:
     n_places = int(np.clip(math.ceil(4.0 * bin_m / radar.range_resolution_m), 8, 512))
     middle_m = radar.range_start_m + (radar.n_range_bins // 2) * bin_m
     range_m = middle_m + bin_m * (np.arange(n_places) + 0.5)[:, None] / n_places
-    response = radar.waveform.compress(static_samples(range_m, np.ones_like(range_m), radar), radar)
+    response = radar.waveform.compress(make_static_samples(range_m, np.ones_like(range_m), radar), radar)
     return bin_m * float((np.abs(response).astype(np.float64) ** 2).sum()) / n_places
 
 
-def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
+def make_clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
     """Return the ranges and the spacing of clutter scatterers, m.
 
     They begin before range 0 where the frame does not: without them its first cell would get half its power.
@@ -192,5 +197,5 @@ def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: 
         one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
         return np.asarray(one_m2_v * math.sqrt(float(spec.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar)))
     knots_m, levels_db = np.array(spec.levels).T
-    unit_v = volts_per_unit(radar, wanted_by="static_clutter: levels") if spec.in_units else 1.0
+    unit_v = find_volts_per_unit(radar, wanted_by="static_clutter: levels") if spec.in_units else 1.0
     return np.asarray(db_to_amplitude(np.interp(range_m, knots_m, levels_db)) * unit_v)

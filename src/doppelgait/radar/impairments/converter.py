@@ -13,7 +13,7 @@ from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.impairments.apply import volts_per_unit
+from doppelgait.radar.impairments.apply import find_volts_per_unit
 from doppelgait.radar.parameters import Radar
 
 WARN_CLIPPED = 0.01
@@ -45,7 +45,7 @@ class Adc(FrozenModel):
     backoff_db: float | None = Field(default=None, ge=-60, le=120)
 
     @model_validator(mode="after")
-    def _one_scale(self) -> Adc:
+    def _check_scale(self) -> Adc:
         if self.full_scale_v is not None and self.backoff_db is not None:
             raise ValueError("give full_scale_v or backoff_db, not both")
         return self
@@ -62,7 +62,7 @@ def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Gen
     """
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
     samples = samples.settle()
-    full_scale_v = parameters.full_scale_v or samples.largest_part() * float(db_to_amplitude(backoff_db))
+    full_scale_v = parameters.full_scale_v or samples.find_largest_part() * float(db_to_amplitude(backoff_db))
     if full_scale_v == 0.0:
         return samples
     half = 2 ** (parameters.bits - 1)
@@ -118,7 +118,7 @@ class X4Counts(FrozenModel):
     prf_div: int = Field(default=16, ge=4, le=255)
 
     @model_validator(mode="after")
-    def _window(self) -> X4Counts:
+    def _check_window(self) -> X4Counts:
         if self.dac_max <= self.dac_min:
             raise ValueError(f"dac_max {self.dac_max} must be larger than dac_min {self.dac_min}")
         return self
@@ -139,7 +139,7 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
 
     An impossible frame rate or more than 1 % of saturated samples is a warning.
     """
-    unit_v = volts_per_unit(radar, wanted_by="x4_counts")
+    unit_v = find_volts_per_unit(radar, wanted_by="x4_counts")
     band = [band for carrier_hz, band in X4_BANDS.items() if math.isclose(carrier_hz, radar.carrier_hz, rel_tol=0.01)]
     if not band:
         raise ConfigError(
@@ -155,7 +155,7 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
         )
     limit = baseband_gain * (parameters.dac_max - parameters.dac_min + 1) / 2048.0
     samples = samples.settle()
-    if samples.largest_part() / unit_v > limit / math.sqrt(2.0):  # else no magnitude reaches the limit
+    if samples.find_largest_part() / unit_v > limit / math.sqrt(2.0):  # else no magnitude reaches the limit
         values = samples.matrix / np.float32(unit_v)
         size = np.abs(values)
         over = size > limit

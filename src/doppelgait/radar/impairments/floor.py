@@ -14,7 +14,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.impairments.apply import check_width, level_to_volt, sample_range_m
+from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, sample_range_m
 from doppelgait.radar.parameters import Radar
 
 Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]
@@ -47,7 +47,7 @@ class ColouredNoise(FrozenModel):
 
     @field_validator("levels", "range_db")
     @classmethod
-    def _rising(cls, knots: tuple[Level, ...]) -> tuple[Level, ...]:
+    def _check_rising(cls, knots: tuple[Level, ...]) -> tuple[Level, ...]:
         for (one, _), (other, _) in pairwise(knots):
             if other <= one:
                 raise ValueError(f"the first numbers must rise from entry to entry, not go from {one:g} to {other:g}")
@@ -60,7 +60,7 @@ def add_coloured_noise(samples: Samples, parameters: ColouredNoise, radar: Radar
     from scipy import fft
 
     n_pulses, n_samples = samples.shape
-    unit_v = level_to_volt(0.0, radar, in_units=parameters.in_units, wanted_by="coloured_noise: levels")
+    unit_v = convert_level_to_volt(0.0, radar, in_units=parameters.in_units, wanted_by="coloured_noise: levels")
     gain_v = np.full(n_samples, unit_v / math.sqrt(radar.waveform.noise_gain(radar)))
     if parameters.range_db:
         check_width(samples, radar)
@@ -102,7 +102,9 @@ class Spur(FrozenModel):
 @plugin("impairment", parameters=Spur)
 def add_spur(samples: Samples, parameters: Spur, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the line to every sample of a pulse."""
-    level_v = level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by="spur: level_db")
+    level_v = convert_level_to_volt(
+        parameters.level_db, radar, in_units=parameters.in_units, wanted_by="spur: level_db"
+    )
     turns = parameters.frequency_hz / radar.prf_hz * np.arange(samples.shape[0]) + rng.random()
     samples += (level_v * np.exp(2j * np.pi * turns)).astype(np.complex64)[:, None]
     return samples

@@ -13,7 +13,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude, range_to_delay_s
-from doppelgait.radar.impairments.apply import check_width, level_to_volt, sample_range_m
+from doppelgait.radar.impairments.apply import check_width, convert_level_to_volt, sample_range_m
 from doppelgait.radar.parameters import Radar
 
 INTERPOLATION_ERROR = 1e-9
@@ -136,7 +136,7 @@ def residual_phase_rad(
     level_db = float(spec.density_dbc_per_hz or 0.0) + spec.slope_db_per_decade * np.log10(f_hz / spec.offset_hz)
     size = db_to_amplitude(level_db) * math.sqrt(2.0 * radar.prf_hz * length)  # S = 2 L, one-sided, rad^2/Hz
     parts = rng.standard_normal((2, f_hz.size))
-    node_s, weights = delay_nodes(range_to_delay_s(sample_range_m(radar)), radar.prf_hz / 2.0)
+    node_s, weights = make_delay_nodes(range_to_delay_s(sample_range_m(radar)), radar.prf_hz / 2.0)
     seen = np.zeros((node_s.size, f_hz.size + 1), dtype=np.complex128)  # the mean is left out, the drift has it
     angle = np.pi * f_hz * node_s[:, None]
     sin, cos = np.sin(angle), np.cos(angle)
@@ -146,7 +146,7 @@ def residual_phase_rad(
     return np.ascontiguousarray(fft.irfft(seen, n=length)[:, :n_frames]), weights
 
 
-def delay_nodes(
+def make_delay_nodes(
     delay_s: npt.NDArray[np.float64], highest_hz: float
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     r"""Return delays to interpolate the residual phase from, and weights.
@@ -199,7 +199,7 @@ class IqImbalance(FrozenModel):
     phase_deg: float = Field(default=3.0, ge=-90, le=90)
 
 
-def image_weights(spec: IqImbalance) -> tuple[complex, complex]:
+def compute_image_weights(spec: IqImbalance) -> tuple[complex, complex]:
     """Weights alpha of the signal and beta of its image."""
     g, phi = float(db_to_amplitude(spec.gain_db)), math.radians(spec.phase_deg)
     turn = complex(math.cos(phi), math.sin(phi))
@@ -211,14 +211,14 @@ def image_ratio_db(spec: IqImbalance) -> float:
 
     10 log10 (1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi).
     """
-    signal, image = image_weights(spec)
+    signal, image = compute_image_weights(spec)
     return 20.0 * math.log10(abs(image) / abs(signal)) if image else -math.inf
 
 
 @plugin("impairment", parameters=IqImbalance)
-def unbalance(samples: Samples, parameters: IqImbalance, radar: Radar, rng: np.random.Generator) -> Samples:
+def add_image(samples: Samples, parameters: IqImbalance, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the mirror image of unequal I and Q."""
-    return samples.unbalance(float(db_to_amplitude(parameters.gain_db)), math.radians(parameters.phase_deg))
+    return samples.apply_imbalance(float(db_to_amplitude(parameters.gain_db)), math.radians(parameters.phase_deg))
 
 
 class DcLeak(FrozenModel):
@@ -248,7 +248,9 @@ class DcLeak(FrozenModel):
 @plugin("impairment", parameters=DcLeak)
 def add_dc(samples: Samples, parameters: DcLeak, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add the constant of every pulse."""
-    level_v = level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by="dc_leak: level_db")
+    level_v = convert_level_to_volt(
+        parameters.level_db, radar, in_units=parameters.in_units, wanted_by="dc_leak: level_db"
+    )
     drawn_rad = rng.uniform(0.0, 2.0 * math.pi)
     phase_rad = drawn_rad if parameters.phase_deg is None else math.radians(parameters.phase_deg)
     parts = rng.standard_normal((2, samples.shape[0]))

@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
-from doppelgait.radar.impairments.apply import level_to_volt
-from doppelgait.radar.link import noise_taps, sample_noise_v2
+from doppelgait.radar.impairments.apply import convert_level_to_volt
+from doppelgait.radar.link import make_noise_taps, sample_noise_v2
 from doppelgait.radar.parameters import Radar
 
 
@@ -37,7 +37,7 @@ class ThermalNoise(FrozenModel):
     in_units: bool = False
 
     @model_validator(mode="after")
-    def _one_level(self) -> ThermalNoise:
+    def _check_level(self) -> ThermalNoise:
         if self.noise_figure_db is not None and self.level_db is not None:
             raise ValueError("give noise_figure_db or level_db, not both")
         if self.in_units and self.level_db is None:
@@ -51,7 +51,9 @@ def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
     From E-18, or ``level_db`` in a range bin divided by what compression makes of white noise.
     """
     if spec.level_db is not None:
-        level_v = level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="thermal_noise: level_db")
+        level_v = convert_level_to_volt(
+            spec.level_db, radar, in_units=spec.in_units, wanted_by="thermal_noise: level_db"
+        )
         return level_v**2 / radar.waveform.noise_gain(radar)
     if spec.noise_figure_db is not None:
         radar = radar.model_copy(update={"noise_figure_db": spec.noise_figure_db})
@@ -67,7 +69,7 @@ def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, 
     from doppelgait.core.kernels.noise import draw_key
 
     power_v2 = noise_power_per_sample_v2(parameters, radar)
-    return samples.with_noise(draw_key(rng), power_v2, noise_taps(radar)).settle()
+    return samples.with_noise(draw_key(rng), power_v2, make_noise_taps(radar)).settle()
 
 
 Pulses = npt.NDArray[np.int64]
@@ -106,9 +108,9 @@ class Interference(FrozenModel):
 def add_interference(samples: Samples, parameters: Interference, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add noise bursts to the pulses that interference hits."""
     where = "interference: level_db"
-    level_v = level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by=where)
+    level_v = convert_level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by=where)
     n_pulses, n_samples = samples.shape
-    pulses = pulses_hit(n_pulses, parameters, radar=radar, rng=rng)
+    pulses = find_hit_pulses(n_pulses, parameters, radar=radar, rng=rng)
     width = max(1, round(parameters.hit_share * n_samples))
     first = rng.integers(0, n_samples - width + 1, size=pulses.size)
     columns = first[:, None] + np.arange(width)
@@ -116,7 +118,7 @@ def add_interference(samples: Samples, parameters: Interference, radar: Radar, r
     return samples.add_at(pulses[:, None], columns, parts[..., 0] + 1j * parts[..., 1])
 
 
-def pulses_hit(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
+def find_hit_pulses(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
     """Return the numbers of the pulses that bursts hit.
 
     Rising; the interval i/f_p to (i+1)/f_p of such a pulse overlaps a burst.

@@ -24,7 +24,7 @@ class FrameJitter(FrozenModel):
 
     A frame that a host requests leaves early or late.
 
-    Acts where the scene is observed (:func:`doppelgait.radar.impairments.pulse_times`), and not on the samples.
+    Acts where the scene is observed (:func:`doppelgait.radar.impairments.shift_pulse_times`), and not on the samples.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class FrameJitter(FrozenModel):
     sd_s: float = Field(default=1e-5, ge=0, le=10)
 
 
-def jitter_times(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Times:
+def add_jitter(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Times:
     """Add independent normal errors to the pulse times.
 
     Too large a jitter is a :class:`ConfigError`.
@@ -50,7 +50,7 @@ def jitter_times(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.
     return times_s + rng.normal(0.0, parameters.sd_s, size=times_s.shape)
 
 
-@plugin("impairment", parameters=FrameJitter, shift_times=jitter_times)
+@plugin("impairment", parameters=FrameJitter, shift_times=add_jitter)
 def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Samples:
     """Return the samples unchanged.
 
@@ -84,7 +84,7 @@ class DroppedFrames(FrozenModel):
     fill: Literal["repeat", "zero"] = "repeat"
 
     @model_validator(mode="after")
-    def _one_way(self) -> DroppedFrames:
+    def _check_choice(self) -> DroppedFrames:
         if (self.probability is None) == (self.frames is None):
             raise ValueError("give exactly one of probability and frames")
         if self.frames is not None:
@@ -107,7 +107,7 @@ def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: 
 
     A listed frame beyond the end is a :class:`ConfigError`.
     """
-    lost = lost_frames(samples.shape[0], parameters, rng=rng)
+    lost = sample_lost_frames(samples.shape[0], parameters, rng=rng)
     if not lost.any():
         return samples
     if parameters.fill == "zero" or lost.all():
@@ -119,7 +119,7 @@ def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: 
     return samples.repeat(missing, arrived[np.maximum(latest, 0)])
 
 
-def lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
+def sample_lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
     """Return a mask of the lost frames of ``n_frames``."""
     lost = np.zeros(n_frames, dtype=bool)
     if spec.frames is not None:

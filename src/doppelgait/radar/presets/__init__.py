@@ -9,33 +9,33 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import check_type, line_note, read_toml
-from doppelgait.core.draws import middle
+from doppelgait.core.config import check_type, format_line_note, read_toml
+from doppelgait.core.draws import replace_by_middle
 from doppelgait.core.errors import ConfigError
 
 CONDITIONS = ("environment", "impairments")
 """Keys of a preset's file that are no parameters of the radar."""
 
 
-def preset_names() -> list[str]:
+def list_preset_names() -> list[str]:
     """Return the names of all presets.
 
     Examples
     --------
     >>> import doppelgait as dg
-    >>> "x4" in dg.radar.preset_names()
+    >>> "x4" in dg.radar.list_preset_names()
     True
     """
-    return list(_built_in_names())
+    return list(_list_built_in())
 
 
 @lru_cache(maxsize=1)
-def _built_in_names() -> tuple[str, ...]:
+def _list_built_in() -> tuple[str, ...]:
     folder = resources.files("doppelgait.radar.presets")
     return tuple(sorted(e.name.removesuffix(".toml") for e in folder.iterdir() if e.name.endswith(".toml")))
 
 
-def changed_preset(
+def change_preset(
     name: str | Path, changes: Mapping[str, Any], *, sampled: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return the parameters of a preset with some changed.
@@ -44,14 +44,14 @@ def changed_preset(
     Of distributions in the file the middle counts, unless ``sampled`` is the preset's table after a draw.
     """
     try:
-        found = middle(read_preset(name)) if sampled is None else sampled
+        found = replace_by_middle(read_preset(name)) if sampled is None else sampled
     except ConfigError as error:
         raise ConfigError(f"preset {name}: {error}") from None
     return _change({key: value for key, value in found.items() if key not in CONDITIONS}, changes)
 
 
 def _change(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change the table of a preset by the rules of :func:`changed_preset`."""
+    """Change the table of a preset by the rules of :func:`change_preset`."""
     before = table.get("waveform", "impulse")
     table.update(changes)
     waveform = table.get("waveform", "impulse")
@@ -66,7 +66,7 @@ def _change(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     return table
 
 
-def preset_table(name: str | Path) -> dict[str, Any]:
+def read_full_preset(name: str | Path) -> dict[str, Any]:
     """Return everything that a preset's file states.
 
     Lists of environment and impairments are among it. A file may start from another: ``preset = "x4"`` and what
@@ -75,7 +75,7 @@ def preset_table(name: str | Path) -> dict[str, Any]:
     Parameters
     ----------
     name : str or Path
-        A name of :func:`preset_names`, or a path that ends in ``.toml``.
+        A name of :func:`list_preset_names`, or a path that ends in ``.toml``.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def preset_table(name: str | Path) -> dict[str, Any]:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> sorted(dg.radar.preset_table("x4"))[:3]
+    >>> sorted(dg.radar.read_full_preset("x4"))[:3]
     ['bandwidth_hz', 'bandwidth_level_db', 'carrier_hz']
     """
     return deepcopy(read_preset(name))
@@ -98,12 +98,13 @@ def read_preset(name: str | Path) -> dict[str, Any]:
     """
     if str(name).lower().endswith(".toml"):
         return _read_file(Path(name))
-    if str(name) not in preset_names():
+    if str(name) not in list_preset_names():
         raise ConfigError(
-            f"unknown radar preset {str(name)!r}; known are: {', '.join(preset_names())}; or give the path of a file "
+            f"unknown radar preset {str(name)!r}; known are: {', '.join(list_preset_names())}; or give the path of a "
+            f"file "
             "that ends in .toml"
         )
-    return _built_in(str(name))
+    return _parse_built_in(str(name))
 
 
 def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -123,12 +124,12 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
         within = name.lower().endswith(".toml")
         start = _read_file(path.parent / name, (*above, path.resolve())) if within else read_preset(name)
     except ConfigError as error:
-        raise ConfigError(f"{path}: preset{line_note(text, ['preset'])}: {error}") from None
+        raise ConfigError(f"{path}: preset{format_line_note(text, ['preset'])}: {error}") from None
     return _change(dict(start), changes)
 
 
 @lru_cache(maxsize=64)
-def _built_in(name: str) -> dict[str, Any]:
+def _parse_built_in(name: str) -> dict[str, Any]:
     """Parse the table of a built-in preset once.
 
     Planning needs it for every example.

@@ -19,19 +19,19 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.core.own_hdf5 import stated_format
+from doppelgait.core.own_hdf5 import read_stated_format
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.radar.recording import Recording, check_plausible
 
 __all__ = [
     "RADAR_READERS",
     "RADAR_WRITERS",
-    "formats_of",
+    "find_formats",
+    "find_recordings",
     "is_folder_of_recordings",
+    "list_writers",
     "read_recording",
     "read_several",
-    "recordings_under",
-    "writers_by_suffix",
 ]
 
 Reader = Callable[..., Recording]
@@ -102,7 +102,7 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         if format is None:
             name = _find_format(file)
         elif format not in RADAR_READERS:
-            raise RecordingError(f"{file}: format = {format!r} is not known; known are: {_known()}")
+            raise RecordingError(f"{file}: format = {format!r} is not known; known are: {_list_known()}")
         elif not file.exists() and not file.parent.is_dir():
             raise RecordingError(f"{file}: no such file")
         else:
@@ -124,7 +124,7 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
 
 
-def formats_of(path: Path) -> list[str]:
+def find_formats(path: Path) -> list[str]:
     """Return the readers that recognise a file or folder."""
     names = []
     for reader in RADAR_READERS.values():
@@ -135,7 +135,7 @@ def formats_of(path: Path) -> list[str]:
 
 
 def _find_format(path: Path) -> str:
-    names = formats_of(path)
+    names = find_formats(path)
     if len(names) == 1:
         return names[0]
     if names:
@@ -147,11 +147,11 @@ def _find_format(path: Path) -> str:
         raise RecordingError(f"{path}: no such file")
     if path.is_file() and not path.stat().st_size:
         raise RecordingError(f"{path}: is empty (0 bytes)")
-    if stated_format(path) == "doppelgait-result":
+    if read_stated_format(path) == "doppelgait-result":
         raise RecordingError(
             f"{path}: holds results of doppelgait analyze, no recording; give the recording that they were made from"
         )
-    raise RecordingError(f"{path}: its content is no recording format that is read; these are: {_known()}")
+    raise RecordingError(f"{path}: its content is no recording format that is read; these are: {_list_known()}")
 
 
 def is_folder_of_recordings(path: Path) -> bool:
@@ -159,10 +159,10 @@ def is_folder_of_recordings(path: Path) -> bool:
 
     A XeThru recording is a folder, too.
     """
-    return path.is_dir() and not formats_of(path)
+    return path.is_dir() and not find_formats(path)
 
 
-def recordings_under(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
+def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     """Yield the recordings of files and folders, each once.
 
     In the order of their names, with True for what was named and False for what was found in a folder. There files
@@ -176,7 +176,7 @@ def recordings_under(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
             for entry in sorted(path.iterdir()):
                 yield from walk(entry, False)
             return
-        if not named and not (formats_of(path) or (path.name.endswith(suffixes) and not path.name.endswith(".txt"))):
+        if not named and not (find_formats(path) or (path.name.endswith(suffixes) and not path.name.endswith(".txt"))):
             return
         whole = path
         for part, other in (("_IM.txt", "_RE.txt"), (".sigmf-meta", ".sigmf-data")):  # one recording in two files
@@ -216,8 +216,8 @@ def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording]
     """
     paths, found, left_out, taken = list(paths), [], [], {"radar"}
     try:
-        for path, named in recordings_under(paths):
-            readers = [RADAR_READERS[name] for name in formats_of(path)]
+        for path, named in find_recordings(paths):
+            readers = [RADAR_READERS[name] for name in find_formats(path)]
             allowed = {name for reader in readers for name in inspect.signature(reader.run).parameters}
             taken |= allowed
             chosen = {name: value for name, value in options.items() if name in allowed}
@@ -249,10 +249,10 @@ def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording]
     return found, left_out
 
 
-def _known() -> str:
+def _list_known() -> str:
     return ", ".join(f"{one.name} ({', '.join(one.facts['suffixes'])})" for one in RADAR_READERS.values())
 
 
-def writers_by_suffix() -> dict[str, Plugin[Writer]]:
+def list_writers() -> dict[str, Plugin[Writer]]:
     """Return the writers by suffix; "" for a folder."""
     return {one.facts["suffix"]: one for one in RADAR_WRITERS.values()}

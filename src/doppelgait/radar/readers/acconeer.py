@@ -22,7 +22,7 @@ from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.own_hdf5 import FAULTS, is_hdf5, open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.measured import check_number, label_measured, radar_of_facts
+from doppelgait.radar.measured import check_number, label_measured, make_radar
 from doppelgait.radar.recording import Recording
 
 APPROXIMATE_STEP_M = 2.5e-3
@@ -108,20 +108,20 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
 
     Anything missing is an error of h5py, ValueError or RecordingError.
     """
-    generation = _text(file["generation"])
+    generation = _read_text(file["generation"])
     if generation != "a121":
         raise RecordingError(f"{path}: is of sensor generation {generation!r}; only 'a121' is read")
-    base = file["session"] if "session" in file else _numbered(path, file["sessions"], "session", session)
-    node = _numbered(path, _numbered(path, base, "group", group), "entry", entry)
-    session_config = parse_json(_text(base["session_config"]))
+    base = file["session"] if "session" in file else _open_numbered(path, file["sessions"], "session", session)
+    node = _open_numbered(path, _open_numbered(path, base, "group", group), "entry", entry)
+    session_config = parse_json(_read_text(base["session_config"]))
     sensor_id = str(int(node["sensor_id"][()]))
     sensors = session_config["groups"][group]
     if sensor_id not in sensors:
         raise ValueError(f"the configuration of group {group} does not name sensor {sensor_id}")
     config: Mapping[str, Any] = sensors[sensor_id]
-    metadata = parse_json(_text(node["metadata"])) if "metadata" in node else {}
-    subsweeps = tuple(_subsweep(one) for one in config["subsweeps"])
-    per_frame = _whole(config, "sweeps_per_frame", 1, 100_000)
+    metadata = parse_json(_read_text(node["metadata"])) if "metadata" in node else {}
+    subsweeps = tuple(_parse_subsweep(one) for one in config["subsweeps"])
+    per_frame = _parse_whole(config, "sweeps_per_frame", 1, 100_000)
     dataset = node["result/frame"]
     n_points = sum(one.num_points for one in subsweeps)
     shape = tuple(dataset.shape)
@@ -135,17 +135,17 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
     pairs = dataset[()]
     values = np.empty(shape, dtype=np.complex64)
     values.real, values.imag = pairs["real"], pairs["imag"]
-    step_m = _optional(metadata, "base_step_length_m", 0.1)
-    server = parse_json(_text(file["server_info"])) if "server_info" in file else {}
+    step_m = _parse_optional(metadata, "base_step_length_m", 0.1)
+    server = parse_json(_read_text(file["server_info"])) if "server_info" in file else {}
     return Entry(
         values=values,
-        ticks=_ticks(node["result"], values.shape[0]),
-        ticks_per_second=_optional(server, "ticks_per_second", 1e12),
+        ticks=_read_ticks(node["result"], values.shape[0]),
+        ticks_per_second=_parse_optional(server, "ticks_per_second", 1e12),
         sweeps_per_frame=per_frame,
         continuous=bool(config.get("continuous_sweep_mode", False)),
-        sweep_rate_hz=_optional(config, "sweep_rate", 1e6),
-        frame_rate_hz=_optional(config, "frame_rate", 1e6),
-        max_sweep_rate_hz=_optional(metadata, "max_sweep_rate", 1e6),
+        sweep_rate_hz=_parse_optional(config, "sweep_rate", 1e6),
+        frame_rate_hz=_parse_optional(config, "frame_rate", 1e6),
+        max_sweep_rate_hz=_parse_optional(metadata, "max_sweep_rate", 1e6),
         step_m=step_m or APPROXIMATE_STEP_M,
         step_assumed=step_m is None,
         subsweeps=subsweeps,
@@ -154,7 +154,7 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
     )
 
 
-def _numbered(path: Path, node: Any, kind: str, number: int) -> Any:
+def _open_numbered(path: Path, node: Any, kind: str, number: int) -> Any:
     name = f"{kind}_{number}"
     if name in node:
         return node[name]
@@ -162,35 +162,35 @@ def _numbered(path: Path, node: Any, kind: str, number: int) -> Any:
     raise RecordingError(f"{path}: holds no {name}; there is {', '.join(there[:20]) or f'no {kind} at all'}")
 
 
-def _text(dataset: Any) -> str:
+def _read_text(dataset: Any) -> str:
     if dataset.size != 1 or dataset.dtype.itemsize > MAX_TEXT_BYTES:
         raise ValueError(f"{dataset.name} is {dataset.dtype} of shape {dataset.shape}, must be one text")
     value = dataset[()]
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 
 
-def _subsweep(config: Mapping[str, Any]) -> Subsweep:
+def _parse_subsweep(config: Mapping[str, Any]) -> Subsweep:
     profile = str(config["profile"]).removeprefix("PROFILE_")
     if profile not in ("1", "2", "3", "4", "5"):
         raise ValueError(f"profile is {config['profile']!r}, must be PROFILE_1 to PROFILE_5")
     return Subsweep(
-        start_point=_whole(config, "start_point", -100_000, 100_000),
-        num_points=_whole(config, "num_points", 1, 100_000),
-        step_length=_whole(config, "step_length", 1, 100_000),
+        start_point=_parse_whole(config, "start_point", -100_000, 100_000),
+        num_points=_parse_whole(config, "num_points", 1, 100_000),
+        step_length=_parse_whole(config, "step_length", 1, 100_000),
         profile=int(profile),
-        hwaas=_whole(config, "hwaas", 1, 100_000),
-        receiver_gain=_whole(config, "receiver_gain", 0, 1000),
+        hwaas=_parse_whole(config, "hwaas", 1, 100_000),
+        receiver_gain=_parse_whole(config, "receiver_gain", 0, 1000),
     )
 
 
-def _whole(config: Mapping[str, Any], key: str, least: int, most: int) -> int:
+def _parse_whole(config: Mapping[str, Any], key: str, least: int, most: int) -> int:
     value = config[key]
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
         raise ValueError(f"{key} is {value!r}, must be a whole number from {least} to {most}")
     return value
 
 
-def _optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
+def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
     """Return a positive number or None.
 
     None where it is missing, null or 0, by which the vendor means "does not apply".
@@ -207,7 +207,7 @@ def _optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
     return float(value)
 
 
-def _ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:
+def _read_ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:
     """Return the times of the frames in ticks.
 
     The counter of some boards starts again after 2^32.
@@ -244,7 +244,7 @@ def sniff_acconeer(path: Path) -> bool:
         return False
 
 
-def subsweeps_of(path: Path) -> list[dict[str, Any]]:
+def list_subsweeps(path: Path) -> list[dict[str, Any]]:
     """List the first entry's subsweeps as reader options.
 
     Empty for a damaged file, of which the reader says more.
@@ -256,7 +256,7 @@ def subsweeps_of(path: Path) -> list[dict[str, Any]]:
     return [{"subsweep": number} for number in range(len(part.subsweeps))]
 
 
-@plugin("radar_reader", "acconeer", sniff=sniff_acconeer, suffixes=(".h5",), parts=subsweeps_of)
+@plugin("radar_reader", "acconeer", sniff=sniff_acconeer, suffixes=(".h5",), parts=list_subsweeps)
 def read_acconeer(
     path: str | Path,
     *,
@@ -318,13 +318,13 @@ def read_acconeer(
             f"{file}: the sensor reports saturation in {part.n_saturated} of {part.values.shape[0]} frames; lower its "
             "receiver gain"
         )
-    slow_time_s, prf_hz, notes = _sweep_times(file, part, sweep_rate_hz)
+    slow_time_s, prf_hz, notes = _find_sweep_times(file, part, sweep_rate_hz)
     paused = part.sweeps_per_frame > 1 and not part.continuous
     # pulsed coherent radar as an impulse radar with an echo of the profile's width: an amplitude of
     # exp(-(2 dR / c)^2 / (2 tau^2)) is c tau sqrt(2 ln 2) wide at half its height
     spacing_m = part.step_m * chosen.step_length
     start_m = part.step_m * chosen.start_point
-    radar = radar_of_facts(
+    radar = make_radar(
         file,
         name=f"Acconeer A121, profile {chosen.profile}, {chosen.hwaas} averages",
         carrier_hz=CARRIER_HZ,
@@ -336,7 +336,7 @@ def read_acconeer(
         volts_per_unit=scale_v,
     )
     samples = part.values[:, :, part.columns(number)].reshape(slow_time_s.size, chosen.num_points) * scale_v
-    notes += _notes(part, chosen, number, scale_v=scale_v, conjugate=conjugate)
+    notes += _list_notes(part, chosen, number, scale_v=scale_v, conjugate=conjugate)
     points = chosen.start_point + chosen.step_length * np.arange(chosen.num_points)
     return label_measured(
         file,
@@ -364,7 +364,7 @@ def _open(path: Path, **which: int) -> Entry:
         raise RecordingError(f"{path}: is damaged or no recording of an A121 sensor: {error}") from None
 
 
-def _sweep_times(
+def _find_sweep_times(
     path: Path, part: Entry, sweep_rate_hz: float | None
 ) -> tuple[npt.NDArray[np.float64], float, list[str]]:
     """Return sweep times, sweep rate and notes on assumptions.
@@ -385,7 +385,7 @@ def _sweep_times(
         return np.arange(n_frames * per_frame) / rate_hz, rate_hz, notes
     if n_frames * per_frame < 2:
         raise RecordingError(f"{path}: holds a single sweep; nothing moves in that")
-    frame_s, notes = _frame_times(path, part)
+    frame_s, notes = _find_frame_times(path, part)
     if per_frame == 1:
         return frame_s, (n_frames - 1) / float(frame_s[-1] - frame_s[0]), notes
     rate_hz = sweep_rate_hz or part.sweep_rate_hz or part.max_sweep_rate_hz
@@ -404,7 +404,7 @@ def _sweep_times(
     return (frame_s[:, None] + np.arange(per_frame) / rate_hz).ravel(), rate_hz, notes
 
 
-def _frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:
+def _find_frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:
     """Return the start of every frame by the recorder's ticks.
 
     Evenly spaced where they are so up to their rounding.
@@ -430,7 +430,7 @@ def _frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list
     return np.arange(part.values.shape[0]) / part.frame_rate_hz, [note]
 
 
-def _notes(part: Entry, chosen: Subsweep, number: int, *, scale_v: float, conjugate: bool) -> list[str]:
+def _list_notes(part: Entry, chosen: Subsweep, number: int, *, scale_v: float, conjugate: bool) -> list[str]:
     profile_m = ENVELOPE_FWHM_M[chosen.profile]
     notes = [
         f"carrier {CARRIER_HZ / 1e9:g} GHz and an echo {profile_m:g} m wide (profile {chosen.profile}) are the "

@@ -19,7 +19,7 @@ from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, slow_time_axis_s
 from doppelgait.radar.parameters import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar
-from doppelgait.radar.presets import changed_preset
+from doppelgait.radar.presets import change_preset
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -126,9 +126,11 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
         If something needed is stated nowhere (all of it is named), or what is stated does not fit together.
     """
     n_pulses, n_bins = shape
-    stated = _stated_radar(path, facts)
-    slow_time_s = None if facts.prf_hz else _axis(path, axes, "slow_time_s", n_pulses)
-    range_m = None if facts.range_start_m is not None or facts.bin_spacing_m else _axis(path, axes, "range_m", n_bins)
+    stated = _read_stated_radar(path, facts)
+    slow_time_s = None if facts.prf_hz else _read_axis(path, axes, "slow_time_s", n_pulses)
+    range_m = (
+        None if facts.range_start_m is not None or facts.bin_spacing_m else _read_axis(path, axes, "range_m", n_bins)
+    )
     # rate, carrier and frame, the strongest word last
     names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
     known = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
@@ -162,12 +164,12 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     return Frame(
         slow_time_axis_s(n_pulses, known["prf_hz"]) if slow_time_s is None else slow_time_s,
         ranges if range_m is None else range_m,
-        _radar(path, facts, stated, known, n_bins),
+        _make_radar(path, facts, stated, known, n_bins),
         notes,
     )
 
 
-def _axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArray | None:
+def _read_axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArray | None:
     if axes.get(name) is None:
         return None
     values = axes[name]
@@ -180,19 +182,19 @@ def _axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArr
     return np.asarray(values, dtype=np.float64)
 
 
-def _stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
+def _read_stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
     if facts.radar is None:
         return None
     table = dict(facts.radar)
     try:
         if "preset" in table:
-            table = changed_preset(str(table.pop("preset")), table)
+            table = change_preset(str(table.pop("preset")), table)
         return validate(Radar, table, where="radar")
     except ConfigError as error:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
+def _make_radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
     """Return the stated radar updated by the recording's facts.
 
     Without one it is made of these facts alone.

@@ -17,12 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import OutputError, RecordingError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.core.npz import NPY_MAGIC, is_npz, load_npy, load_npz
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.measured import check_shape, label_measured
 from doppelgait.radar.readers.array_facts import describe, read_facts
-from doppelgait.radar.recording import NAN, Recording, further_facts
+from doppelgait.radar.recording import NAN, Recording, list_further_facts
 
 MATRIX = "baseband"
 PARTS = ("i", "q")
@@ -207,7 +207,7 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
             raise OutputError(
                 f"{sidecar}: is there and is no description of arrays; choose another name than {target.name}"
             )
-    with atomic_path(sidecar) as partial_facts, atomic_path(target) as partial:
+    with open_atomically(sidecar) as partial_facts, open_atomically(target) as partial:
         facts: dict[str, Any] = {
             "scale_v": 1.0,
             "conjugate": False,
@@ -217,9 +217,15 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
             "seed": recording.seed,
         }
         known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
-        lines = [FIRST_LINE, *_lines(known), "", "[radar]", *_lines(recording.radar.model_dump(exclude_none=True))]
-        if attributes := further_facts(recording.baseband):
-            lines += ["", "[attributes]", *_lines(attributes)]
+        lines = [
+            FIRST_LINE,
+            *_format_lines(known),
+            "",
+            "[radar]",
+            *_format_lines(recording.radar.model_dump(exclude_none=True)),
+        ]
+        if attributes := list_further_facts(recording.baseband):
+            lines += ["", "[attributes]", *_format_lines(attributes)]
         partial_facts.write_text(("\n".join(lines) + "\n"), encoding="utf-8")
         with partial.open("wb") as file:
             np.savez(
@@ -230,22 +236,22 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
             )
 
 
-def _lines(table: Mapping[str, Any]) -> list[str]:
-    return [f"{_text(key)} = {_value(value)}" for key, value in table.items()]
+def _format_lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{_quote_text(key)} = {_format_value(value)}" for key, value in table.items()]
 
 
-def _value(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a value in TOML."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(_lines(value)) + "}"
+        return "{" + ", ".join(_format_lines(value)) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
+        return "[" + ", ".join(_format_value(item) for item in value) + "]"
     if isinstance(value, float) and not math.isfinite(value):
         return str(float(value))
-    return _text(value) if isinstance(value, str) else json.dumps(value)
+    return _quote_text(value) if isinstance(value, str) else json.dumps(value)
 
 
-def _text(text: str) -> str:
+def _quote_text(text: str) -> str:
     """Quote a text in TOML.
 
     JSON's escapes are TOML's but for one character.

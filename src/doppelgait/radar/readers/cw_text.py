@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
-from doppelgait.radar.measured import CW_FRAME_M, check_number, cw_radar, label_measured
+from doppelgait.radar.measured import CW_FRAME_M, check_number, label_measured, make_cw_radar
 from doppelgait.radar.recording import Recording
 
 PARTS = ("_RE", "_IM")
@@ -33,7 +33,7 @@ def sniff_cw_text(path: Path) -> bool:
     It is one of them, or their common stem.
     """
     try:
-        names = _pair(Path(path))
+        names = _find_pair(Path(path))
     except RecordingError:
         return False
     for name in (name for name in names if name.is_file()):
@@ -90,7 +90,7 @@ def read_cw_text(
         is not allowed, or there is no whole burst.
     """
     file = Path(path)
-    names = _pair(file)
+    names = _find_pair(file)
     rate_hz = check_number(file, "sample_rate_hz", sample_rate_hz, above=0, most=1e6)
     period_s = check_number(file, "burst_period_s", burst_period_s, above=0, most=3600)
     scale_v = check_number(file, "full_scale_v", full_scale_v, above=0, most=1e6) / 2**BITS
@@ -101,7 +101,7 @@ def read_cw_text(
             f"{file}: burst_period_s = {period_s:g} is shorter than a burst of {burst_pulses} samples at {rate_hz:g} "
             f"Hz, which takes {burst_pulses / rate_hz:.4g} s"
         )
-    radar = cw_radar(
+    radar = make_cw_radar(
         file,
         name="continuous-wave Doppler module",
         carrier_hz=check_number(file, "carrier_hz", carrier_hz, above=0),
@@ -152,7 +152,7 @@ def read_cw_text(
     )
 
 
-def _pair(path: Path) -> tuple[Path, Path]:
+def _find_pair(path: Path) -> tuple[Path, Path]:
     """Return the paths of real and imaginary part."""
     stem = path.name
     for part in PARTS:
@@ -175,14 +175,14 @@ def _read_codes(path: Path) -> npt.NDArray[np.int64]:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     # Lengths first: a word of five digits or more is out of range, whatever it is, and need not be parsed.
     if not content.strip() or content.translate(None, b"0123456789 \t\r\n\v\f") or re.search(rb"\d{5}", content):
-        raise RecordingError(_fault(path, content))
+        raise RecordingError(_find_fault(path, content))
     codes = np.fromstring(content.decode("ascii"), dtype=np.int64, sep=" ")
     if codes.max() >= 2**BITS:
-        raise RecordingError(_fault(path, content))
+        raise RecordingError(_find_fault(path, content))
     return codes
 
 
-def _fault(path: Path, content: bytes) -> str:
+def _find_fault(path: Path, content: bytes) -> str:
     for number, line in enumerate(content.split(b"\n"), start=1):
         for word in line.split():
             if not word.isdigit() or int(word[:9]) >= 2**BITS:

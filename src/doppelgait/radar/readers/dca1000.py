@@ -17,13 +17,13 @@ import numpy.typing as npt
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.measured import check_number, label_sweeps, radar_of_facts
+from doppelgait.radar.measured import check_number, label_sweeps, make_radar
 from doppelgait.radar.readers.ti_config import (
     DEVICES,
     FOUR_LANES,
     MAX_CONFIG_BYTES,
     ChirpConfig,
-    config_of,
+    find_config,
     read_config,
 )
 from doppelgait.radar.recording import Recording
@@ -42,7 +42,7 @@ def sniff_dca1000(path: Path) -> bool:
     file = Path(path)
     if file.suffix.lower() != ".bin" or not file.is_file():
         return False
-    config = config_of(file)
+    config = find_config(file)
     if config is None or config.stat().st_size > MAX_CONFIG_BYTES:
         return False
     content = config.read_bytes()
@@ -96,7 +96,7 @@ def read_dca1000(
     file = Path(path)
     if not file.is_file():
         raise RecordingError(f"{file}: no such file")
-    settings = config_of(file) if config is None else Path(str(config))
+    settings = find_config(file) if config is None else Path(str(config))
     if settings is None:
         raise RecordingError(
             f"{file}: has no radar settings next to it; give config=FILE, or put them into {file.stem}.toml, .json or "
@@ -130,7 +130,7 @@ def read_dca1000(
     pulse_s = chirps.loop_s if paused or (n_frames == 1 and chirps.loops > 1) else even_s
     starts_s = chirps.frame_period_s * np.arange(n_frames)
     times_s = (starts_s[:, None] + pulse_s * np.arange(chirps.loops)).ravel()
-    radar = radar_of_facts(
+    radar = make_radar(
         file,
         name=f"TI {chirps.device} by DCA1000",
         waveform="fmcw",
@@ -159,7 +159,7 @@ def read_dca1000(
     )
 
 
-def _channels(chirps: ChirpConfig) -> int:
+def _count_channels(chirps: ChirpConfig) -> int:
     """Count the receivers in the file, including disabled ones."""
     return 4 if chirps.device in FOUR_LANES else len(chirps.receivers)
 
@@ -167,11 +167,11 @@ def _channels(chirps: ChirpConfig) -> int:
 def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
     """Count the frames of a file, which must be whole."""
     parts = 1 if chirps.output == "real" else 2
-    frame_bytes = 2 * parts * _channels(chirps) * chirps.n_samples * chirps.chirps_per_loop * chirps.loops
+    frame_bytes = 2 * parts * _count_channels(chirps) * chirps.n_samples * chirps.chirps_per_loop * chirps.loops
     size = file.stat().st_size
     count, rest = divmod(size, frame_bytes)
     frame = (
-        f"{chirps.loops} loops of {chirps.chirps_per_loop} chirps, {_channels(chirps)} receivers and "
+        f"{chirps.loops} loops of {chirps.chirps_per_loop} chirps, {_count_channels(chirps)} receivers and "
         f"{chirps.n_samples} {'real' if parts == 1 else 'complex'} samples, {frame_bytes:,} bytes"
     )
     if rest or not count:

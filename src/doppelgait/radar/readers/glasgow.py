@@ -17,7 +17,7 @@ from doppelgait.core.cost import CELL_BYTES, check_cost
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.measured import check_number, label_sweeps, radar_of_facts
+from doppelgait.radar.measured import check_number, label_sweeps, make_radar
 from doppelgait.radar.recording import Recording
 
 HEAD_BYTES = 512
@@ -88,7 +88,7 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
     try:
         values = np.fromiter(map(complex, words[4:]), np.complex128, max(len(words) - 4, 0))
     except ValueError:
-        raise RecordingError(_fault(file)) from None
+        raise RecordingError(_find_fault(file)) from None
     count, rest = divmod(values.size, n_samples)
     if count < 2:
         raise RecordingError(
@@ -101,7 +101,7 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
     stop_m = farthest_m if range_stop_m is None else check_number(file, "range_stop_m", range_stop_m, above=0)
     if stop_m > farthest_m * (1 + 1e-9):
         raise RecordingError(f"{file}: range_stop_m = {stop_m:g} is not allowed; the ranges end at {farthest_m:.4g} m")
-    radar = radar_of_facts(
+    radar = make_radar(
         file,
         name="Ancortek FMCW radar",
         waveform="fmcw",
@@ -146,7 +146,7 @@ def _read_head(file: Path, words: list[str]) -> list[float]:
     return numbers
 
 
-def _fault(file: Path) -> str:
+def _find_fault(file: Path) -> str:
     """Name the first line that is no complex number."""
     place = 0
     with file.open(encoding="ascii", errors="replace") as lines:

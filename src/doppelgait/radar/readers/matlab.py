@@ -23,7 +23,7 @@ from doppelgait.core.errors import RecordingError
 from doppelgait.core.own_hdf5 import open_hdf5
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
-from doppelgait.radar.measured import check_finite, check_number, check_shape, label_measured, preset_radar
+from doppelgait.radar.measured import adapt_preset, check_finite, check_number, check_shape, label_measured
 from doppelgait.radar.recording import Recording
 
 HEADER_BYTES = 128
@@ -103,9 +103,9 @@ def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
             start = 8
             if inner != MATRIX_ELEMENT:
                 raise ValueError(f"a compressed element holds type {inner}, not a matrix")
-        flags, data_at = _element(front, start, order)
-        sizes, data_at = _element(front, data_at, order)
-        name, data_at = _element(front, data_at, order)
+        flags, data_at = _read_element(front, start, order)
+        sizes, data_at = _read_element(front, data_at, order)
+        name, data_at = _read_element(front, data_at, order)
         word = int(_unpack(flags, 0, f"{order}I")[0])
         shape = tuple(int(n) for n in np.frombuffer(sizes, f"{order}i4"))
         if len(shape) < 2 or min(shape) < 0:
@@ -126,7 +126,7 @@ def _unpack(content: memoryview | bytes, at: int, layout: str) -> tuple[Any, ...
         raise ValueError(f"an element is cut off at byte {at}") from None
 
 
-def _element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
+def _read_element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
     """Return the bytes of one element, and the next position."""
     kind, n_bytes = _unpack(content, at, f"{order}II")
     if kind >> 16:  # at most 4 bytes, packed into the second word
@@ -158,15 +158,15 @@ def load_variable(variable: Variable) -> npt.NDArray[Any]:
         rest = unpacker.decompress(unpacker.unconsumed_tail, 1)
         if len(content) < variable.n_bytes or rest or not unpacker.eof:
             raise ValueError(f"{variable.name} unpacks to less or more than its {variable.n_bytes} bytes")
-    real, at = _numbers(content, variable.data_at, variable)
+    real, at = _read_numbers(content, variable.data_at, variable)
     if not variable.is_complex:
         return real
-    return np.asarray(real + 1j * _numbers(content, at, variable)[0])
+    return np.asarray(real + 1j * _read_numbers(content, at, variable)[0])
 
 
-def _numbers(content: bytes, at: int, variable: Variable) -> tuple[npt.NDArray[Any], int]:
+def _read_numbers(content: bytes, at: int, variable: Variable) -> tuple[npt.NDArray[Any], int]:
     kind = int(_unpack(content, at, f"{variable.order}I")[0])
-    data, after = _element(content, at, variable.order)
+    data, after = _read_element(content, at, variable.order)
     stored = STORED.get(kind & 0xFFFF)
     if stored is None:
         raise ValueError(f"{variable.name} holds numbers of the unknown type {kind & 0xFFFF}")
@@ -199,18 +199,18 @@ def sniff_matlab(path: Path) -> bool:
         return file.read(len(HEADERS[0])) in HEADERS
 
 
-def matrices_of(path: Path) -> list[dict[str, Any]]:
+def list_matrices(path: Path) -> list[dict[str, Any]]:
     """List a file's frame matrices as reader options.
 
     Empty for a damaged file, of which the reader says more.
     """
     try:
-        return [{"matrix": name} for name in _frame_matrices(_shapes(path))]
+        return [{"matrix": name} for name in _find_frame_matrices(_read_shapes(path))]
     except Exception:  # the libraries raise nearly anything at damaged bytes
         return []
 
 
-def _shapes(path: Path) -> dict[str, tuple[int, ...]]:
+def _read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     with path.open("rb") as file:
         is_hdf5 = file.read(len(HEADERS[1])) == HEADERS[1]
     if not is_hdf5:
@@ -221,11 +221,11 @@ def _shapes(path: Path) -> dict[str, tuple[int, ...]]:
         return {name: hdf5[name].shape[::-1] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
 
 
-def _frame_matrices(shapes: Mapping[str, Any]) -> list[str]:
+def _find_frame_matrices(shapes: Mapping[str, Any]) -> list[str]:
     return [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
 
 
-@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), parts=matrices_of)
+@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), parts=list_matrices)
 def read_matlab(
     path: Path,
     *,
@@ -275,11 +275,11 @@ def read_matlab(
     """
     content = _load(path, matrix)
     frames = content[MATRIX]
-    rate_hz = _fact(path, content, "actual_fps", prf_hz, "prf_hz")
-    spacing_m = _fact(path, content, "bin_length", bin_spacing_m, "bin_spacing_m")
+    rate_hz = _find_fact(path, content, "actual_fps", prf_hz, "prf_hz")
+    spacing_m = _find_fact(path, content, "bin_length", bin_spacing_m, "bin_spacing_m")
     start_m = _start_m(path, content, frames.shape[1], spacing_m, range_start_m)
     check_number(path, "carrier_hz", carrier_hz, above=0.0)
-    from doppelgait.radar.xethru.downconvert import chip_gain, down_convert_frames, with_filter_noise
+    from doppelgait.radar.xethru.downconvert import change_filter_noise, compute_chip_gain, down_convert_frames
 
     sample_rate_hz = DRIVER_LIGHT_SPEED_MPS / (2.0 * spacing_m)
     try:
@@ -294,14 +294,14 @@ def read_matlab(
         )
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
-    made = preset_radar(
+    made = adapt_preset(
         path, radar, n_range_bins=range_m.size, range_start_m=range_m[0], prf_hz=rate_hz, carrier_hz=carrier_hz
     )
     scale_v = made.volts_per_unit or 1.0
     return label_measured(
         path,
-        scale_v * chip_gain(carrier_hz, sample_rate_hz, filter) * values,
-        radar=with_filter_noise(made, filter),
+        scale_v * compute_chip_gain(carrier_hz, sample_rate_hz, filter) * values,
+        radar=change_filter_noise(made, filter),
         slow_time_s=slow_time_axis_s(len(values), rate_hz),
         range_m=range_m,
         notes=[
@@ -325,7 +325,7 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     try:
         content: dict[str, Any]
         if is_hdf5:
-            shapes = _shapes(path)
+            shapes = _read_shapes(path)
             _check_facts(path, shapes)
             with open_hdf5(path, soft_links=True) as hdf5:
                 name = _pick(path, shapes, matrix)
@@ -372,7 +372,7 @@ def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
 
 
 def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
-    found = _frame_matrices(shapes)
+    found = _find_frame_matrices(shapes)
     if wanted is not None and wanted not in shapes:
         raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(shapes) or 'nothing'}")
     if wanted is None and len(found) != 1:
@@ -386,16 +386,16 @@ def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
     return name
 
 
-def _fact(path: Path, content: dict[str, Any], key: str, value: float | None, option: str) -> float:
+def _find_fact(path: Path, content: dict[str, Any], key: str, value: float | None, option: str) -> float:
     """Return a positive number from an option or the file."""
     if value is not None:
         return check_number(path, option, value, above=SMALLEST, most=1e6)
     if key not in content:
         raise RecordingError(f"{path}: has no {key}; give it: {option}=...")
-    return check_number(path, key, _scalar(content[key]), above=SMALLEST, most=1e6)
+    return check_number(path, key, _convert_to_scalar(content[key]), above=SMALLEST, most=1e6)
 
 
-def _scalar(value: npt.NDArray[Any]) -> Any:
+def _convert_to_scalar(value: npt.NDArray[Any]) -> Any:
     return value.ravel()[0].item() if value.size == 1 else value.tolist()
 
 
@@ -417,4 +417,4 @@ def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float,
         return check_number(path, f"{key}[0]", float(axis_m[0]), above=-1e3, most=1e6)
     if "frame_start" not in content:
         raise RecordingError(f"{path}: has no {', '.join(AXES)} or frame_start; give it: range_start_m=...")
-    return check_number(path, "frame_start", _scalar(content["frame_start"]), above=-1e3, most=1e6)
+    return check_number(path, "frame_start", _convert_to_scalar(content["frame_start"]), above=-1e3, most=1e6)

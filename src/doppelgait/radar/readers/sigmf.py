@@ -18,12 +18,19 @@ import numpy.typing as npt
 from doppelgait import __version__
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
-from doppelgait.core.files import atomic_path
+from doppelgait.core.files import open_atomically
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.measured import CW_FRAME_M, check_number, cw_radar, label_measured, radar_of_facts
+from doppelgait.radar.measured import CW_FRAME_M, check_number, label_measured, make_cw_radar, make_radar
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers.sigmf_files import HEAD_BYTES, META, Metadata, read_metadata, read_samples, sigmf_pair
+from doppelgait.radar.readers.sigmf_files import (
+    HEAD_BYTES,
+    META,
+    Metadata,
+    find_sigmf_pair,
+    read_metadata,
+    read_samples,
+)
 from doppelgait.radar.recording import Recording
 
 __all__ = ["read_sigmf", "sniff_sigmf", "write_sigmf"]
@@ -39,7 +46,7 @@ def sniff_sigmf(path: Path) -> bool:
     Its metadata begin as JSON and have a SigMF data type.
     """
     file = Path(path)
-    meta = sigmf_pair(file)[0]
+    meta = find_sigmf_pair(file)[0]
     if not file.is_file() or not meta.is_file():
         return False
     with meta.open("rb") as handle:
@@ -135,7 +142,7 @@ def read_sigmf(
     rate_hz = check_number(file, "prf_hz", _prf_hz(file, meta, shape[1]) if prf_hz is None else prf_hz, above=0)
     notes.append(f"levels: one unit of the samples is taken as {scale:.4g} V")
     rows = samples[: shape[0] * shape[1]].reshape(shape)
-    radar, range_m = _foreign_radar(file, meta, carrier, rate_hz, shape[1], range_start_m, bin_spacing_m, notes)
+    radar, range_m = _make_foreign_radar(file, meta, carrier, rate_hz, shape[1], range_start_m, bin_spacing_m, notes)
     slow_time_s = np.arange(shape[0]) / rate_hz
     return label_measured(file, rows, radar=radar, slow_time_s=slow_time_s, range_m=range_m, notes=notes)
 
@@ -179,7 +186,7 @@ def _read_own(
     if samples.size % range_m.size:
         warn_caller(f"{path}: its last pulse is not whole and is left out; the file is cut off")
     if carrier_hz is not None:
-        radar = radar_of_facts(path, **{**radar.model_dump(), "carrier_hz": carrier_hz})
+        radar = make_radar(path, **{**radar.model_dump(), "carrier_hz": carrier_hz})
     values = samples[: rows * range_m.size].reshape(rows, range_m.size)
     stored = meta.common.get("doppelgait:notes")
     own_notes = [note for note in stored if isinstance(note, str)] if isinstance(stored, list) else []
@@ -221,7 +228,7 @@ def _prf_hz(path: Path, meta: Metadata, n_bins: int) -> float:
     return rate / n_bins
 
 
-def _foreign_radar(
+def _make_foreign_radar(
     path: Path, meta: Metadata, carrier_hz: float, prf_hz: float, n_bins: int, range_start_m: float | None,
     bin_spacing_m: float | None, notes: list[str],
 ) -> tuple[Radar, FloatArray]:  # fmt: skip
@@ -231,7 +238,7 @@ def _foreign_radar(
     """
     name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
     if n_bins == 1:
-        radar = cw_radar(path, name=name, carrier_hz=carrier_hz, prf_hz=prf_hz)
+        radar = make_cw_radar(path, name=name, carrier_hz=carrier_hz, prf_hz=prf_hz)
         start_m, stop_m = CW_FRAME_M
         notes.append(f"taken as continuous wave: the one range bin stands for {start_m:g} to {stop_m:g} m")
         return radar, np.array([(start_m + stop_m) / 2])
@@ -240,7 +247,7 @@ def _foreign_radar(
     spacing_m = check_number(path, "bin_spacing_m", bin_spacing_m, above=0, most=1e4)
     start_m = check_number(path, "range_start_m", range_start_m or 0.0, above=-1e-9, most=1e6)
     notes.append("the pulse is not stated: its range resolution is taken as one range bin")
-    radar = radar_of_facts(
+    radar = make_radar(
         path,
         name=name,
         carrier_hz=carrier_hz,
@@ -293,7 +300,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
     """
     if datatype not in ("cf32_le", "ci16_le"):
         raise RecordingError(f"{path}: datatype = {datatype!r} is not allowed; it must be 'cf32_le' or 'ci16_le'")
-    meta_path, data_path = sigmf_pair(Path(path))
+    meta_path, data_path = find_sigmf_pair(Path(path))
     pairs = np.ascontiguousarray(recording.baseband.values, dtype="<c8").view("<f4")
     content, scale_v = pairs.tobytes(), 1.0  # volts of one unit
     if datatype == "ci16_le":
@@ -302,7 +309,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         content = np.round(pairs.astype(np.float64) / scale_v).astype("<i2").tobytes()
     checksum = hashlib.sha512(content).hexdigest()
     slow_time_s, range_m = recording.slow_time_s, recording.range_m
-    firsts, prf_hz = _even_segments(slow_time_s, recording.radar.prf_hz)
+    firsts, prf_hz = _find_even_segments(slow_time_s, recording.radar.prf_hz)
     common = {
         "core:datatype": datatype,
         "core:version": SPECIFICATION,
@@ -347,13 +354,15 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
             for number, truth in enumerate(recording.truth)
         ],
     }
-    with atomic_path(data_path) as partial:
+    with open_atomically(data_path) as partial:
         partial.write_bytes(content)
-    with atomic_path(meta_path) as partial:
+    with open_atomically(meta_path) as partial:
         partial.write_text(json.dumps(meta, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _even_segments(slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float) -> tuple[npt.NDArray[np.int64], float]:
+def _find_even_segments(
+    slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float
+) -> tuple[npt.NDArray[np.int64], float]:
     """Find the evenly spaced segments of slow time.
 
     Returns the first pulse of each, and the pulses per second in the longest.

@@ -73,7 +73,7 @@ class Metadata:
         return [f"annotated: {', '.join(shown)}"] if shown else []
 
 
-def sigmf_pair(path: Path) -> tuple[Path, Path]:
+def find_sigmf_pair(path: Path) -> tuple[Path, Path]:
     """Return the paths of metadata and samples from either."""
     stem = path.name.removesuffix(META).removesuffix(DATA)
     return path.with_name(stem + META), path.with_name(stem + DATA)
@@ -87,7 +87,7 @@ def read_metadata(path: Path) -> Metadata:
     RecordingError
         If they are missing, no SigMF metadata, or of a kind that is not read.
     """
-    meta_path, data_path = sigmf_pair(path)
+    meta_path, data_path = find_sigmf_pair(path)
     if path.name.endswith(".sigmf"):
         raise RecordingError(
             f"{path}: SigMF archives are not read; unpack it (it is a tar file) and give the .sigmf-meta"
@@ -101,14 +101,14 @@ def read_metadata(path: Path) -> Metadata:
     try:
         content = parse_json(meta_path.read_text(encoding="utf-8"))
         common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
-        return _parse_metadata(meta_path, data_path, dict(common), _objects(captures), _objects(annotations))
+        return _parse_metadata(meta_path, data_path, dict(common), _list_objects(captures), _list_objects(annotations))
     except OSError as error:
         raise RecordingError(f"{meta_path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, LookupError, TypeError) as error:
         raise RecordingError(f"{meta_path}: is damaged or no SigMF metadata: {error}") from None
 
 
-def _objects(values: Any) -> list[dict[str, Any]]:
+def _list_objects(values: Any) -> list[dict[str, Any]]:
     if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
         raise ValueError("captures and annotations must be lists of objects")
     return values

@@ -69,7 +69,7 @@ class ChirpConfig(FrozenModel):
     frame_period_s: float = Field(gt=0, le=60)
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _check_consistency(self) -> Self:
         if any(not 0 <= one <= 3 for one in self.receivers) or list(self.receivers) != sorted(set(self.receivers)):
             raise ValueError(f"receivers: {self.receivers} is not allowed; they must be among 0 to 3, rising")
         if self.n_samples % 2:
@@ -97,7 +97,7 @@ class ChirpConfig(FrozenModel):
         return self.chirps_per_loop * (self.idle_s + self.ramp_s)
 
 
-def config_of(path: Path) -> Path | None:
+def find_config(path: Path) -> Path | None:
     """Return settings next to a sample file, or None.
 
     They have its stem and end in .toml, .json or .cfg; else they are the only .cfg in its folder.
@@ -178,7 +178,7 @@ def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
     return swap == 1
 
 
-def _profile(path: Path, commands: Commands, first: int, last: int) -> list[float]:
+def _find_profile(path: Path, commands: Commands, first: int, last: int) -> list[float]:
     """Return the one profile of the chirps of a frame."""
     if not 0 <= first <= last <= 511:
         raise RecordingError(f"{path}: frameCfg: chirps {first} to {last} are not allowed; they are 0 to 511, rising")
@@ -233,7 +233,7 @@ def _parse_commands(path: Path, text: str) -> dict[str, Any]:
 
     frame, channel, adc = only("frameCfg"), only("channelCfg"), only("adcCfg")
     first, last = int(frame[0]), int(frame[1])
-    profile = _profile(path, commands, first, last)
+    profile = _find_profile(path, commands, first, last)
     if adc[1] not in (0, 1, 2):
         raise RecordingError(f"{path}: adcCfg: output format {adc[1]:g} is not allowed; 0 (real), 1 or 2 (complex)")
     mask = int(channel[0])

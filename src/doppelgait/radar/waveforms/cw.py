@@ -10,7 +10,7 @@ import xarray as xr
 
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
-from doppelgait.radar.link import path_phase_rad, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad
 from doppelgait.radar.parameters import Radar, Waveform
 
 
@@ -40,7 +40,7 @@ class Cw(Waveform):
 
         Each is a exp(j(theta + phi - 4 pi R / lambda)).
         """
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)
         phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
         extra_rad = path_phase_rad(scatterers)

@@ -14,7 +14,7 @@ import xarray as xr
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.link import path_phase_rad, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad
 from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform
 
 
@@ -54,9 +54,9 @@ class Impulse(Waveform):
         """Sum Gaussian echoes, exact with an extra phase per path."""
         from doppelgait.core.kernels.synthesis import add_echoes
 
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        add_echoes(range_m, amplitude_v, *_geometry(radar), out, path_phase_rad(scatterers))
+        add_echoes(range_m, amplitude_v, *_make_geometry(radar), out, path_phase_rad(scatterers))
         return out
 
     def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
@@ -65,10 +65,12 @@ class Impulse(Waveform):
             return super().synthesise_planes(scatterers, radar)
         from doppelgait.core.kernels.synthesis import LANES, echo_planes
 
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         n_pulses = range_m.shape[0]
         planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES))
-        echo_planes(range_m, amplitude_v, *_geometry(radar), 0, 0, planes[0], planes[1], path_phase_rad(scatterers))
+        echo_planes(
+            range_m, amplitude_v, *_make_geometry(radar), 0, 0, planes[0], planes[1], path_phase_rad(scatterers)
+        )
         return Samples.from_planes(planes, n_pulses)
 
     def resolution_m(self, radar: Radar) -> float:
@@ -91,7 +93,7 @@ class Impulse(Waveform):
         }
 
 
-def _geometry(radar: Radar) -> tuple[float, float, float, float, float]:
+def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
     """Return the pulse geometry for the kernels.
 
     First bin, spacing and standard deviation of a pulse in range, wavelength (m), and transmitted phase (rad).

@@ -27,7 +27,7 @@ import xarray as xr
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
-from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
 from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
@@ -52,7 +52,7 @@ class _MatchedPulse(Waveform):
         """Sum the matched-filter responses of all scatterers."""
         from doppelgait.core.kernels.responses import add_responses, add_tabled_responses
 
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         phase_rad = path_phase_rad(scatterers)
         extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
         turns = extra_rad / (2.0 * math.pi) - range_m * (2.0 / radar.wavelength_m)
@@ -139,7 +139,7 @@ class Lfm(_MatchedPulse):
         It is near 0.886 c / (2 B).
         """
         duration_s = _duration_s(radar)
-        width_s = _half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
+        width_s = _compute_half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
         return width_s * SPEED_OF_LIGHT_MPS / 2.0
 
     def coupling_s(self, radar: Radar) -> float:
@@ -204,7 +204,7 @@ def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.
 
 
 @lru_cache(maxsize=64)
-def _half_power_width(time_bandwidth: float) -> float:
+def _compute_half_power_width(time_bandwidth: float) -> float:
     """Return the half-power width of a chirp's response.
 
     In pulse durations; near 0.886 / (B T).

@@ -27,7 +27,7 @@ import xarray as xr
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
+from doppelgait.radar.link import compute_scatterer_arrays, path_phase_rad, radial_velocity_mps
 from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
 
 MAX_SAMPLES = 65_536
@@ -87,7 +87,7 @@ class _Sweep(Waveform):
         """
         from doppelgait.core.kernels.tones import add_tones
 
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         delay_s = range_m * (2.0 / SPEED_OF_LIGHT_MPS)
         beta = radial_velocity_mps(scatterers) * (2.0 / SPEED_OF_LIGHT_MPS)
         slope, step_s = _slope_hz_per_s(radar), 1.0 / radar.sample_rate_hz
@@ -122,32 +122,42 @@ class _Sweep(Waveform):
             return super().synthesise_bins(scatterers, radar)
         from doppelgait.core.kernels.responses import ORDERS, add_sweep_responses
 
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         facts = np.array(
             [
                 per_m, radar.transmit_phase_rad / (2.0 * math.pi), radar.carrier_hz, 0.5 * self.lag * slope,
-                bandwidth_hz, self.lag, radar.carrier_hz * duration_s, bend, self._first_bin(radar), size,
+                bandwidth_hz, self.lag, radar.carrier_hz * duration_s, bend, self._find_first_bin(radar), size,
                 0.5 * ((size - 1) % 2),
             ]
         )  # fmt: skip
         n_columns, n_scatterers = -(-n_bins // VECTOR) * VECTOR, range_m.shape[1]
         turns = np.zeros(n_columns)
-        turns[:n_bins] = self._video_turns(radar)
+        turns[:n_bins] = self._compute_video_turns(radar)
         turn = np.stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)]).astype(np.float32)
         out = np.empty((range_m.shape[0], n_bins), dtype=np.complex64)
         n_halves = -(-2 * size // 8) * 8 + 48
         add_sweep_responses(
-            range_m, velocity_mps, amplitude_v, path_phase_rad(scatterers), facts, taps(),
-            half_bin_responses(radar.range_window, size, n_columns), turn, np.empty((4, n_scatterers), np.float32),
-            np.empty((2, n_scatterers), np.uint64), np.empty((2, ORDERS * n_scatterers), np.float32),
-            np.zeros((2, n_halves), np.float32), np.zeros(n_halves // 8, np.uint8),
-            np.empty((2, n_columns), np.float32), out,
-        )  # fmt: skip
+            range_m,
+            velocity_mps,
+            amplitude_v,
+            path_phase_rad(scatterers),
+            facts,
+            tabulate_taps(),
+            tabulate_half_bin_responses(radar.range_window, size, n_columns),
+            turn,
+            np.empty((4, n_scatterers), np.float32),
+            np.empty((2, n_scatterers), np.uint64),
+            np.empty((2, ORDERS * n_scatterers), np.float32),
+            np.zeros((2, n_halves), np.float32),
+            np.zeros(n_halves // 8, np.uint8),
+            np.empty((2, n_columns), np.float32),
+            out,
+        )
         return out
 
-    def _video_turns(self, radar: Radar) -> npt.NDArray[np.float64]:
+    def _compute_video_turns(self, radar: Radar) -> npt.NDArray[np.float64]:
         """Return turns that remove the residual video phase."""
-        bins = self._first_bin(radar) + np.arange(self.n_range_bins(radar))
+        bins = self._find_first_bin(radar) + np.arange(self.n_range_bins(radar))
         delay_s = bins / float(radar.bandwidth_hz or math.nan)
         return np.asarray(-0.5 * self.lag * _slope_hz_per_s(radar) * delay_s**2)
 
@@ -163,10 +173,10 @@ class _Sweep(Waveform):
         from scipy.fft import ifft
 
         size = self.n_samples(radar)
-        window = range_window(radar.range_window, size)
+        window = make_range_window(radar.range_window, size)
         weights = (window * (size / window.sum())).astype(np.float32)
-        bins = self._first_bin(radar) + np.arange(self.n_range_bins(radar))
-        turns = self._video_turns(radar) - 0.5 * bins * (size - 1) / size
+        bins = self._find_first_bin(radar) + np.arange(self.n_range_bins(radar))
+        turns = self._compute_video_turns(radar) - 0.5 * bins * (size - 1) / size
         turn = np.exp(2j * np.pi * np.mod(turns, 1.0)).astype(np.complex64)
         out = np.empty((samples.shape[0], bins.size), dtype=np.complex64)
         for begin in range(0, samples.shape[0], ROWS):
@@ -186,13 +196,13 @@ class _Sweep(Waveform):
 
         From range_start_m to below range_stop_m.
         """
-        return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._first_bin(radar)
+        return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._find_first_bin(radar)
 
     def first_bin_m(self, radar: Radar) -> float:
         """Return the first transform bin's range inside the frame."""
-        return self._first_bin(radar) * self.bin_spacing_m(radar)
+        return self._find_first_bin(radar) * self.bin_spacing_m(radar)
 
-    def _first_bin(self, radar: Radar) -> int:
+    def _find_first_bin(self, radar: Radar) -> int:
         return math.ceil(radar.range_start_m / self.bin_spacing_m(radar) - 1e-9)
 
     def bin_spacing_m(self, radar: Radar) -> float:
@@ -214,11 +224,11 @@ class _Sweep(Waveform):
 
         sum(w^2) / sum(w)^2; neighbouring bins share noise.
         """
-        return noise_ratio(radar.range_window, self.n_samples(radar))
+        return compute_noise_ratio(radar.range_window, self.n_samples(radar))
 
     def independent_bins(self, radar: Radar) -> float:
         """Return the independent noise values per range bin."""
-        return independent_share(radar.range_window, self.n_samples(radar))
+        return compute_independent_share(radar.range_window, self.n_samples(radar))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
         """Return the range at which echoes fold.
@@ -271,7 +281,7 @@ def _slope_hz_per_s(radar: Radar) -> float:
     return float(radar.bandwidth_hz or 0.0) / (radar.waveform.n_samples(radar) / radar.sample_rate_hz)
 
 
-def range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
+def make_range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
     r"""Return the symmetric window of a sweep without zeros.
 
     .. math:: w_n = \sum_k (-1)^k c_k \cos(2 \pi k (n + 1/2) / S)
@@ -294,7 +304,7 @@ def range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
     return np.asarray(np.sum(terms, axis=0), dtype=np.float64)
 
 
-def _kaiser_bessel() -> float:
+def _find_kaiser_beta() -> float:
     """Return beta of the window that spreads scatterers."""
     from doppelgait.core.kernels.responses import TAPS
 
@@ -302,7 +312,7 @@ def _kaiser_bessel() -> float:
 
 
 @lru_cache(maxsize=1)
-def taps() -> npt.NDArray[np.float32]:
+def tabulate_taps() -> npt.NDArray[np.float32]:
     r"""Tabulate window derivatives at half bins around a scatterer.
 
     The window of Kaiser and Bessel is :math:`I_0(\beta \sqrt s) / I_0(\beta)`, s = 1 - (2 y /
@@ -319,7 +329,7 @@ def taps() -> npt.NDArray[np.float32]:
 
     y = np.arange(TAPS) - TAPS // 2 + 1 - ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     s0, s1, s2 = 1.0 - (2.0 * y / TAPS) ** 2, -8.0 * y / TAPS**2, -4.0 / TAPS**2
-    beta = _kaiser_bessel()
+    beta = _find_kaiser_beta()
     series, power, size = np.zeros((ORDERS, *y.shape)), np.zeros((ORDERS, *y.shape)), 1.0 / float(np.i0(beta))
     power[0] = 1.0
     for k in range(80):
@@ -338,10 +348,10 @@ def taps() -> npt.NDArray[np.float32]:
 
 
 @lru_cache(maxsize=8)
-def half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
+def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
     r"""Tabulate the response of range bins to half bins.
 
-    The scatterers are spread by :func:`taps`.
+    The scatterers are spread by :func:`tabulate_taps`.
 
     .. math:: H(\nu) = \sum_n \frac{w_n}{\hat\varphi(t_n)} \cos(\pi \nu t_n) \Big/ \sum_n w_n
 
@@ -364,9 +374,9 @@ def half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray
 
     from doppelgait.core.kernels.responses import TAPS
 
-    window, t = range_window(name, n_samples), (2 * np.arange(n_samples) + 1) / n_samples - 1.0
+    window, t = make_range_window(name, n_samples), (2 * np.arange(n_samples) + 1) / n_samples - 1.0
     node, weight = np.polynomial.legendre.leggauss(128)
-    shape = weight * np.i0(_kaiser_bessel() * np.sqrt(1.0 - node**2)) / np.i0(_kaiser_bessel()) * (TAPS / 2)
+    shape = weight * np.i0(_find_kaiser_beta() * np.sqrt(1.0 - node**2)) / np.i0(_find_kaiser_beta()) * (TAPS / 2)
     spectrum = np.cos(0.25 * math.pi * TAPS * t[:, None] * node) @ shape
     halves = 2 * np.arange(-n_samples - 8, n_columns + 8) - np.arange(2)[:, None]
     turned = 2 * n_samples * ifft(window / (spectrum * window.sum()), n=2 * n_samples)
@@ -378,17 +388,17 @@ def half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray
     return table
 
 
-def noise_ratio(name: str, n_samples: int) -> float:
+def compute_noise_ratio(name: str, n_samples: int) -> float:
     """Return the noise power ratio of the windowed transform.
 
     sum(w^2) / sum(w)^2, after over before.
     """
-    window = range_window(name, n_samples)
+    window = make_range_window(name, n_samples)
     return float((window**2).sum() / window.sum() ** 2)
 
 
 @lru_cache(maxsize=64)
-def independent_share(name: str, n_samples: int) -> float:
+def compute_independent_share(name: str, n_samples: int) -> float:
     r"""Return the independent noise values per bin.
 
     The window makes neighbouring bins share noise.
@@ -398,7 +408,7 @@ def independent_share(name: str, n_samples: int) -> float:
     is by how much less the power of a sum over many bins is averaged than over independent ones: 1 without a window,
     18/35 for Hann.
     """
-    spectrum = np.fft.fft(range_window(name, n_samples) ** 2)
+    spectrum = np.fft.fft(make_range_window(name, n_samples) ** 2)
     return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
 
 
@@ -410,7 +420,7 @@ def half_power_bins(name: str, n_samples: int) -> float:
     """
     from scipy.optimize import brentq
 
-    window = range_window(name, n_samples)
+    window = make_range_window(name, n_samples)
     place = 2.0 * math.pi * (np.arange(n_samples) - 0.5 * (n_samples - 1)) / n_samples
 
     def excess(offset_bins: float) -> float:

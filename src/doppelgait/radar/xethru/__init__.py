@@ -1,6 +1,6 @@
 """XeThru recordings, as the vendor's recorder writes them."""
 
-from doppelgait.radar.xethru.convert import recording_from_xethru
+from doppelgait.radar.xethru.convert import read_xethru_recording
 from doppelgait.radar.xethru.downconvert import down_convert_frames, up_convert_frames
 from doppelgait.radar.xethru.export import write_xethru_recording
 from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru, sniff_xethru
@@ -9,6 +9,6 @@ from doppelgait.radar.xethru.writer import Splitting, TimedRecord, write_xethru
 
 __all__ = [
     "DATA_TYPES", "Splitting", "TimedRecord", "XethruRecording", "XethruStream", "down_convert_frames", "make_records",
-    "read_xethru", "recording_from_xethru", "sniff_xethru", "up_convert_frames", "write_xethru",
+    "read_xethru", "read_xethru_recording", "sniff_xethru", "up_convert_frames", "write_xethru",
     "write_xethru_recording",
 ]  # fmt: skip

@@ -17,10 +17,10 @@ import numpy.typing as npt
 from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
-from doppelgait.radar.measured import check_number, label_measured, preset_radar
+from doppelgait.radar.measured import adapt_preset, check_number, label_measured
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.xethru.downconvert import FrameFilter, chip_gain, down_convert_frames, with_filter_noise
+from doppelgait.radar.xethru.downconvert import FrameFilter, change_filter_noise, compute_chip_gain, down_convert_frames
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 
 COUNTER_PERIOD = 2**32
@@ -28,7 +28,7 @@ LARGEST_GAP = 1_000_000
 """A counter that jumps further was restarted or is damaged; nothing follows from it."""
 
 
-def frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
+def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
     """Derive frame numbers from 32-bit counters, and count lost frames.
 
     Parameters
@@ -138,7 +138,7 @@ class Records:
 
 
 @plugin("radar_reader", "xethru", sniff=sniff_xethru, suffixes=("folder", ".dat"))
-def recording_from_xethru(
+def read_xethru_recording(
     path: str | os.PathLike[str],
     *,
     data_type: str | None = None,
@@ -235,7 +235,7 @@ def recording_from_xethru(
         raise RecordingError(f"{file}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
     source = Records(file, name, records, content.streams[name].time_ms, options)
     # frame rate from the times of the records; warns of lost frames
-    numbers, n_lost, n_gaps = frame_numbers(source.counters)
+    numbers, n_lost, n_gaps = derive_frame_numbers(source.counters)
     if n_lost:
         warn_caller(
             f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(records):,} "
@@ -267,7 +267,7 @@ def convert_records(
 ) -> tuple[npt.NDArray[np.complex64], Radar, npt.NDArray[np.float64]]:
     """Convert records to volts.
 
-    The options are those of :func:`recording_from_xethru`; ``rate_hz`` is the frame rate where the records state none.
+    The options are those of :func:`read_xethru_recording`; ``rate_hz`` is the frame rate where the records state none.
 
     Returns
     -------
@@ -288,7 +288,7 @@ def convert_records(
         if value is not None:
             source.notes.append(f"{option} = {value}: set by the user")
         elif HEADER_FIELDS[option] in (source.records.dtype.names or ()):
-            value = _constant(source, HEADER_FIELDS[option])
+            value = _read_constant(source, HEADER_FIELDS[option])
         if option == "prf_hz" and not value and rate_hz is not None:
             value = rate_hz
             source.notes.append(f"prf_hz = {value:.6g}: not in the records, measured from their times")
@@ -301,7 +301,7 @@ def convert_records(
     else:
         values = _from_datafloat(source, iq) if source.name == "datafloat" else _from_pairs(source)
         range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
-    made = preset_radar(
+    made = adapt_preset(
         source.path, radar, n_range_bins=range_m.size, range_start_m=float(range_m[0]),
         prf_hz=facts["prf_hz"], carrier_hz=facts["carrier_hz"],
     )  # fmt: skip
@@ -310,7 +310,7 @@ def convert_records(
     source.notes.append(f"1 unit of baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file")
     with np.errstate(over="ignore", invalid="ignore"):
         volts = np.asarray(scale_v * (np.conj(values) if conjugate else values), dtype=np.complex64)
-    return volts, with_filter_noise(made, filter) if is_rf else made, range_m
+    return volts, change_filter_noise(made, filter) if is_rf else made, range_m
 
 
 def _refuse_missing(source: Records, missing: list[str]) -> None:
@@ -322,7 +322,7 @@ def _refuse_missing(source: Records, missing: list[str]) -> None:
         )
 
 
-def _constant(source: Records, name: str) -> float:
+def _read_constant(source: Records, name: str) -> float:
     """Return a header field that all records share.
 
     As the shortest decimal number that is this float32.
@@ -384,7 +384,9 @@ def _from_rf(
         frames = source.records["values"].astype(float)
     source.notes.append(f"real RF samples, down-converted on reading with the {filter} filter")
     if "sample_rate_hz" in (source.records.dtype.names or ()):
-        sample_rate_hz = check_number(source.path, "sample_rate_hz", _constant(source, "sample_rate_hz"), above=0.0)
+        sample_rate_hz = check_number(
+            source.path, "sample_rate_hz", _read_constant(source, "sample_rate_hz"), above=0.0
+        )
     else:
         sample_rate_hz = DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
     try:
@@ -394,4 +396,4 @@ def _from_rf(
         )  # fmt: skip
     except RecordingError as error:
         raise RecordingError(f"{source.path}: {error}") from None
-    return np.float32(chip_gain(facts["carrier_hz"], sample_rate_hz, filter)) * values, range_m
+    return np.float32(compute_chip_gain(facts["carrier_hz"], sample_rate_hz, filter)) * values, range_m

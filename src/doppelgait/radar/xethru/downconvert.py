@@ -5,8 +5,8 @@ For chips that sample the carrier itself.
 Units: one unit of the X4's files is 1024 codes of its threshold DAC, in RF frames and in the chip's own baseband. A
 sinusoid of amplitude A in RF has 0.78 A in that baseband, the gain of the chip's taps. ``volts_per_unit`` of a preset
 is of the baseband, and volts are those of the RF amplitude: 1 unit of RF is 0.78 ``volts_per_unit``. What reads RF
-frames therefore multiplies what a filter gives by :func:`chip_gain`, so that an echo has the same volts by either
-filter, and those of the same echo in the chip's own baseband.
+frames therefore multiplies what a filter gives by :func:`compute_chip_gain`, so that an echo has the same volts by
+either filter, and those of the same echo in the chip's own baseband.
 
 The recordings of such chips hold real samples of every echo, carrier included. :func:`down_convert_frames` makes
 baseband of them as a host does (mix, low-pass, keep every D-th sample) or, with ``filter="chip"``, as the X4 does.
@@ -117,7 +117,7 @@ def down_convert_frames(
         raise RecordingError(
             f"bin_length_m {bin_length_m} and range_start_m {range_start_m}: the first must be above 0, both finite"
         )
-    taps, centre = _complex_taps(carrier_hz / sample_rate_hz, decimation, filter)
+    taps, centre = _make_complex_taps(carrier_hz / sample_rate_hz, decimation, filter)
     if samples.shape[1] < taps.size:
         raise RecordingError(
             f"RF frames of {samples.shape[1]} samples are shorter than the {taps.size} taps of the {filter} filter; "
@@ -138,13 +138,17 @@ def down_convert_frames(
     return result * mixer.astype(np.complex64), range_start_m + spacing_m * (starts + centre)
 
 
-def chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> float:
+def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> float:
     """Return the gain of the chip's filter over another's.
 
     1 for ``"chip"``, 1.56 (low band) or 1.54 for ``"hamming"``; another carrier counts to the nearer band.
     """
     band = min(CHIP_CARRIER, key=lambda name: abs(CHIP_CARRIER[name] - carrier_hz / sample_rate_hz))
-    return 1.0 if filter == "chip" else _gain(CHIP_CARRIER[band], 8, "chip") / _gain(CHIP_CARRIER[band], 8, filter)
+    return (
+        1.0
+        if filter == "chip"
+        else _compute_gain(CHIP_CARRIER[band], 8, "chip") / _compute_gain(CHIP_CARRIER[band], 8, filter)
+    )
 
 
 def filter_noise(
@@ -160,16 +164,16 @@ def filter_noise(
         Correlation of bins 1, 2, ... apart, as far as the filter reaches; its small imaginary part is left out.
     """
     cycles = carrier_hz / sample_rate_hz
-    taps, _ = _complex_taps(cycles, decimation, filter)
+    taps, _ = _make_complex_taps(cycles, decimation, filter)
     energy = float((np.abs(taps) ** 2).sum())
     correlation = []
     for shift in range(decimation, taps.size, decimation):
         product = (taps[:-shift].conj() * taps[shift:]).sum() * np.exp(2j * np.pi * cycles * shift)
         correlation.append(float(product.real) / energy)
-    return sample_rate_hz * energy / (2.0 * _gain(cycles, decimation, filter)) ** 2, tuple(correlation)
+    return sample_rate_hz * energy / (2.0 * _compute_gain(cycles, decimation, filter)) ** 2, tuple(correlation)
 
 
-def with_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
+def change_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
     """Return a chip's radar with the noise of another filter.
 
     Bandwidth and correlation of what RF frames were down-converted with; a radar that states no correlation is left.
@@ -180,13 +184,13 @@ def with_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
     return radar.model_copy(update={"noise_bandwidth_hz": bandwidth_hz, "noise_correlation": correlation})
 
 
-def _gain(cycles_per_sample: float, decimation: int, filter: FrameFilter) -> float:
+def _compute_gain(cycles_per_sample: float, decimation: int, filter: FrameFilter) -> float:
     """Return the baseband amplitude of a unit carrier."""
-    taps, _ = _complex_taps(cycles_per_sample, decimation, filter)
+    taps, _ = _make_complex_taps(cycles_per_sample, decimation, filter)
     return float(abs((taps * np.exp(2j * np.pi * cycles_per_sample * np.arange(taps.size))).sum())) / 2.0
 
 
-def _complex_taps(
+def _make_complex_taps(
     cycles_per_sample: float, decimation: int, filter: FrameFilter
 ) -> tuple[npt.NDArray[np.complex128], float]:
     """Return filter and mixer in one, and its centre.

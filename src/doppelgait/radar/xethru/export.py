@@ -22,7 +22,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL
-from doppelgait.radar.xethru.downconvert import chip_gain, up_convert_frames
+from doppelgait.radar.xethru.downconvert import compute_chip_gain, up_convert_frames
 from doppelgait.radar.xethru.records import make_records
 from doppelgait.radar.xethru.writer import NO_SPLITTING, Splitting, TimedRecord, write_xethru
 
@@ -60,7 +60,7 @@ def write_xethru_recording(
 ) -> Path:
     """Write a recording as XeThru files.
 
-    :func:`~doppelgait.radar.xethru.recording_from_xethru` reads it back.
+    :func:`~doppelgait.radar.xethru.read_xethru_recording` reads it back.
 
     Amplitudes become the driver's unit by ``radar.volts_per_unit`` (1 V where the radar has none), which is the unit of
     the chip's baseband: RF frames are larger by the inverse of the chip's gain, 1 / 0.78. Bin length and
@@ -134,7 +134,7 @@ def write_xethru_recording(
     )
     return write_xethru(
         folder,
-        _timed_records(frames),
+        _make_timed_records(frames),
         start_time=start_time,
         session_id=session_id,
         profile_id=profile_id,
@@ -143,17 +143,17 @@ def write_xethru_recording(
     )
 
 
-def _timed_records(frames: _Frames) -> Iterator[TimedRecord]:
+def _make_timed_records(frames: _Frames) -> Iterator[TimedRecord]:
     slow_time_s = frames.recording.slow_time_s
     times_ms = np.rint(1000.0 * (slow_time_s - slow_time_s[0])).astype(np.int64)
     for first in range(0, len(times_ms), CHUNK_FRAMES):
-        records = _records(frames, slice(first, first + CHUNK_FRAMES), first)
+        records = _make_records(frames, slice(first, first + CHUNK_FRAMES), first)
         content, size = records.tobytes(), records.dtype.itemsize
         for number, time_ms in enumerate(times_ms[first : first + CHUNK_FRAMES]):
             yield TimedRecord(int(time_ms), frames.name, content[number * size : (number + 1) * size])
 
 
-def _records(frames: _Frames, part: slice, first: int) -> npt.NDArray[np.void]:
+def _make_records(frames: _Frames, part: slice, first: int) -> npt.NDArray[np.void]:
     values = frames.values[part]
     counters = (first + 1 + np.arange(len(values))) % 2**32
     if frames.name == "datafloat":
@@ -165,10 +165,10 @@ def _records(frames: _Frames, part: slice, first: int) -> npt.NDArray[np.void]:
     if frames.name.startswith("radar_baseband_"):
         head |= {"decimation": frames.recording.radar.decimation, "correction_bin": 0}
         head |= {"correction_i": 0.0, "correction_q": 0.0}
-    return make_records(frames.name, **head, **_payload(frames, values))
+    return make_records(frames.name, **head, **_make_payload(frames, values))
 
 
-def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
+def _make_payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, Any]:
     if frames.name == "baseband_ap":
         return {"amplitude": np.abs(values), "phase_rad": np.angle(values)}
     if frames.name == "radar_baseband_q15":
@@ -188,7 +188,7 @@ def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, An
         decimation=frames.recording.radar.decimation,
         range_start_m=frames.head["range_start_m"],
         bin_length_m=frames.head["bin_length_m"],
-    ) / chip_gain(frames.head["carrier_hz"], frames.head["sample_rate_hz"], "hamming")
+    ) / compute_chip_gain(frames.head["carrier_hz"], frames.head["sample_rate_hz"], "hamming")
     if frames.name == "radar_rf_normalized":
         return {"values": rf}
     # counters of a threshold sweep around 0; what lies outside it is clipped, as on the chip

@@ -20,8 +20,8 @@ from doppelgait.radar.xethru.records import (
     META_NAME,
     DataType,
     Meta,
-    data_type_of_file,
-    data_type_of_mask,
+    find_data_type_by_file,
+    find_data_type_by_mask,
     iterate,
     parse_meta,
     parse_records,
@@ -122,7 +122,7 @@ class XethruRecording:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _DataContent:
     """Content of one data file."""
 
     kind: DataType
@@ -141,12 +141,12 @@ def sniff_xethru(path: str | os.PathLike[str]) -> bool:
         A folder, a meta file or a data file. Of a file at most 64 bytes are read.
     """
     try:
-        place = _main_path(Path(path))
+        place = _find_main_path(Path(path))
         with place.open("rb") as file:
             head = file.read(HEAD_BYTES)
         if head.startswith(MAGIC_BYTES):
             return True
-        kind = data_type_of_file(place.name)
+        kind = find_data_type_by_file(place.name)
         if kind is None or not head:
             return False
         if not kind.header or (place.parent / META_NAME).is_file():
@@ -178,15 +178,15 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
         If there is no such file, it is no XeThru recording, its meta file is damaged, or a data file is missing. A data
         file that is cut off or damaged is read up to there, with a :class:`DoppelgaitWarning` that says how far.
     """
-    place = _main_path(Path(path))
+    place = _find_main_path(Path(path))
     try:
-        if data_type_of_file(place.name) is not None:
+        if find_data_type_by_file(place.name) is not None:
             # one data file, with its times where a good meta file in its folder lists it
             file = place
             if not file.is_file():
                 raise RecordingError(f"{file}: there is no such file")
-            kind = data_type_of_file(file.name)
-            meta, reason = _listing_meta(file)
+            kind = find_data_type_by_file(file.name)
+            meta, reason = _find_listing_meta(file)
             if meta is not None:
                 return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
             content = _read_bytes(file)
@@ -196,13 +196,15 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
                 raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
             warn_caller(f"{file}: read without the times of its records: {reason}")
             none = np.empty(0, dtype=np.int64)
-            stream = _text_stream(kind, content, none) if kind.text else _binary_stream(file, kind, content, None)
+            stream = (
+                _read_text_stream(kind, content, none) if kind.text else _read_binary_stream(file, kind, content, None)
+            )
             if not len(stream):
                 raise RecordingError(
                     f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind"
                 )
-            return _join(file, [_Piece(kind, stream)], ())
-        chain = _chain(place)
+            return _join(file, [_DataContent(kind, stream)], ())
+        chain = _list_chain(place)
         pieces = []
         for meta_path, meta in chain:
             shift_ms = meta.start_ms - chain[0][1].start_ms
@@ -217,7 +219,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
         raise RecordingError(f"{place}: cannot be read: {error.strerror or error}") from None
 
 
-def _main_path(path: Path) -> Path:
+def _find_main_path(path: Path) -> Path:
     """Return the file to start from.
 
     A folder's meta file, else its first part's, else its only data file.
@@ -226,19 +228,19 @@ def _main_path(path: Path) -> Path:
         return path
     if (path / META_NAME).is_file():
         return path / META_NAME
-    parts = sorted((p for p in path.glob(f"*/{META_NAME}") if p.is_file()), key=_part_number)
+    parts = sorted((p for p in path.glob(f"*/{META_NAME}") if p.is_file()), key=_parse_part_number)
     if parts:
         return parts[0]
-    files = sorted(p for p in path.glob("xethru_*") if data_type_of_file(p.name) is not None)
+    files = sorted(p for p in path.glob("xethru_*") if find_data_type_by_file(p.name) is not None)
     return files[0] if len(files) == 1 else path / META_NAME
 
 
-def _part_number(meta: Path) -> tuple[int, str]:
+def _parse_part_number(meta: Path) -> tuple[int, str]:
     number = meta.parent.name.rpartition("_")[2]
     return (int(number) if number.isascii() and number.isdecimal() and len(number) < 10 else 0, meta.parent.name)
 
 
-def _chain(first: Path) -> list[tuple[Path, Meta]]:
+def _list_chain(first: Path) -> list[tuple[Path, Meta]]:
     """Return the meta files of a recording in order."""
     found: list[tuple[Path, Meta]] = []
     seen: set[Path] = set()
@@ -266,13 +268,13 @@ def _chain(first: Path) -> list[tuple[Path, Meta]]:
     raise RecordingError(f"{first}: is split over more than {MAX_PARTS:,} folders")
 
 
-def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
+def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _DataContent:
     entries = meta.records
     entries = entries[entries["file"] == number]
     header = entries["data_type"] >> 31 == 1
     masks = entries["data_type"][~header]
-    named = data_type_of_file(file.name)
-    kind = data_type_of_mask(int(masks[0])) if masks.size else named
+    named = find_data_type_by_file(file.name)
+    kind = find_data_type_by_mask(int(masks[0])) if masks.size else named
     if kind is None or np.any(masks != kind.mask) or (named is not None and named != kind):
         raise RecordingError(
             f"{file}: the meta file gives its records the data types {sorted({int(m) for m in masks})[:4]}; one known "
@@ -286,9 +288,9 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
     first = min(int(entries["size"][header].sum(dtype=np.int64)), len(content))
     times = entries["time_ms"][~header].astype(np.int64) + shift_ms
     if kind.text:
-        stream = _text_stream(kind, content[first:], times)
+        stream = _read_text_stream(kind, content[first:], times)
     elif kind.header:
-        stream = _binary_stream(file, kind, content[first:], times)
+        stream = _read_binary_stream(file, kind, content[first:], times)
     else:
         entries = entries[~header]
         ends = entries["offset"] + entries["size"].astype(np.int64)
@@ -300,7 +302,7 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
             raise RecordingError(f"{file}: its records overlap by the meta file in its folder, which is damaged")
         raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
         stream = XethruStream(kind, time_ms=times[:count], raw=raw)
-    return _Piece(kind, stream, content[:first])
+    return _DataContent(kind, stream, content[:first])
 
 
 def _read_bytes(file: Path) -> bytes:
@@ -310,7 +312,9 @@ def _read_bytes(file: Path) -> bytes:
     return content
 
 
-def _binary_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None) -> XethruStream:
+def _read_binary_stream(
+    file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None
+) -> XethruStream:
     blocks, used = parse_records(content, kind)
     count = sum(map(len, blocks))
     if used < len(content) or (times is not None and count != times.size):
@@ -322,12 +326,12 @@ def _binary_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArra
     return XethruStream(kind, tuple(blocks), time_ms=known)
 
 
-def _text_stream(kind: DataType, content: bytes, times: npt.NDArray[np.int64]) -> XethruStream:
+def _read_text_stream(kind: DataType, content: bytes, times: npt.NDArray[np.int64]) -> XethruStream:
     lines = tuple(content.decode("utf-8", errors="replace").splitlines())
     return XethruStream(kind, time_ms=times[: len(lines)], lines=lines)
 
 
-def _listing_meta(file: Path) -> tuple[Meta | None, str]:
+def _find_listing_meta(file: Path) -> tuple[Meta | None, str]:
     place = file.parent / META_NAME
     if not place.is_file():
         return None, f"there is no {META_NAME} in its folder"
@@ -338,7 +342,7 @@ def _listing_meta(file: Path) -> tuple[Meta | None, str]:
     return (meta, "") if file.name in meta.file_names else (None, f"the {META_NAME} in its folder does not list it")
 
 
-def _join(path: Path, pieces: Sequence[_Piece], metas: tuple[Meta, ...]) -> XethruRecording:
+def _join(path: Path, pieces: Sequence[_DataContent], metas: tuple[Meta, ...]) -> XethruRecording:
     streams: dict[str, list[XethruStream]] = {}
     headers: dict[str, bytes] = {}
     for piece in pieces:

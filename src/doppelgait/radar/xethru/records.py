@@ -148,7 +148,7 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
             f"of entries inside the {len(content):,} bytes of the file"
         )
     meta = Meta(
-        start_ms=head[2], session_id=_text(content, HEAD.size, session_bytes, where), version=version,
+        start_ms=head[2], session_id=_read_text(content, HEAD.size, session_bytes, where), version=version,
         flag=head[3], duration_ms=head[4], profile_id=head[10], file_names=(),
         entries=np.frombuffer(content, ENTRY, (trailer_at - table_at) // ENTRY.itemsize, table_at),
     )  # fmt: skip
@@ -159,7 +159,7 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
     names, at = [], trailer_at + TRAILER_HEAD.size
     seen: set[str] = set()
     for _ in range(n_files):  # a damaged number of files ends at the first name that is not there
-        name, at = _sized_text(content, at, where)
+        name, at = _read_sized_text(content, at, where)
         if name in seen:
             raise RecordingError(f"{where}: names the data file {name[:80]!r} twice; each is read once")
         names.append(name)
@@ -168,7 +168,7 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
             raise RecordingError(
                 f"{where}: names the data file {name!r}; only a file in the folder of the meta file is allowed"
             )
-    following = "" if next_at == NO_NEXT else _sized_text(content, next_at, where)[0]
+    following = "" if next_at == NO_NEXT else _read_sized_text(content, next_at, where)[0]
     entries = meta.entries
     wrong = np.flatnonzero(
         ~np.isin(entries["kind"], (RECORD, FILE_CLOSED)) | (entries["file"] >= n_files) | (entries["offset"] < 0)
@@ -183,15 +183,15 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
     return replace(meta, file_names=tuple(names), next_meta=following, trailer_ms=time_ms)
 
 
-def _sized_text(content: bytes, at: int, where: str) -> tuple[str, int]:
+def _read_sized_text(content: bytes, at: int, where: str) -> tuple[str, int]:
     if not 0 <= at <= len(content) - LENGTH.size:
         raise RecordingError(f"{where}: is cut off or damaged: a name should be at byte {at:,} of {len(content):,}")
     (length,) = LENGTH.unpack_from(content, at)
     start = at + LENGTH.size
-    return _text(content, start, length, where), start + length
+    return _read_text(content, start, length, where), start + length
 
 
-def _text(content: bytes, at: int, length: int, where: str) -> str:
+def _read_text(content: bytes, at: int, length: int, where: str) -> str:
     raw = content[at : at + length]
     if len(raw) != length or not raw.endswith(b"\0"):
         raise RecordingError(
@@ -298,7 +298,7 @@ DATA_TYPES: dict[str, DataType] = {entry.name: entry for entry in _TYPES}
 _BY_MASK = {entry.mask: entry for entry in _TYPES}
 
 
-def data_type(name: str) -> DataType:
+def find_data_type(name: str) -> DataType:
     """Return the data type of a name.
 
     An unknown one is a :class:`RecordingError` that lists them.
@@ -308,12 +308,12 @@ def data_type(name: str) -> DataType:
     return DATA_TYPES[name]
 
 
-def data_type_of_mask(mask: int) -> DataType | None:
+def find_data_type_by_mask(mask: int) -> DataType | None:
     """Return the data type of a bit mask, or None."""
     return _BY_MASK.get(mask)
 
 
-def data_type_of_file(file_name: str) -> DataType | None:
+def find_data_type_by_file(file_name: str) -> DataType | None:
     """Return the data type by file name, or None."""
     for entry in sorted(_TYPES, key=lambda one: -len(one.name)):
         if file_name.startswith(entry.base_name + "_") and file_name.endswith(entry.suffix):
@@ -371,7 +371,7 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
     RecordingError
         If a field is missing or unknown, or the arrays do not fit each other.
     """
-    kind = data_type(name)
+    kind = find_data_type(name)
     names = {field for field, _ in (*kind.header, *kind.payload)} - {"count"}
     if wrong := sorted(names ^ set(fields)):
         raise RecordingError(
@@ -411,13 +411,13 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
         Bytes that they take; less than the length of ``content`` if it ends in, or holds, something that is no record.
     """
     blocks, offset = [], 0
-    while (found := _next_block(content, kind, offset)) is not None:
+    while (found := _find_next_block(content, kind, offset)) is not None:
         blocks.append(found)
         offset += found.nbytes
     return blocks, offset
 
 
-def _next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt.NDArray[np.void] | None:
+def _find_next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt.NDArray[np.void] | None:
     """Return the next run of equally long records, or None.
 
     They start at ``offset``; None if there is no whole one.

@@ -16,7 +16,16 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import OutputError, RecordingError
-from doppelgait.radar.xethru.records import ENTRY, FILE_CLOSED, META_NAME, RECORD, DataType, Meta, data_type, pack_meta
+from doppelgait.radar.xethru.records import (
+    ENTRY,
+    FILE_CLOSED,
+    META_NAME,
+    RECORD,
+    DataType,
+    Meta,
+    find_data_type,
+    pack_meta,
+)
 
 WRITING = ".writing"
 """Ending of files that are still open."""
@@ -199,16 +208,16 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
             raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
         if part is not None and _is_full(part, record.time_ms, job.splitting.folder_bytes, job.splitting.folder_ms):
             stop = stops_ms[number - 1] if len(stops_ms) >= max(number, 2) else part.last_ms
-            _close_part(job, part, stop_ms=_checked_stop(stop, part), following=_part_name(job, number))
+            _close_part(job, part, stop_ms=_check_stop(stop, part), following=_name_part(job, number))
             part = None
         if part is None:
             split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
-            folder = job.root / _part_name(job, number) if split else job.root
+            folder = job.root / _name_part(job, number) if split else job.root
             folder.mkdir(exist_ok=True)
             opened_ms = record.time_ms if number else 0
             part = _Part(folder, job.start_time + timedelta(milliseconds=opened_ms), opened_ms, opened_ms)
             number += 1
-        kind = data_type(record.data_type)
+        kind = find_data_type(record.data_type)
         file = part.open_files.get(kind.name)
         if file is not None and _is_full(file, record.time_ms, None, job.splitting.file_ms):
             _close_file(job, part, file, part.last_ms)
@@ -230,10 +239,10 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
     if part is None:
         raise RecordingError("a XeThru recording needs one record or more; there is none")
     stop = stops_ms[-1] if stops_ms else part.last_ms
-    _close_part(job, part, stop_ms=_checked_stop(stop, part), duration_ms=duration_ms)
+    _close_part(job, part, stop_ms=_check_stop(stop, part), duration_ms=duration_ms)
 
 
-def _checked_stop(stop_ms: int, part: _Part) -> int:
+def _check_stop(stop_ms: int, part: _Part) -> int:
     if not part.last_ms <= stop_ms <= MAX_TIME_MS:
         raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {part.last_ms}, the last record, or later")
     return stop_ms
@@ -244,7 +253,7 @@ def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, l
     return too_long or (limit_ms is not None and time_ms - opened.opened_ms >= limit_ms)
 
 
-def _part_name(job: _Job, number: int) -> str:
+def _name_part(job: _Job, number: int) -> str:
     return f"{job.root.name}_{number}"
 
 

@@ -172,7 +172,7 @@ def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex,
         The tm coefficient keeps the upright direction of the field over a floor; it is -1 at grazing, like te.
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
-    inside = _inside(cosine, permittivity)
+    inside = _refract(cosine, permittivity)
     outside = cosine if mode == "te" else permittivity * cosine
     return np.asarray((outside - inside) / (outside + inside), dtype=np.complex128)
 
@@ -200,7 +200,7 @@ def slab_reflection(
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r = interface_reflection(cosine, permittivity=permittivity, mode=mode)
-    back = np.exp(-2j * _slab_phase(cosine, permittivity, thickness_m, wavelength_m))
+    back = np.exp(-2j * _compute_slab_phase(cosine, permittivity, thickness_m, wavelength_m))
     return np.asarray(r * (1.0 - back) / (1.0 - r * r * back))
 
 
@@ -228,7 +228,7 @@ def slab_transmission(
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
-    once = np.exp(-1j * _slab_phase(cosine, permittivity, thickness_m, wavelength_m))
+    once = np.exp(-1j * _compute_slab_phase(cosine, permittivity, thickness_m, wavelength_m))
     return np.asarray((1.0 - r2) * once / (1.0 - r2 * once * once))
 
 
@@ -260,7 +260,7 @@ def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickne
     return np.asarray((np.sqrt(permittivity.real - 1.0 + cosine**2) - cosine) * thickness_m)
 
 
-def slab_spreading(
+def compute_slab_spreading(
     cos_incidence: npt.ArrayLike, range_m: npt.ArrayLike, *, permittivity: complex, thickness_m: float
 ) -> FloatArray:
     r"""Compute the two-way power gain inside a slab.
@@ -298,7 +298,7 @@ def slab_spreading(
     return np.asarray(1.0 / np.maximum(product * product, 1e-24))  # along the wall nothing comes through
 
 
-def sampled(
+def interpolate_coefficient(
     coefficient: Callable[[FloatArray], ComplexArray],
     cos_incidence: FloatArray,
     *,
@@ -335,7 +335,7 @@ def sampled(
     return np.asarray(values, dtype=np.complex128).reshape(cos_incidence.shape)
 
 
-def te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
+def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
     """Compute the TE share at an upright wall.
 
     The wave is vertically polarised; the share is one of power.
@@ -358,7 +358,7 @@ def te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray
     return share
 
 
-def _inside(cosine: FloatArray, permittivity: complex) -> ComplexArray:
+def _refract(cosine: FloatArray, permittivity: complex) -> ComplexArray:
     """Compute sqrt(eps - sin^2).
 
     It is the normal component of the wave vector in the medium over that in air at normal incidence.
@@ -371,5 +371,7 @@ def _inside(cosine: FloatArray, permittivity: complex) -> ComplexArray:
     return out
 
 
-def _slab_phase(cosine: FloatArray, permittivity: complex, thickness_m: float, wavelength_m: float) -> ComplexArray:
-    return np.asarray(2.0 * np.pi * thickness_m / wavelength_m * _inside(cosine, permittivity))
+def _compute_slab_phase(
+    cosine: FloatArray, permittivity: complex, thickness_m: float, wavelength_m: float
+) -> ComplexArray:
+    return np.asarray(2.0 * np.pi * thickness_m / wavelength_m * _refract(cosine, permittivity))

@@ -16,18 +16,18 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.labels import axis, label_table, label_values, replace_values
+from doppelgait.core.labels import label_table, label_values, read_axis, replace_values
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
     Material,
     Mode,
     Polarisation,
+    compute_te_share,
     interface_reflection,
+    interpolate_coefficient,
     relative_permittivity,
-    sampled,
     slab_reflection,
-    te_share,
 )
 from doppelgait.scene.environment.registry import Setting
 
@@ -83,7 +83,7 @@ class Rays:
         return np.asarray(self.x_m * math.cos(azimuth_rad) + self.y_m * math.sin(azimuth_rad))
 
 
-def direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
+def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
     """Return the direct paths of a table.
 
     Raises
@@ -128,7 +128,7 @@ def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
     return np.asarray(np.gradient(values, slow_time_s, axis=0, edge_order=2 if slow_time_s.size > 2 else 1))
 
 
-def image_length(
+def compute_image_length(
     rays: Rays, *, radar_distance_m: float, target_distance_m: FloatArray, target_rate_mps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Compute length and approach speed of once reflected paths.
@@ -153,13 +153,13 @@ def image_length(
     return length_m, -rate / np.maximum(length_m, 1e-12)
 
 
-def originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
+def find_originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
     """Return indices of the rows that are no images.
 
     Images of images are left out.
     """
-    names = np.char.endswith(axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
-    return np.flatnonzero(~(names & (axis(scatterers, "target") == -1)))
+    names = np.char.endswith(read_axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
+    return np.flatnonzero(~(names & (read_axis(scatterers, "target") == -1)))
 
 
 def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
@@ -206,7 +206,7 @@ def add_images(
     """
     from doppelgait.core.kernels.images import fill_images
 
-    table = with_phase(scatterers)
+    table = add_path_phase(scatterers)
     n_rows, n_images = table.sizes["scatterer"], columns.size
     first, second = slice(n_rows, n_rows + n_images), slice(n_rows + n_images, None)
     values: dict[str, FloatArray] = {}
@@ -235,7 +235,7 @@ def add_images(
     return label_table(values, coords, {**table.attrs, "mirrors": mirrors})
 
 
-def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
+def add_path_phase(scatterers: xr.Dataset) -> xr.Dataset:
     """Return the table with ``path_phase``.
 
     It is 0 where it was missing.
@@ -246,7 +246,7 @@ def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
     return replace_values(scatterers, path_phase=np.zeros(shape))
 
 
-def phase_of(scatterers: xr.Dataset) -> FloatArray | float:
+def read_path_phase(scatterers: xr.Dataset) -> FloatArray | float:
     """Return ``path_phase`` of the table, 0 where it is missing."""
     return np.asarray(scatterers["path_phase"].values) if "path_phase" in scatterers else 0.0
 
@@ -303,14 +303,14 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
             f"environment effect {spec.kind!r}: the radar is at a height of {height_m:g} m; it must be above the floor "
             "at z = 0: raise radar_position_m[2]"
         )
-    columns = originals(scatterers)
-    direct = take(direct_rays(scatterers, effect=spec.kind), columns)
+    columns = find_originals(scatterers)
+    direct = take(make_direct_rays(scatterers, effect=spec.kind), columns)
     above_m = np.maximum(height_m + direct.z_m, 0.0)
-    length_m, velocity_mps = image_length(
+    length_m, velocity_mps = compute_image_length(
         direct,
         radar_distance_m=height_m,
         target_distance_m=above_m,
-        target_rate_mps=rate_per_s(above_m, axis(scatterers, "slow_time")),
+        target_rate_mps=rate_per_s(above_m, read_axis(scatterers, "slow_time")),
     )
     down_m = height_m + above_m
     return add_images(
@@ -318,20 +318,22 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
         columns,
         direct=direct,
         image=Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m),
-        reflection=floor_reflection(np.minimum(down_m / length_m, 1.0), spec, setting.wavelength_m),
+        reflection=compute_floor_reflection(np.minimum(down_m / length_m, 1.0), spec, setting.wavelength_m),
         endings=(ONE_REFLECTION, TWO_REFLECTIONS),
         plane=((0.0, 0.0, 1.0), height_m),
     )
 
 
-def floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: float) -> ComplexArray:
+def compute_floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: float) -> ComplexArray:
     """Compute the coefficient of a bounce off a rough floor.
 
     It is Fresnel's at the sine of the grazing angle, 0 to 1, times that of the roughness.
     """
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
     mode: Mode = "tm" if spec.polarisation == "vertical" else "te"
-    smooth = sampled(lambda sine: interface_reflection(sine, permittivity=permittivity, mode=mode), sin_grazing)
+    smooth = interpolate_coefficient(
+        lambda sine: interface_reflection(sine, permittivity=permittivity, mode=mode), sin_grazing
+    )
     swing = 2.0 * np.pi / wavelength_m * spec.roughness_m * sin_grazing
     return np.asarray(smooth * np.exp(-2.0 * swing**2))
 
@@ -369,7 +371,7 @@ class WallGhost(FrozenModel):
     polarisation: Polarisation = "vertical"
 
     @model_validator(mode="after")
-    def _one_place(self) -> WallGhost:
+    def _check_place(self) -> WallGhost:
         if (self.position_m is None) != (self.normal_azimuth_deg is None):
             raise ValueError("position_m and normal_azimuth_deg belong together: give both or neither")
         if (self.side_m is None) == (self.position_m is None):
@@ -409,18 +411,18 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     DoppelgaitWarning
         If a scatterer crosses the wall.
     """
-    normal_rad, radar_distance_m = wall_plane(spec, setting)
-    rows = originals(scatterers)
-    direct = take(direct_rays(scatterers, effect=spec.kind), rows)
+    normal_rad, radar_distance_m = find_wall_plane(spec, setting)
+    rows = find_originals(scatterers)
+    direct = take(make_direct_rays(scatterers, effect=spec.kind), rows)
     from_wall_m = radar_distance_m - direct.along(normal_rad)
     seen = (from_wall_m > 0).any(axis=0)
     _warn_of_crossing(scatterers, rows, from_wall_m)
     rows, direct, from_wall_m = rows[seen], take(direct, np.flatnonzero(seen)), from_wall_m[:, seen]
-    length_m, velocity_mps = image_length(
+    length_m, velocity_mps = compute_image_length(
         direct,
         radar_distance_m=radar_distance_m,
         target_distance_m=from_wall_m,
-        target_rate_mps=rate_per_s(from_wall_m, axis(scatterers, "slow_time")),
+        target_rate_mps=rate_per_s(from_wall_m, read_axis(scatterers, "slow_time")),
     )
     image = Rays(
         length_m,
@@ -429,7 +431,7 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
         y_m=direct.y_m + 2.0 * math.sin(normal_rad) * from_wall_m,
         z_m=direct.z_m,
     )
-    reflection = wall_reflection(image, normal_rad, spec, setting.wavelength_m)
+    reflection = compute_wall_reflection(image, normal_rad, spec, setting.wavelength_m)
     reflection = np.where(from_wall_m > 0, reflection, 0.0)
     normal = (-math.cos(normal_rad), -math.sin(normal_rad), 0.0)
     return add_images(
@@ -438,7 +440,7 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     )  # fmt: skip
 
 
-def wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
+def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
     """Compute a wall's normal azimuth (rad) and distance (m).
 
     Raises
@@ -461,10 +463,10 @@ def wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
     return (normal_rad, distance_m) if distance_m > 0 else (normal_rad + math.pi, -distance_m)
 
 
-def wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
+def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
     """Compute the co-polar coefficient of paths to mirror images.
 
-    The share w of the power that meets the wall in te mode (:func:`te_share`) gives r_te w - r_tm (1 - w) for
+    The share w of the power that meets the wall in te mode (:func:`compute_te_share`) gives r_te w - r_tm (1 - w) for
     vertical polarisation and r_tm w - r_te (1 - w) for horizontal, whose field is counted along rising azimuth; what
     turns into the other polarisation is lost.
     """
@@ -472,9 +474,13 @@ def wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_
     toward_m = image.along(normal_rad)
     cosine = np.clip(toward_m / np.maximum(image.range_m, 1e-12), 0.0, 1.0)
     slab = {"thickness_m": spec.thickness_m, "wavelength_m": wavelength_m}
-    te = sampled(lambda c: slab_reflection(c, permittivity=permittivity, mode="te", **slab), cosine, **slab)
-    tm = sampled(lambda c: slab_reflection(c, permittivity=permittivity, mode="tm", **slab), cosine, **slab)
-    share = te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
+    te = interpolate_coefficient(
+        lambda c: slab_reflection(c, permittivity=permittivity, mode="te", **slab), cosine, **slab
+    )
+    tm = interpolate_coefficient(
+        lambda c: slab_reflection(c, permittivity=permittivity, mode="tm", **slab), cosine, **slab
+    )
+    share = compute_te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
     return te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)
 
 
@@ -484,8 +490,8 @@ def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: Flo
     if not crosses.any():
         return
     number = int(np.flatnonzero(crosses)[0])
-    time_s = float(axis(scatterers, "slow_time")[int(np.flatnonzero(before[:, number] != before[0, number])[0])])
-    name = axis(scatterers, "marker")[rows[number]]
+    time_s = float(read_axis(scatterers, "slow_time")[int(np.flatnonzero(before[:, number] != before[0, number])[0])])
+    name = read_axis(scatterers, "marker")[rows[number]]
     warn_caller(
         f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, {name} first seen to at "
         f"{time_s:.2f} s; they have no ghost while they are behind it. Move the wall or the target"

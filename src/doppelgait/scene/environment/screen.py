@@ -13,7 +13,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.labels import replace_values
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
-from doppelgait.scene.environment.reflections import FloatArray, direct_rays
+from doppelgait.scene.environment.reflections import FloatArray, make_direct_rays
 from doppelgait.scene.environment.registry import Setting
 
 Place = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(ge=-1e5, le=1e5)]]
@@ -72,7 +72,7 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
     Images by the floor see the screen's own image below the floor. Images by a side wall see the screen, not its image
     in that wall. Longer paths around edges are not added: the range stays that of the straight line.
     """
-    direct = direct_rays(scatterers, effect=spec.kind)
+    direct = make_direct_rays(scatterers, effect=spec.kind)
     radar_x_m, radar_y_m, radar_z_m = setting.radar_position_m
     x_m, y_m = spec.from_m[0] - radar_x_m, spec.from_m[1] - radar_y_m
     along_x_m, along_y_m = spec.to_m[0] - spec.from_m[0], spec.to_m[1] - spec.from_m[1]

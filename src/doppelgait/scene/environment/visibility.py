@@ -34,7 +34,7 @@ class Visibility(FrozenModel):
 
     @field_validator("gain_db")
     @classmethod
-    def _rises(cls, gain_db: tuple[RangeGain, ...]) -> tuple[RangeGain, ...]:
+    def _check_rising(cls, gain_db: tuple[RangeGain, ...]) -> tuple[RangeGain, ...]:
         for (range_m, _), (next_m, _) in pairwise(gain_db):
             if not next_m > range_m:
                 raise ValueError(f"ranges must rise from pair to pair, but {next_m:g} m follows {range_m:g} m")

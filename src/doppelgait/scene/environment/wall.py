@@ -11,21 +11,27 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import warn_caller
-from doppelgait.core.labels import axis, replace_values
+from doppelgait.core.labels import read_axis, replace_values
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
     Material,
     Polarisation,
+    compute_slab_spreading,
+    compute_te_share,
     insertion_coefficient,
+    interpolate_coefficient,
     relative_permittivity,
-    sampled,
     slab_delay_m,
-    slab_spreading,
-    te_share,
 )
-from doppelgait.scene.environment.reflections import ComplexArray, FloatArray, direct_rays, phase_of, rate_per_s
+from doppelgait.scene.environment.reflections import (
+    ComplexArray,
+    FloatArray,
+    make_direct_rays,
+    rate_per_s,
+    read_path_phase,
+)
 from doppelgait.scene.environment.registry import Setting
 
 
@@ -60,7 +66,7 @@ class Wall(FrozenModel):
     polarisation: Polarisation = "vertical"
 
     @model_validator(mode="after")
-    def _material_or_measured(self) -> Wall:
+    def _check_choice(self) -> Wall:
         made = self.material is not None or self.thickness_m is not None
         measured = self.loss_db is not None or self.delay_m is not None
         if made == measured:
@@ -99,8 +105,8 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
         (:func:`slab_delay_m`), ``radial_velocity`` minus its rate. The range carries -4 pi / lambda times that
         delay into the phase of the echo; ``path_phase`` gets the rest, so that the whole phase is that of T^2.
         A measured wall has no rest. Spreading goes with the geometrical path, a little less in the slab
-        (:func:`slab_spreading`): ``path_gain`` makes up for the delay, which the radar equation takes for distance.
-        Scatterers in front are as they were.
+        (:func:`compute_slab_spreading`): ``path_gain`` makes up for the delay, which the radar equation takes for
+        distance. Scatterers in front are as they were.
 
     Raises
     ------
@@ -115,7 +121,7 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     """
     if not wall_needs_angles(spec):
         return _apply_measured(scatterers, spec, np.True_)
-    direct = direct_rays(scatterers, effect=spec.kind)
+    direct = make_direct_rays(scatterers, effect=spec.kind)
     normal_rad = setting.radar_azimuth_rad
     if spec.normal_azimuth_deg is not None:
         normal_rad = math.radians(spec.normal_azimuth_deg)
@@ -130,39 +136,39 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
         return _apply_measured(scatterers, spec, behind)
     permittivity = relative_permittivity(spec.material, wavelength_m=setting.wavelength_m)
     cosine = np.minimum(np.abs(toward_m) / np.maximum(direct.range_m, 1e-12), 1.0)
-    share = te_share(toward_m, direct.along(normal_rad + math.pi / 2), direct.z_m)
-    through = wall_insertion(
+    share = compute_te_share(toward_m, direct.along(normal_rad + math.pi / 2), direct.z_m)
+    through = compute_wall_insertion(
         cosine, vertical_te=share, permittivity=permittivity, spec=spec, wavelength_m=setting.wavelength_m
     )
     delay_m = slab_delay_m(cosine, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0)
     rest_rad = np.angle(through) + 2.0 * np.pi / setting.wavelength_m * delay_m
     rest_rad = 2.0 * ((rest_rad + np.pi) % (2.0 * np.pi) - np.pi)
-    gain = (through.real**2 + through.imag**2) ** 2 * slab_spreading(
+    gain = (through.real**2 + through.imag**2) ** 2 * compute_slab_spreading(
         cosine, scatterers["range"].values, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0
     )
-    delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, axis(scatterers, "slow_time")), behind)
+    delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, read_axis(scatterers, "slow_time")), behind)
     return replace_values(
         delayed,
         path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0),
-        path_phase=phase_of(scatterers) + np.where(behind, rest_rad, 0.0),
+        path_phase=read_path_phase(scatterers) + np.where(behind, rest_rad, 0.0),
     )
 
 
-def wall_insertion(
+def compute_wall_insertion(
     cos_incidence: FloatArray, *, vertical_te: FloatArray, permittivity: complex, spec: Wall, wavelength_m: float
 ) -> ComplexArray:
     """Compute the co-polar insertion coefficient of an upright slab.
 
     T_te w + T_tm (1 - w), w = ``vertical_te``.
 
-    ``vertical_te`` is that of :func:`te_share`. For horizontal polarisation w and 1 - w change places. What turns
-    into the other polarisation is lost.
+    ``vertical_te`` is that of :func:`compute_te_share`. For horizontal polarisation w and 1 - w change places. What
+    turns into the other polarisation is lost.
     """
     slab = {"thickness_m": spec.thickness_m or 0.0, "wavelength_m": wavelength_m}
-    te = sampled(
+    te = interpolate_coefficient(
         lambda c: insertion_coefficient(c, permittivity=permittivity, mode="te", **slab), cos_incidence, **slab
     )
-    tm = sampled(
+    tm = interpolate_coefficient(
         lambda c: insertion_coefficient(c, permittivity=permittivity, mode="tm", **slab), cos_incidence, **slab
     )
     share = vertical_te if spec.polarisation == "vertical" else 1.0 - vertical_te

@@ -5,7 +5,7 @@ A simulator is a callable ``(scatterers, radar) -> baseband``. It gets a scatter
 range) or a complex array (I, N) on the radar's range axis, in volts. A literal loop for the impulse radar (E-18):
 
 >>> import numpy as np
->>> from doppelgait.testing.conformance import format_report, run_conformance, suite_radars
+>>> from doppelgait.testing.conformance import format_report, run_conformance, list_suite_radars
 >>> def mine(scatterers, radar):
 ...     wavelength_m, spread_m = 299_792_458.0 / radar.carrier_hz, 299_792_458.0 * radar.sigma_s / 2
 ...     pulse_m = 299_792_458.0 / (2 * (radar.pulse_rate_hz or radar.prf_hz))
@@ -21,7 +21,7 @@ range) or a complex array (I, N) on the radar's range axis, in volts. A literal 
 ...             offset_m = radar.range_axis_m() + k * pulse_m - row["range"]
 ...             bins += loss * echo_v * np.exp(1j * phase - offset_m**2 / (2 * spread_m**2))
 ...     return bins
->>> checks = run_conformance(mine, radars=suite_radars("impulse"))
+>>> checks = run_conformance(mine, radars=list_suite_radars("impulse"))
 >>> sorted({check.passed for check in checks}, key=str)  # it has no noise, no converter, no wall and no floor
 [None, True]
 >>> print(format_report(checks[:1]).splitlines()[-1])
@@ -32,10 +32,21 @@ range) or a complex array (I, N) on the radar's range axis, in volts. A literal 
 
 from doppelgait.testing.conformance.bench import Bench, Noise, Quantise, Simulator, Sweep, TwoRay, Wall
 from doppelgait.testing.conformance.check import Check, format_report
-from doppelgait.testing.conformance.radars import suite_radars
+from doppelgait.testing.conformance.radars import list_suite_radars
 from doppelgait.testing.conformance.run import RULES, Rule, run_conformance
 
 __all__ = [
-    "RULES", "Bench", "Check", "Noise", "Quantise", "Rule", "Simulator", "Sweep", "TwoRay", "Wall", "format_report",
-    "run_conformance", "suite_radars",
+    "RULES",
+    "Bench",
+    "Check",
+    "Noise",
+    "Quantise",
+    "Rule",
+    "Simulator",
+    "Sweep",
+    "TwoRay",
+    "Wall",
+    "format_report",
+    "list_suite_radars",
+    "run_conformance",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from doppelgait.core.config import json_value
+from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError
 from doppelgait.testing.conformance import format_report, run_conformance
 
@@ -28,7 +28,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     print(
-        json.dumps([json_value(asdict(check)) for check in checks], indent=1) if options.json else format_report(checks)
+        json.dumps([convert_to_json(asdict(check)) for check in checks], indent=1)
+        if options.json
+        else format_report(checks)
     )
     return int(any(check.passed is False for check in checks))
 

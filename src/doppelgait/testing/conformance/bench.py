@@ -80,7 +80,7 @@ class Bench:
     two_ray: TwoRay | None = None
 
 
-def bins_of(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, Complex]:
+def simulate_baseband(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, Complex]:
     """Return the simulator's range axis (N,) and baseband (I, N).
 
     Raises
@@ -99,10 +99,10 @@ def bins_of(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, 
     else:
         axis_m, values = theory.range_axis_m(radar), result
     wanted = (scatterers.sizes["slow_time"], axis_m.size)
-    return axis_m, complex_of(values, wanted, what=f"the simulator's baseband for waveform {radar.waveform.kind!r}")
+    return axis_m, check_complex(values, wanted, what=f"the simulator's baseband for waveform {radar.waveform.kind!r}")
 
 
-def complex_of(values: Any, shape: tuple[int, int], *, what: str) -> Complex:
+def check_complex(values: Any, shape: tuple[int, int], *, what: str) -> Complex:
     """Check the shape of values and return them as complex128."""
     array = np.asarray(values)
     if array.shape != shape:
@@ -117,14 +117,14 @@ def simulate_bins(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     return synthesise(scatterers, radar)
 
 
-def sweep_samples(scatterers: xr.Dataset, radar: Radar, /) -> npt.NDArray[np.complex64]:
+def simulate_sweep(scatterers: xr.Dataset, radar: Radar, /) -> npt.NDArray[np.complex64]:
     """Simulate the receiver samples of every sweep."""
     from doppelgait.radar.simulate import synthesise_samples
 
     return synthesise_samples(scatterers, radar)
 
 
-def receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
+def sample_receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
     """Sample thermal noise of the receiver, compressed to range bins."""
     from doppelgait.radar.impairments import ThermalNoise, apply_impairments
     from doppelgait.radar.simulate import compress
@@ -133,16 +133,18 @@ def receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) 
     return compress(apply_impairments(silence, [ThermalNoise()], radar=radar, rng=rng), radar)
 
 
-def quantised(samples: npt.NDArray[np.complex64], /, *, bits: int, full_scale_v: float) -> npt.NDArray[np.complex64]:
+def quantise_samples(
+    samples: npt.NDArray[np.complex64], /, *, bits: int, full_scale_v: float
+) -> npt.NDArray[np.complex64]:
     """Pass samples through the uniform converter."""
     from doppelgait.radar.impairments import Adc, apply_impairments
-    from doppelgait.testing.conformance.radars import suite_radars
+    from doppelgait.testing.conformance.radars import list_suite_radars
 
     spec = Adc(bits=bits, full_scale_v=full_scale_v)
-    return apply_impairments(samples, [spec], radar=suite_radars("cw")["cw"], rng=np.random.default_rng(0)).matrix
+    return apply_impairments(samples, [spec], radar=list_suite_radars("cw")["cw"], rng=np.random.default_rng(0)).matrix
 
 
-def behind_wall(
+def apply_wall(
     scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, thickness_m: float,
     carrier_hz: float,
 ) -> xr.Dataset:  # fmt: skip
@@ -153,7 +155,7 @@ def behind_wall(
     )
 
 
-def over_floor(
+def apply_floor(
     scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, radar_height_m: float,
     carrier_hz: float,
 ) -> xr.Dataset:  # fmt: skip

@@ -13,8 +13,8 @@ import xarray as xr
 
 from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
-from doppelgait.testing.conformance.bench import Bench, Complex, bins_of
-from doppelgait.testing.conformance.radars import narrow_radar
+from doppelgait.testing.conformance.bench import Bench, Complex, simulate_baseband
+from doppelgait.testing.conformance.radars import make_narrow_radar
 
 Float = npt.NDArray[np.float64]
 
@@ -34,15 +34,15 @@ def same_signature(bench: Bench, radar: Radar) -> float:
 
     The reference is sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii).
     """
-    return float(1.0 - np.corrcoef(_simulate_signature(bench, radar).ravel(), wanted_signature().ravel())[0, 1])
+    return float(1.0 - np.corrcoef(_simulate_signature(bench, radar).ravel(), compute_wanted_signature().ravel())[0, 1])
 
 
 def same_gait(bench: Bench, radar: Radar) -> float:
     """Compare torso speed and step frequency, % (equivalence iv)."""
     mine, wanted, prf_hz = (
         _simulate_signature(bench, radar),
-        wanted_signature(),
-        narrow_radar(radar.waveform.kind).prf_hz,
+        compute_wanted_signature(),
+        make_narrow_radar(radar.waveform.kind).prf_hz,
     )
     speed = abs(torso_doppler_hz(mine, prf_hz) / torso_doppler_hz(wanted, prf_hz) - 1.0)
     steps = abs(step_frequency_hz(mine, prf_hz) / step_frequency_hz(wanted, prf_hz) - 1.0)
@@ -50,22 +50,22 @@ def same_gait(bench: Bench, radar: Radar) -> float:
 
 
 def _simulate_signature(bench: Bench, radar: Radar) -> Float:
-    narrow = narrow_radar(radar.waveform.kind)
-    return signature(bins_of(bench, walk(narrow.prf_hz), narrow)[1])
+    narrow = make_narrow_radar(radar.waveform.kind)
+    return compute_signature(simulate_baseband(bench, walk(narrow.prf_hz), narrow)[1])
 
 
 @lru_cache(maxsize=1)
-def wanted_signature() -> Float:
+def compute_wanted_signature() -> Float:
     """Compute the signature of the walk's summed phasors.
 
     All radars of a small band share carrier, frame rate and levels.
     """
-    radar = narrow_radar("cw")
+    radar = make_narrow_radar("cw")
     scene = walk(radar.prf_hz)
     range_m = scene["range"].values
     level_v = theory.echo_v(radar, range_m=range_m, gain_m2=scene["rcs"].values * scene["path_gain"].values)
     phase_rad = radar.transmit_phase_rad - 4.0 * np.pi * range_m / theory.wavelength_m(radar)
-    return signature((level_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True))
+    return compute_signature((level_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True))
 
 
 @lru_cache(maxsize=1)
@@ -78,7 +78,7 @@ def walk(prf_hz: float) -> xr.Dataset:
     return assemble(scene, np.arange(round(DURATION_S * prf_hz)) / prf_hz, angles=False)
 
 
-def signature(bins: Complex) -> Float:
+def compute_signature(bins: Complex) -> Float:
     """Compute the share of power (time, Doppler) in Hann windows.
 
     Power is summed over range, Doppler ascends. Every column adds up to 1, which removes the fall of power with range.
@@ -92,7 +92,7 @@ def signature(bins: Complex) -> Float:
 
 def torso_doppler_hz(share: Float, prf_hz: float) -> float:
     """Return the interpolated peak of the mean Doppler spectrum."""
-    place = _peak(share.mean(axis=0), 1, N_DOPPLER - 1)
+    place = _find_peak(share.mean(axis=0), 1, N_DOPPLER - 1)
     return float((place - N_DOPPLER // 2) * prf_hz / N_DOPPLER)
 
 
@@ -107,10 +107,10 @@ def step_frequency_hz(share: Float, prf_hz: float) -> float:
     spectrum = np.abs(np.fft.rfft((width - width.mean()) * np.hanning(width.size), size))
     step_hz = prf_hz / HOP / size
     low, high = (round(limit / step_hz) for limit in STEPS_HZ)
-    return float(_peak(spectrum, low, high) * step_hz)
+    return float(_find_peak(spectrum, low, high) * step_hz)
 
 
-def _peak(values: Float, low: int, high: int) -> float:
+def _find_peak(values: Float, low: int, high: int) -> float:
     n = low + int(values[low:high].argmax())
     left, top, right = values[n - 1 : n + 2]
     return float(n + 0.5 * (left - right) / (left - 2.0 * top + right))

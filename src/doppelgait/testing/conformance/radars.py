@@ -18,7 +18,7 @@ Float = npt.NDArray[np.float64]
 DIMS = ("slow_time", "scatterer")
 
 
-def table(
+def make_table(
     range_m: npt.ArrayLike,
     *,
     slow_time_s: npt.ArrayLike | None = None,
@@ -69,12 +69,12 @@ def speed_mps(radar: Radar) -> float:
     return 0.6 * theory.wavelength_m(radar) * radar.prf_hz / 4.0
 
 
-def approach(radar: Radar, *, start_m: float, stop_m: float, n_pulses: int, velocity_mps: float) -> xr.Dataset:
+def make_approach(radar: Radar, *, start_m: float, stop_m: float, n_pulses: int, velocity_mps: float) -> xr.Dataset:
     """Make the table of a scatterer at constant velocity."""
     range_m = np.linspace(start_m, stop_m, n_pulses)
     duration_s = abs(stop_m - start_m) / abs(velocity_mps)
     times_s = np.linspace(0.0, duration_s, n_pulses)
-    return table(range_m, slow_time_s=times_s, radial_velocity=math.copysign(abs(velocity_mps), start_m - stop_m))
+    return make_table(range_m, slow_time_s=times_s, radial_velocity=math.copysign(abs(velocity_mps), start_m - stop_m))
 
 
 COMMON: dict[str, Any] = {
@@ -104,7 +104,7 @@ NARROW: dict[str, dict[str, Any]] = {
 """Bands so small that a walking body is one cell deep or less."""
 
 
-def suite_radars(*waveforms: str) -> dict[str, Radar]:
+def list_suite_radars(*waveforms: str) -> dict[str, Radar]:
     """Return the suite's radars by waveform.
 
     Raises
@@ -117,12 +117,12 @@ def suite_radars(*waveforms: str) -> dict[str, Radar]:
     return {name: Radar(waveform=name, **COMMON, **WIDE[name]) for name in waveforms or theory.WAVEFORMS}
 
 
-def narrow_radar(waveform: str) -> Radar:
+def make_narrow_radar(waveform: str) -> Radar:
     """Make a narrow-band radar for the comparison of waveforms."""
     return Radar(waveform=waveform, **NARROW_COMMON, **NARROW[waveform])
 
 
-def changed(radar: Radar, **changes: Any) -> Radar:
+def change_radar(radar: Radar, **changes: Any) -> Radar:
     """Return the radar with other parameters, checked again."""
     return Radar.model_validate({**radar.model_dump(), **changes})
 

@@ -10,8 +10,8 @@ import xarray as xr
 
 from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
-from doppelgait.testing.conformance.bench import Bench, Complex, bins_of, complex_of
-from doppelgait.testing.conformance.radars import changed, place_m, table
+from doppelgait.testing.conformance.bench import Bench, Complex, check_complex, simulate_baseband
+from doppelgait.testing.conformance.radars import change_radar, make_table, place_m
 
 NOISE_VALUES = 200_000
 SEED = 20180
@@ -51,7 +51,7 @@ def counter_noise(bench: Bench, radar: Radar) -> float:
     errors = []
     for steps in NOISE_STEPS:
         step_v = theory.input_noise_v(radar) / steps
-        errors.append(noise_power(bench, changed(radar, **pulses, threshold_step_v=step_v)))
+        errors.append(noise_power(bench, change_radar(radar, **pulses, threshold_step_v=step_v)))
     return max(errors)
 
 
@@ -60,7 +60,7 @@ def noise_correlation(bench: Bench, radar: Radar) -> float:
 
     The largest deviation at 1 to 4 bins apart.
     """
-    radar = changed(radar, noise_correlation=radar.noise_correlation or CORRELATION)
+    radar = change_radar(radar, noise_correlation=radar.noise_correlation or CORRELATION)
     noise = _sample_noise(bench, radar)
     power_v2 = (np.abs(noise) ** 2).mean()
     wanted = [*radar.noise_correlation, *[0.0] * LAGS][:LAGS]
@@ -81,12 +81,12 @@ def matched_snr(bench: Bench, radar: Radar) -> float:
     impulse = radar.waveform.kind == "impulse"
     if impulse:
         bins_hz = radar.sample_rate_hz / radar.decimation
-        radar = changed(radar, noise_bandwidth_hz=bins_hz, noise_correlation=(), threshold_step_v=None)
+        radar = change_radar(radar, noise_bandwidth_hz=bins_hz, noise_correlation=(), threshold_step_v=None)
     else:
         window = {"range_window": "none"} if radar.waveform.kind in theory.SWEPT else {}
-        radar = changed(radar, noise_bandwidth_hz=None, **window)
+        radar = change_radar(radar, noise_bandwidth_hz=None, **window)
     range_m = place_m(radar, 0.5)
-    axis_m, bins = bins_of(bench, table(np.array([range_m])), radar)
+    axis_m, bins = simulate_baseband(bench, make_table(np.array([range_m])), radar)
     shape = np.ones(1)
     if impulse:  # the pulse's shape to 5 sigma
         spread_bins = theory.C_MPS * theory.pulse_sigma_s(radar) / 2.0 / (axis_m[1] - axis_m[0])
@@ -94,7 +94,7 @@ def matched_snr(bench: Bench, radar: Radar) -> float:
         shape = np.exp(-0.5 * (np.arange(-half, half + 1) / spread_bins) ** 2)
     noise_v2 = float((np.abs(fftconvolve(_sample_noise(bench, radar), shape[None], mode="valid")) ** 2).mean())
     signal_v2 = float((np.abs(fftconvolve(bins, shape[None], mode="same")) ** 2).max())
-    wanted = theory.energy_over_noise_density(radar, range_m=range_m, gain_m2=1.0)
+    wanted = theory.compute_energy_ratio(radar, range_m=range_m, gain_m2=1.0)
     return abs(10.0 * math.log10(signal_v2 / noise_v2 / wanted)) if signal_v2 * noise_v2 > 0 else math.inf
 
 
@@ -103,7 +103,7 @@ def _sample_noise(bench: Bench, radar: Radar) -> Complex:
     n_bins = theory.range_axis_m(radar).size
     n_pulses = max(NOISE_VALUES // n_bins, MIN_PULSES)
     noise = bench.noise(radar, n_pulses=n_pulses, rng=np.random.default_rng(SEED))
-    return complex_of(noise, (n_pulses, n_bins), what=f"noise of waveform {radar.waveform.kind!r}")
+    return check_complex(noise, (n_pulses, n_bins), what=f"noise of waveform {radar.waveform.kind!r}")
 
 
 def quantisation_snr(bench: Bench, radar: Radar) -> float:
@@ -120,7 +120,7 @@ def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
     assert bench.quantise is not None
     turns = np.arange(65_536) * (math.sqrt(5.0) - 1.0) / 2.0  # never the same phase again
     tone = (10.0 ** (-backoff_db / 20.0) * np.exp(2j * np.pi * turns)).astype(np.complex64)[:, None]
-    converted = complex_of(bench.quantise(tone, bits=bits, full_scale_v=1.0), tone.shape, what="quantised samples")
+    converted = check_complex(bench.quantise(tone, bits=bits, full_scale_v=1.0), tone.shape, what="quantised samples")
     error_v2 = float((np.abs(converted - tone) ** 2).mean())
     if not error_v2 > 0:
         return math.inf
@@ -143,7 +143,7 @@ def quantisation_bias(bench: Bench, radar: Radar) -> float:
     rng = np.random.default_rng(SEED)
     dither = rng.normal(size=(n, 9)) + 1j * rng.normal(size=(n, 9))
     samples = (step_v * (level * (1 + 1j) + 0.5 * dither)).astype(np.complex64)
-    converted = complex_of(
+    converted = check_complex(
         bench.quantise(samples, bits=bits, full_scale_v=1.0), samples.shape, what="quantised samples"
     )
     error = (converted - samples).mean(axis=0) / step_v
@@ -194,15 +194,15 @@ def _measure_walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float,
     assert bench.wall is not None
     results = []
     for wall, azimuth_rad in product(WALLS, AZIMUTHS_RAD):
-        before = table(np.full(2, RANGE_M), azimuth=azimuth_rad, elevation=0.0)
+        before = make_table(np.full(2, RANGE_M), azimuth=azimuth_rad, elevation=0.0)
         after = bench.wall(before, carrier_hz=radar.carrier_hz, **wall)
         later_m = float(after["range"].values[0, 0]) - RANGE_M
-        eps = theory.permittivity_of(
+        eps = theory.compute_permittivity(
             permittivity=wall["permittivity"], conductivity_s_per_m=wall["conductivity_s_per_m"],
             carrier_hz=radar.carrier_hz,
         )  # fmt: skip
         cosine, thickness_m = math.cos(azimuth_rad), wall["thickness_m"]
-        t = theory.slab_insertion(
+        t = theory.compute_slab_insertion(
             cosine, permittivity=eps, thickness_m=thickness_m, wavelength_m=theory.wavelength_m(radar)
         )
         wanted_m = (math.sqrt(eps.real - 1.0 + cosine**2) - cosine) * thickness_m
@@ -230,13 +230,13 @@ def two_ray_pattern(bench: Bench, radar: Radar) -> float:
     height_m, ground_m = (side.ravel() for side in np.meshgrid(np.linspace(0.05, 1.8, 36), np.linspace(2.0, 8.0, 25)))
     direct_m = np.hypot(ground_m, height_m - RADAR_HEIGHT_M)
     image_m = np.hypot(ground_m, height_m + RADAR_HEIGHT_M)
-    before = table(direct_m, azimuth=0.0, elevation=np.arcsin((height_m - RADAR_HEIGHT_M) / direct_m))
+    before = make_table(direct_m, azimuth=0.0, elevation=np.arcsin((height_m - RADAR_HEIGHT_M) / direct_m))
     after = bench.two_ray(before, radar_height_m=RADAR_HEIGHT_M, carrier_hz=radar.carrier_hz, **FLOOR)
     wave = 2.0 * np.pi / theory.wavelength_m(radar)
     level = np.sqrt(after["rcs"].values * after["path_gain"].values) / after["range"].values ** 2
     found = (level * np.exp(1j * (_phase_rad(after) - 2.0 * wave * after["range"].values))).sum(axis=1)
-    eps = theory.permittivity_of(carrier_hz=radar.carrier_hz, **FLOOR)
-    gamma = theory.floor_reflection((height_m + RADAR_HEIGHT_M) / image_m, permittivity=eps)
+    eps = theory.compute_permittivity(carrier_hz=radar.carrier_hz, **FLOOR)
+    gamma = theory.compute_floor_reflection((height_m + RADAR_HEIGHT_M) / image_m, permittivity=eps)
     wanted = (np.exp(-1j * wave * direct_m) / direct_m + gamma * np.exp(-1j * wave * image_m) / image_m) ** 2
     seen = np.abs(wanted) * direct_m**2 > LOWEST_FIELD * (np.abs(wanted) * direct_m**2).max()
     return float(np.abs(20.0 * np.log10(np.abs(found) / np.abs(wanted)))[seen].max())

@@ -14,7 +14,7 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import bench, echo, equivalence, receiver, theory
 from doppelgait.testing.conformance.bench import Bench, Noise, Quantise, Simulator, Sweep, TwoRay, Wall
 from doppelgait.testing.conformance.check import Check
-from doppelgait.testing.conformance.radars import check_waveform, suite_radars
+from doppelgait.testing.conformance.radars import check_waveform, list_suite_radars
 
 Measure = Callable[[Bench, Radar], float]
 
@@ -115,7 +115,7 @@ def run_conformance(
     simulator : callable
         ``(scatterers, radar) -> baseband``, noise-free; this package's by default.
     radars : mapping of str to Radar, optional
-        Radars to measure it with, by the name that the checks get; by default :func:`suite_radars`, one of every
+        Radars to measure it with, by the name that the checks get; by default :func:`list_suite_radars`, one of every
         waveform. The equivalence of waveforms is measured with radars of a small band and the same waveforms.
     only : iterable of str, optional
         Checks to make: ``"noise_power"`` (of every radar) or ``"noise_power[fmcw]"``.
@@ -137,13 +137,13 @@ def run_conformance(
     ours = simulator is bench.simulate_bins
     tested = Bench(
         simulator=simulator,
-        sweep=_part(sweep, bench.sweep_samples, ours=ours),
-        noise=_part(noise, bench.receiver_noise, ours=ours),
-        quantise=_part(quantise, bench.quantised, ours=ours),
-        wall=_part(wall, bench.behind_wall, ours=ours),
-        two_ray=_part(two_ray, bench.over_floor, ours=ours),
+        sweep=_take_part(sweep, bench.simulate_sweep, ours=ours),
+        noise=_take_part(noise, bench.sample_receiver_noise, ours=ours),
+        quantise=_take_part(quantise, bench.quantise_samples, ours=ours),
+        wall=_take_part(wall, bench.apply_wall, ours=ours),
+        two_ray=_take_part(two_ray, bench.apply_floor, ours=ours),
     )
-    chosen = dict(suite_radars() if radars is None else radars)
+    chosen = dict(list_suite_radars() if radars is None else radars)
     if not chosen:
         raise ConfigError("conformance: radars is empty; give one radar or more, or leave it out")
     for radar in chosen.values():
@@ -169,7 +169,7 @@ def run_conformance(
     return [_measure(rule, tested, radar, name) for name, rule, radar in cases]
 
 
-def _part(choice: T | Auto | None, default: T, *, ours: bool) -> T | None:
+def _take_part(choice: T | Auto | None, default: T, *, ours: bool) -> T | None:
     if isinstance(choice, str):
         return default if ours else None
     return choice

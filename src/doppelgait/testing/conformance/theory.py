@@ -29,7 +29,7 @@ def wavelength_m(radar: Radar) -> float:
     return C_MPS / radar.carrier_hz
 
 
-def averages(radar: Radar) -> int:
+def count_averages(radar: Radar) -> int:
     """Return the whole pulses per frame and threshold level (E-18).
 
     Those that fit into the time that a frame sums.
@@ -52,14 +52,18 @@ def pulse_sigma_s(radar: Radar) -> float:
     return math.sqrt(math.log(ratio)) / (math.pi * (radar.bandwidth_hz or math.nan))
 
 
-def n_sweep(radar: Radar) -> int:
+def count_sweep_samples(radar: Radar) -> int:
     """Return the number of samples or steps of a sweep."""
     return round((radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
 
 def sweep_time_s(radar: Radar) -> float:
     """Return the duration of a sweep or pulse."""
-    return n_sweep(radar) / radar.sample_rate_hz if radar.waveform.kind in SWEPT else float(radar.sweep_s or math.nan)
+    return (
+        count_sweep_samples(radar) / radar.sample_rate_hz
+        if radar.waveform.kind in SWEPT
+        else float(radar.sweep_s or math.nan)
+    )
 
 
 def range_axis_m(radar: Radar) -> Float:
@@ -89,7 +93,7 @@ def received_w(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
     return np.asarray(sent_w * wavelength_m(radar) ** 2 * gain_m2 / ((4.0 * np.pi) ** 3 * range_m**4))
 
 
-def receiver_gain(radar: Radar) -> float:
+def compute_receiver_gain(radar: Radar) -> float:
     """Return the power gain of the receiver."""
     return float(10.0 ** (radar.receiver_gain_db / 10.0))
 
@@ -100,21 +104,21 @@ def echo_v(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
     sqrt(2 Z0 P_r G_rx).
     """
     power_w = received_w(radar, range_m=range_m, gain_m2=gain_m2)
-    return np.asarray(np.sqrt(2.0 * OHM * power_w * receiver_gain(radar)))
+    return np.asarray(np.sqrt(2.0 * OHM * power_w * compute_receiver_gain(radar)))
 
 
-def window(radar: Radar) -> Float:
+def make_window(radar: Radar) -> Float:
     """Return the window along a sweep.
 
     Samples in the middle of S equal parts of the cosine sum (Harris 1978).
     """
-    x = (np.arange(n_sweep(radar)) + 0.5) / n_sweep(radar)
+    x = (np.arange(count_sweep_samples(radar)) + 0.5) / count_sweep_samples(radar)
     terms = {"none": (1.0,), "hann": (0.5, 0.5), "hamming": (0.54, 0.46), "blackman": (0.42, 0.5, 0.08)}
     shape = sum(c * (-1) ** k * np.cos(2.0 * np.pi * k * x) for k, c in enumerate(terms[radar.range_window]))
     return np.asarray(shape * np.ones_like(x))
 
 
-def noise_figure(radar: Radar) -> float:
+def compute_noise_figure(radar: Radar) -> float:
     """Return the noise factor F."""
     return float(10.0 ** (radar.noise_figure_db / 10.0))
 
@@ -136,22 +140,24 @@ def bin_noise_v2(radar: Radar) -> float:
         "cw": radar.prf_hz / (radar.integration_share or 1.0),
     }
     width_hz = radar.noise_bandwidth_hz or own_hz[radar.waveform.kind]
-    level_v2 = 2.0 * OHM * NOISE_DENSITY_W_PER_HZ * noise_figure(radar) * width_hz * receiver_gain(radar)
+    level_v2 = (
+        2.0 * OHM * NOISE_DENSITY_W_PER_HZ * compute_noise_figure(radar) * width_hz * compute_receiver_gain(radar)
+    )
     if radar.waveform.kind in SWEPT:
-        weights = window(radar)
+        weights = make_window(radar)
         level_v2 *= float((weights**2).sum() / weights.sum() ** 2)
     if radar.threshold_step_v is not None:
         level_v2 *= radar.threshold_step_v / (math.sqrt(math.pi) * input_noise_v(radar))
-    return level_v2 / averages(radar)
+    return level_v2 / count_averages(radar)
 
 
 def input_noise_v(radar: Radar) -> float:
     """Return the rms of one pulse's real noise, V (E-18b)."""
-    density_w = NOISE_DENSITY_W_PER_HZ * noise_figure(radar) * receiver_gain(radar)
+    density_w = NOISE_DENSITY_W_PER_HZ * compute_noise_figure(radar) * compute_receiver_gain(radar)
     return math.sqrt(OHM * density_w * radar.sample_rate_hz / 2.0)
 
 
-def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -> float:
+def compute_energy_ratio(radar: Radar, *, range_m: float, gain_m2: float) -> float:
     """Return E / N0 of N_eff averaged pulses.
 
     P_r times the integral of the square of the envelope, over k T0 F.
@@ -163,7 +169,7 @@ def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -
             (radar.integration_share or 1.0) / radar.prf_hz if radar.waveform.kind == "cw" else sweep_time_s(radar)
         )
     power_w = received_w(radar, range_m=np.array(range_m), gain_m2=np.array(gain_m2))
-    return float(power_w * length_s * averages(radar) / (NOISE_DENSITY_W_PER_HZ * noise_figure(radar)))
+    return float(power_w * length_s * count_averages(radar) / (NOISE_DENSITY_W_PER_HZ * compute_noise_figure(radar)))
 
 
 def power_spectrum(radar: Radar) -> tuple[Float, Float]:
@@ -177,9 +183,9 @@ def power_spectrum(radar: Radar) -> tuple[Float, Float]:
         frequency_hz = np.linspace(-1.5, 1.5, 2001) / tau
         return frequency_hz, np.exp(-2.0 * (np.pi * tau * frequency_hz) ** 2)
     if radar.waveform.kind in SWEPT:
-        size = n_sweep(radar)
+        size = count_sweep_samples(radar)
         step_hz = (radar.bandwidth_hz or math.nan) / size
-        return np.asarray(step_hz * (np.arange(size) - (size - 1) / 2.0)), window(radar)
+        return np.asarray(step_hz * (np.arange(size) - (size - 1) / 2.0)), make_window(radar)
     duration_s = sweep_time_s(radar)
     turns = 0.0 if radar.waveform.kind == "rectangular" else (radar.bandwidth_hz or 0.0) * duration_s
     size = max(4096, math.ceil(4.0 * turns))
@@ -189,7 +195,7 @@ def power_spectrum(radar: Radar) -> tuple[Float, Float]:
     return np.asarray((np.arange(4 * size) - 2 * size) / (4.0 * duration_s)), np.asarray(spectrum)
 
 
-def profile(radar: Radar, offset_m: Float) -> Float:
+def compute_profile(radar: Radar, offset_m: Float) -> Float:
     """Return the range profile at offsets from a point echo.
 
     It is 1 at 0.
@@ -210,7 +216,7 @@ def half_power_width_m(radar: Radar) -> float:
     low = 0.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if profile(radar, np.array([middle]))[0] ** 2 > 0.5 else (low, middle)
+        low, high = (middle, high) if compute_profile(radar, np.array([middle]))[0] ** 2 > 0.5 else (low, middle)
     return 2.0 * low
 
 
@@ -224,7 +230,7 @@ def coupling_s(radar: Radar) -> float:
     return -radar.carrier_hz * sweep_time_s(radar) / (radar.bandwidth_hz or math.nan)
 
 
-def permittivity_of(*, permittivity: float, conductivity_s_per_m: float, carrier_hz: float) -> complex:
+def compute_permittivity(*, permittivity: float, conductivity_s_per_m: float, carrier_hz: float) -> complex:
     """Return the complex relative permittivity.
 
     eps' - j sigma / (2 pi f eps_0).
@@ -232,7 +238,7 @@ def permittivity_of(*, permittivity: float, conductivity_s_per_m: float, carrier
     return complex(permittivity, -conductivity_s_per_m / (2.0 * math.pi * carrier_hz * VACUUM_F_PER_M))
 
 
-def slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
+def compute_slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
     """Return the field ratio behind and without a slab.
 
     The electric field is parallel to the slab. By the slab's characteristic matrix (Born and Wolf, Principles of
@@ -265,7 +271,7 @@ def refracted_radii_m(range_m: float, angle_rad: float, *, index: float, thickne
     return place_m(angle_rad) / math.sin(angle_rad), math.cos(angle_rad) * slope
 
 
-def floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
+def compute_floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
     """Return the Fresnel coefficient of a half space, vertical polarisation.
 
     The upright field keeps its sign.

@@ -81,7 +81,7 @@ def _check_waveform_numbers(name: str, radar: Radar) -> None:
     require(inside.all(), f"{name}: range bins lie outside the frame")
 
 
-def _scatterer_table(radar: Radar, range_m: npt.NDArray[np.float64], **values: Any) -> xr.Dataset:
+def _make_scatterer_table(radar: Radar, range_m: npt.NDArray[np.float64], **values: Any) -> xr.Dataset:
     import xarray as xr
 
     columns = {"range": range_m, "rcs": 1.0, "path_gain": 1.0, "radial_velocity": 0.0, **values}
@@ -100,7 +100,7 @@ def _check_synthesis(name: str, radar: Radar) -> None:
     velocity_mps = rng.uniform(-0.3, 0.3, range_m.shape) * radar.unambiguous_velocity_mps
     rcs_m2 = rng.uniform(0.5, 2.0, range_m.shape)
     columns = {"rcs": rcs_m2, "radial_velocity": velocity_mps}
-    table = _scatterer_table(radar, range_m, **columns)
+    table = _make_scatterer_table(radar, range_m, **columns)
     before = table.copy(deep=True)
     samples = waveform.synthesise(table, radar)
     require(table.identical(before), f"{name}: synthesise changes the scatterer table")
@@ -117,7 +117,7 @@ def _check_synthesis(name: str, radar: Radar) -> None:
     require_close(
         waveform.synthesise(table.isel(slow_time=[3]), radar), samples[3:4], f"{name}: frames depend on others"
     )
-    louder = waveform.synthesise(_scatterer_table(radar, range_m, **{**columns, "rcs": 4.0 * rcs_m2}), radar)
+    louder = waveform.synthesise(_make_scatterer_table(radar, range_m, **{**columns, "rcs": 4.0 * rcs_m2}), radar)
     require_close(louder, 2.0 * samples, f"{name}: four times the cross section is not twice the amplitude")
     silent = waveform.synthesise(table.isel(scatterer=[]), radar)
     require(silent.shape == shape and not silent.any(), f"{name}: no scatterers do not give zeros of shape {shape}")
@@ -131,7 +131,7 @@ def _check_synthesis(name: str, radar: Radar) -> None:
     turned_radar = radar.model_copy(update={"transmit_phase_rad": radar.transmit_phase_rad + 0.7})
     turned = waveform.compress(waveform.synthesise(table, turned_radar), turned_radar)
     require_close(turned, bins * np.exp(0.7j), f"{name}: transmit_phase_rad does not turn the echoes", 1e-3)
-    extra = _scatterer_table(radar, range_m, **columns, path_phase=0.7)
+    extra = _make_scatterer_table(radar, range_m, **columns, path_phase=0.7)
     turned = waveform.compress(waveform.synthesise(extra, radar), radar)
     require_close(turned, bins * np.exp(0.7j), f"{name}: path_phase does not turn the echoes", 1e-3)
 
@@ -148,7 +148,7 @@ def _check_point_echo(name: str, radar: Radar) -> None:
     middle_m = float(axis_m[place])
 
     def response(range_m: npt.NDArray[np.float64]) -> Any:
-        bins = waveform.compress(waveform.synthesise(_scatterer_table(radar, range_m[:, None]), radar), radar)
+        bins = waveform.compress(waveform.synthesise(_make_scatterer_table(radar, range_m[:, None]), radar), radar)
         return bins[:, place] / echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
 
     echo = complex(response(np.array([middle_m]))[0])
@@ -211,7 +211,7 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     """
     from doppelgait.core.errors import DoppelgaitWarning
     from doppelgait.core.samples import Samples
-    from doppelgait.radar.impairments import IMPAIRMENTS, apply_impairments, pulse_times
+    from doppelgait.radar.impairments import IMPAIRMENTS, apply_impairments, shift_pulse_times
 
     kind = getattr(parameters, "kind", None)
     name = f"impairment {kind!r}"
@@ -240,7 +240,7 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     other = run(Samples.from_planes(planes, n_pulses))
     require_close(other, found, f"{name} differs between the two layouts of the samples", rtol=1e-5)
     nominal_s = np.arange(n_pulses) / radar.prf_hz
-    times_s = pulse_times(nominal_s, [parameters], radar=radar, rng=np.random.default_rng(seed))
+    times_s = shift_pulse_times(nominal_s, [parameters], radar=radar, rng=np.random.default_rng(seed))
     require(times_s.shape == nominal_s.shape and (np.diff(times_s) >= 0).all(), f"{name}: pulse times do not rise")
 
 
@@ -285,14 +285,14 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
     parameters = list(inspect.signature(reader.run).parameters.values())[1:]
     positional = [one.name for one in parameters if one.kind is not inspect.Parameter.KEYWORD_ONLY]
     require(not positional, f"{what}: options {positional} are not keyword-only")
-    takers = [one.name for one in RADAR_READERS.values() if _recognises(one, place)]
+    takers = [one.name for one in RADAR_READERS.values() if _is_recognised(one, place)]
     require(takers == [name], f"{what}: {place.name} is recognised by {takers or 'no reader'}")
     with TemporaryDirectory() as folder:
         others = {"empty": b"", "text": b"not a recording\n" * 9, "zeros": bytes(4096)}
         for other, content in others.items():
             (Path(folder) / other).write_bytes(content)
         for other in (*others, "absent", "."):
-            require(not _recognises(reader, Path(folder) / other), f"{what}: recognises a file that is not its own")
+            require(not _is_recognised(reader, Path(folder) / other), f"{what}: recognises a file that is not its own")
 
     recording = read_recording(place, **options)
     require(isinstance(recording, Recording), f"{what} returns {type(recording).__name__}, not a Recording")
@@ -332,7 +332,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
             require(damage in ("half", "noise"), f"{what}: an {damage} file raises nothing")
 
 
-def _recognises(reader: Any, path: Path) -> bool:
+def _is_recognised(reader: Any, path: Path) -> bool:
     try:
         return bool(reader.facts["sniff"](path))
     except OSError:

@@ -43,7 +43,7 @@ def check_feature(name: str) -> None:
     from dataclasses import replace
 
     from doppelgait.core.plugins import Plugin
-    from doppelgait.features import FEATURES, Observed
+    from doppelgait.features import FEATURES, Observation
     from doppelgait.pipeline.target import observe
     from doppelgait.processing import Analysis
 
@@ -52,8 +52,8 @@ def check_feature(name: str) -> None:
     feature: Plugin[Any] = FEATURES[name]
     needs = feature.facts.get("needs", ())
 
-    def measure(observed: Observed) -> float | None:
-        if observed.lacks(needs):
+    def measure(observed: Observation) -> float | None:
+        if observed.describe_missing(needs):
             return None
         before = observed.power_v2.copy(), observed.aligned.values.copy()
         value = feature.run(observed)
@@ -63,27 +63,29 @@ def check_feature(name: str) -> None:
         require(value is None or (isinstance(value, int | float | np.number) and np.ndim(value) == 0), text)
         return None if value is None else float(value)
 
-    mu = _walking_signature()
+    mu = _make_walking_signature()
     first, louder = (observe(mu.copy(data=mu.values * gain), Analysis())[0] for gain in (np.float32(1), np.float32(4)))
     value = measure(first)
     fresh = measure(observe(mu, Analysis())[0])
-    require(_same_number(value, measure(first)) and _same_number(value, fresh), f"{label}: changes from call to call")
+    require(
+        _is_same_number(value, measure(first)) and _is_same_number(value, fresh), f"{label}: changes from call to call"
+    )
     text = f"{label}: four times the power changes {value} to"
-    require(_same_number(value, loud := measure(louder)), f"{text} {loud}")
+    require(_is_same_number(value, loud := measure(louder)), f"{text} {loud}")
     if "set_f" in feature.facts:
         return
     empty = replace(first, extraction=replace(first.extraction, torso_doppler_hz=None))
-    require(empty.lacks(needs) is not None, f"{label}: is measured without a signal")
+    require(empty.describe_missing(needs) is not None, f"{label}: is measured without a signal")
 
 
-def _same_number(one: float | None, other: float | None) -> bool:
+def _is_same_number(one: float | None, other: float | None) -> bool:
     if one is None or other is None:
         return one is other
     return math.isclose(one, other, rel_tol=1e-3, abs_tol=1e-6) or (math.isnan(one) and math.isnan(other))
 
 
 @lru_cache(maxsize=1)
-def _walking_signature() -> xr.DataArray:
+def _make_walking_signature() -> xr.DataArray:
     """Simulate the signature of a walk inside the frame.
 
     Computed at the lossless hop.
@@ -123,7 +125,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
     >>> import doppelgait as dg
     >>> dg.testing.check_classifier("six-logistic")
     """
-    from doppelgait.classify.learned import Constant, Ensemble, Kernel, Linear, Network, Part, Trees
+    from doppelgait.classify.learned import Constant, Ensemble, Kernel, LabelledRows, Linear, Network, Trees
     from doppelgait.classify.training import CLASSIFIERS
 
     label = f"classifier {name!r}"
@@ -153,7 +155,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
         )
         again = train(rows, held, n_classes=n_classes, seed=1).log_probability(held.values)
         require(np.array_equal(found, again), f"{label}: the same seed and rows give another model")
-        empty = Part(held.values[:0], held.labels[:0])
+        empty = LabelledRows(held.values[:0], held.labels[:0])
         alone = train(rows, empty, n_classes=n_classes, seed=1).log_probability(held.values)
         require(np.isfinite(alone).all(), f"{label}: without held-out rows a log-probability is not finite")
         if not baseline:
@@ -164,7 +166,7 @@ def check_classifier(name: str, *, seed: int = 0) -> None:
 
 def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> Any:
     """Make rows of well-separated classes, a few with missing values."""
-    from doppelgait.classify.learned import Part
+    from doppelgait.classify.learned import LabelledRows
     from doppelgait.processing.patches import Patch
 
     rng = np.random.default_rng([seed, n_classes, count])
@@ -178,13 +180,13 @@ def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> An
             levels[: band * (label + 1)] += np.float32(0.7)
             values[number] = levels
         values[-1] = None
-        return Part(values, labels)
+        return LabelledRows(values, labels)
     width = {"six": 6, "extended": 9, "speed": 1, "nuisance": 5, "nothing": 0}[features]
     table = rng.standard_normal((count, width)) + 6.0 * labels[:, None]
     if width > 1:
         table[rng.random(table.shape) < 0.05] = np.nan
         table[:, -1] = np.nan  # never known
-    return Part(table, labels)
+    return LabelledRows(table, labels)
 
 
 def check_exporter(kind: str, dataset: Dataset) -> None:
@@ -223,11 +225,11 @@ def check_exporter(kind: str, dataset: Dataset) -> None:
     >>> dataset = dg.open_dataset("tiny")
     >>> dg.testing.check_exporter("csv", dataset)
     """
-    from doppelgait.core.files import file_sha256
+    from doppelgait.core.files import hash_file
     from doppelgait.dataset.export import EXPORTERS, export_dataset
 
     def hashes(folder: Path) -> dict[str, str]:
-        return {str(p.relative_to(folder)): file_sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+        return {str(p.relative_to(folder)): hash_file(p) for p in sorted(folder.rglob("*")) if p.is_file()}
 
     name = f"exporter {kind!r}"
     require(kind in EXPORTERS, f"{name} is not registered; known are {', '.join(EXPORTERS)}")

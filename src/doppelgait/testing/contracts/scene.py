@@ -44,13 +44,13 @@ def check_motion_model(model: FrozenModel | str, *, duration_s: float = 2.0, see
     >>> import doppelgait as dg
     >>> dg.testing.check_motion_model("boulic")
     """
-    from doppelgait.motion.models import MOTION_MODELS, generate, parameters_of
+    from doppelgait.motion.models import MOTION_MODELS, generate, get_parameters
 
     kind = model if isinstance(model, str) else str(getattr(model, "kind", ""))
     name = f"motion model {kind!r}"
     require(kind in MOTION_MODELS, f"{name} is not registered; known are {', '.join(MOTION_MODELS)}")
     parameters = MOTION_MODELS.parse(model)
-    parameters_of(kind)()  # every parameter has a default
+    get_parameters(kind)()  # every parameter has a default
     plain = parameters.model_dump(mode="json")
     require(MOTION_MODELS.parse(plain) == parameters, f"{name}: its parameters are others after JSON")
     motions = [generate(one, duration_s=duration_s, rng=np.random.default_rng(seed)) for one in (parameters, plain)]
@@ -152,7 +152,7 @@ def check_path(path: FrozenModel) -> None:
     >>> dg.testing.check_path(dg.motion.make_path({"kind": "arc", "radius_m": 2.0, "turn_deg": 90.0}))
     """
     from doppelgait.motion import boulic_walk, follow
-    from doppelgait.motion.paths import PATHS, Path, layout_of
+    from doppelgait.motion.paths import PATHS, Path, lay_out
 
     kind = str(getattr(path, "kind", ""))
     name = f"path {kind!r}"
@@ -160,7 +160,7 @@ def check_path(path: FrozenModel) -> None:
     if not isinstance(path, Path):
         raise AssertionError(f"{name}: its model must be derived from doppelgait.motion.paths.Path")
     require(PATHS.parse(path.model_dump(mode="json")) == path, f"{name}: its parameters are others after JSON")
-    layout = layout_of(path)
+    layout = lay_out(path)
     lengths = [piece.length_m for piece in layout.pieces]
     require(lengths and min(lengths) > 0, f"{name}: needs pieces of positive length, has {lengths}")
     require(all(math.isfinite(length) for length in lengths[:-1]), f"{name}: only its last piece may be endless")
@@ -213,7 +213,7 @@ def _check_same_motion(name: str, one: Any, other: Any) -> None:
 def check_rcs(parameters: Any) -> None:
     """Check that a radar cross section keeps its contract.
 
-    The contract is that of :class:`doppelgait.scene.scatterers.Scatter`.
+    The contract is that of :class:`doppelgait.scene.scatterers.RcsKind`.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from pydantic import Field
 
 import doppelgait as dg
 from doppelgait.core.config import FrozenModel
-from doppelgait.radar import Waveform, path_phase_rad, scatterer_arrays
+from doppelgait.radar import Waveform, compute_scatterer_arrays, path_phase_rad
 from doppelgait.scene.rcs import scatterer_rcs_m2
 
 
@@ -45,7 +45,7 @@ class Barker(Waveform):
 
     def synthesise(self, scatterers, radar):
         """Sum of the responses of all scatterers, V."""
-        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         phase_rad = radar.transmit_phase_rad - 4 * np.pi * np.mod(range_m / radar.wavelength_m, 1)
         extra_rad = path_phase_rad(scatterers)
         echo = amplitude_v * np.exp(1j * (phase_rad if extra_rad is None else phase_rad + extra_rad))
