@@ -76,7 +76,7 @@ def endless(content: bytes) -> Iterator[int]:
 
 
 def test_heaps_are_found_across_the_pieces_that_a_file_is_read_in(monkeypatch) -> None:
-    content = b"".join(HEAP + bytes(gap) for gap in range(40)) + HEAP[:5]
+    content = b"".join(HEAP + bytes(gap) for gap in range(40)) + HEAP[:4]
     wanted = [match.start() for match in re.finditer(re.escape(HEAP), content)]
     for piece in (1, 7, 8, 9, 100):
         monkeypatch.setattr(own_hdf5, "PIECE", piece)
@@ -106,7 +106,7 @@ def test_heaps_without_end_are_those_of_the_literal_rule() -> None:
         content = bytearray()
         for _ in range(rng.integers(1, 12)):
             if rng.random() < 0.4:
-                content += HEAP + struct.pack("<Q", int(rng.integers(0, 400)))
+                content += HEAP + bytes(3) + struct.pack("<Q", int(rng.integers(0, 400)))
             step = [0, 8, 16, 24, 40, 2**63, 2**64 - 16][rng.integers(7)]
             content += struct.pack("<H6xQ", int(rng.integers(0, 2)), step)
         starts = [match.start() for match in re.finditer(re.escape(HEAP), bytes(content))]
@@ -117,7 +117,7 @@ def test_heaps_without_end_are_those_of_the_literal_rule() -> None:
 def test_every_object_of_a_heap_is_looked_at_once() -> None:
     """20,000 heaps, the chain of each through all later ones: the literal rule needs 200 million steps."""
 
-    one = HEAP + struct.pack("<Q", 2**40) + struct.pack("<H6xQ", 1, 16) + bytes(16)
+    one = HEAP + bytes(3) + struct.pack("<Q", 2**40) + struct.pack("<H6xQ", 1, 16) + bytes(16)
     assert list(endless(one * 20_000)) == []
 
 
@@ -287,3 +287,30 @@ def test_texts_longer_than_their_file_are_refused_and_others_read(tmp_path: Path
         path.write_bytes(content[:at] + struct.pack("<I", 1_000_000_000) + content[at + 4 :])
         with pytest.raises(ValueError, match="text of 1,000,000,000 bytes"):
             open_hdf5(path)
+
+
+def test_texts_of_attributes_are_single_and_of_a_plain_type(tmp_path: Path) -> None:
+    path = plain(tmp_path / "a.h5", x=np.zeros(3))
+    with h5py.File(path, "r+") as file:
+        file.attrs.create("list", ["a", "b"], dtype=h5py.string_dtype())
+    with pytest.raises(ValueError, match="'list' of 'the root' is a list of texts"):
+        open_hdf5(path)
+    path = plain(tmp_path / "b.h5", x=np.zeros(3))
+    with h5py.File(path, "r+") as file:
+        file["named"] = h5py.string_dtype()
+        file["x"].attrs.create("text", "a", dtype=file["named"])
+    with pytest.raises(ValueError, match="named type"):
+        open_hdf5(path)
+
+
+def test_heaps_are_found_whatever_their_reserved_bytes(tmp_path: Path) -> None:
+    path = plain(tmp_path / "a.h5", x=np.zeros(3))
+    with h5py.File(path, "r+") as file:
+        file.attrs["text"] = "a"
+    content = bytearray(path.read_bytes())
+    heap = content.index(HEAP)
+    content[heap + 5] = 0xFF
+    content[heap + 16 + 24 + 8 : heap + 16 + 24 + 16] = bytes(8)  # the object after the text
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="has no end"):
+        open_hdf5(path)

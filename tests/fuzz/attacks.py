@@ -504,6 +504,17 @@ def _long_session_text(content: bytearray) -> None:
 
 
 _damaged_bytes("parts_of_complex_numbers_that_overlap", "radar-own", _overlapping_parts)
+
+
+def _endless_heap_with_reserved_bytes(content: bytearray) -> None:
+    """The library does not look at the bytes after the version of a heap."""
+    at = content.index(b"GCOL")
+    content[at + 5] = 0xFF
+    content[at + 16 : at + 18] = bytes(2)
+    content[at + 24 : at + 32] = bytes(8)
+
+
+_damaged_bytes("endless_heap_with_reserved_bytes", "radar-own", _endless_heap_with_reserved_bytes)
 _damaged_bytes("sequence_for_a_text", "radar-own", _sequence_for_a_text)
 _damaged_bytes("text_of_gigabytes_in_an_attribute", "radar-own", _long_text(b"units\0", 32))
 _damaged_bytes("text_of_gigabytes_in_a_dataset", "radar-acconeer", _long_session_text)
@@ -541,3 +552,27 @@ def matlab_axis_of_texts(folder: Path) -> str:
 def points_of_large_numbers(folder: Path) -> str:
     (folder / "a.csv").write_text("x,y,doppler,track,time\n" + f"{'9' * 400},1,1,1,0\n0,1,1,1,1\n")
     return "radar-points"
+
+
+@attack
+def text_of_a_named_type(folder: Path) -> str:
+    import h5py
+
+    _seed("radar-own", folder)
+
+    def change(file: Any) -> None:
+        file["named"] = h5py.string_dtype()
+        del file.attrs["format"]
+        file.attrs.create("format", "doppelgait-recording", dtype=file["named"])
+
+    _hdf5(folder / "a.h5", change)
+    return "radar-own"
+
+
+@attack
+def list_of_texts(folder: Path) -> str:
+    import h5py
+
+    _seed("radar-own", folder)
+    _hdf5(folder / "a.h5", lambda file: file["baseband"].attrs.create("units", ["V"], dtype=h5py.string_dtype()))
+    return "radar-own"

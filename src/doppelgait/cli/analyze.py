@@ -44,6 +44,8 @@ SHOWN_QUALITY = {
     "aspect_deg": "deg", "breathing_rate_hz": "Hz",
 }  # fmt: skip
 """Diagnostics worth a row of the feature table, with their units."""
+SEGMENTS = {"n_pieces": "n_segments"}
+"""Name in the table of a diagnostic that files store under an older name."""
 
 
 def analyze(
@@ -175,7 +177,7 @@ def print_features(results: Sequence[Result]) -> None:
     ]
     rows += [
         {
-            "feature": key,
+            "feature": SEGMENTS.get(key, key),
             "unit": unit,
             **{n: format_number(r.quality.get(key)) for n, r in zip(names, results, strict=True)},
         }

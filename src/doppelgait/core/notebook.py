@@ -24,7 +24,10 @@ def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
 
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:
-    """Format an object as one to five lines of text."""
+    """Format an object as one to five lines of text.
+
+    Facts that have no room are replaced by three dots.
+    """
     words = [f"{name} {value}" for name, value in facts.items() if value]
     lines, line = [], ""
     for word in words:
@@ -32,7 +35,8 @@ def show_text(title: str, facts: Mapping[str, str]) -> str:
             lines.append(line)
             line = ""
         line += (", " if line else "") + word
-    return "\n  ".join([title, *lines, *([line] if line else [])][:5])
+    shown = [title, *lines, *([line] if line else [])]
+    return "\n  ".join(shown if len(shown) <= 5 else [*shown[:4], f"{shown[4]}, ..."])
 
 
 def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> str:

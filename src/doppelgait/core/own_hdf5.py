@@ -24,7 +24,8 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
 USER_BLOCKS = (0, 512, 1024, 2048)
 """Where the signature may stand; MATLAB puts it at 512."""
-HEAP = b"GCOL\x01\x00\x00\x00"
+HEAP = b"GCOL\x01"
+"""Signature and version of a heap of texts; the library does not look at the three bytes after it."""
 HEAP_BYTES, OBJECT_BYTES = 16, 16
 """Bytes before the objects of a heap, and before the content of an object (8-byte lengths, as h5py writes)."""
 TEXT_BYTES = 4096
@@ -195,7 +196,12 @@ def _check_attributes(member: Any, name: str) -> None:
 
     for number in range(h5py.h5a.get_num_attrs(member.id)):
         attribute = h5py.h5a.open(member.id, index=number)
-        if fault := _type_fault(attribute.get_type()):
+        kind = attribute.get_type()
+        fault = _type_fault(kind)
+        n_dims = attribute.get_space().get_simple_extent_ndims()
+        if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str() and (n_dims or kind.committed()):
+            fault = "is a list of texts, or of a named type"  # TEXT finds single texts of a plain type only
+        if fault:
             text = attribute.name.decode(errors="replace")
             raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
 

@@ -298,10 +298,10 @@ class PlanConfig(FrozenModel):
         Further targets of every scene, with label, motion and place: ``[[targets]]`` entries of a scene file. Each is
         a row of its own with its own label and subject, in the split of its scene.
     background : list
-        Movers that scatter but are no target (a fan, a curtain): ``[[targets]]`` entries of a scene file, motion
+        Confusers, which scatter but are no target (a fan, a curtain): ``[[targets]]`` entries of a scene file, motion
         included.
     sources : list of SourceSection
-        Whose the motion files are.
+        Subjects, classes and licences of the motion files.
     environment, impairments : list
         As in a scene file. In these, in ``companions`` and in ``background`` an entry that is drawn as an empty table
         (``{ choice = [{ kind = "wall", ... }, {}] }``) is left out.

@@ -20,6 +20,7 @@ from doppelgait.core.config import validate
 from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
+from doppelgait.core.notebook import show_text
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
 from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec
@@ -216,6 +217,11 @@ class Example:
     row: dict[str, Any]
     arrays: dict[str, xr.DataArray]
     specify: Callable[[], ExampleSpec] | None = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        shapes = {name: " x ".join(map(str, array.shape)) for name, array in self.arrays.items()}
+        facts = {name: str(self.row[name]) for name in ("label", "split", "subject") if self.row.get(name) is not None}
+        return show_text(f"Example {self.row.get('id', '')}", {**facts, **shapes})
 
     @cached_property
     def specification(self) -> ExampleSpec:

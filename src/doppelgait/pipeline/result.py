@@ -31,7 +31,7 @@ from doppelgait.core.labels import (
     Schema,
     check_signal,
 )
-from doppelgait.core.notebook import plot, show_html
+from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, read_stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, measure_columns
 from doppelgait.processing import Analysis, Gate
@@ -167,28 +167,26 @@ class Result:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        known = [f"{name}={value:.4g}" for name, value in self._figures().items() if value is not None]
-        parts = [f"label={self.label!r}", f"gate={self.gate_source!r}", *known, f"flags={list(self.flags)}"]
-        if self.segments:
-            parts.append(f"segments={len(self.segments)}")
-        return f"Result({', '.join(parts)})"
-
-    def _figures(self) -> dict[str, float | None]:
-        return {**self.features.as_dict(), "gait_frequency_hz": self.gait_frequency_hz}
+        return show_text(
+            f"Result of {self.label or 'a target of unknown class'}, gate {self.gate_source}", self._facts()
+        )
 
     def _repr_html_(self) -> str:
+        facts = {"label": self.label or "unknown", "gate": self.gate_source, **self._facts()}
+        return show_html("Result", facts, "result" if "signature" in self.arrays else "", self)
+
+    def _facts(self) -> dict[str, str]:
+        """Collect what a person reads first, as text."""
         figures = {**self.shown_features, "gait_frequency_hz": self.gait_frequency_hz}
-        facts = {
-            "label": self.label or "unknown",
-            "gate": self.gate_source,
+        return {
             **{
                 STEP_LENGTHS.get(name, name): f"{value:.4g}" + " ?" * (name in self.doubtful)
                 for name, value in figures.items()
                 if value is not None
             },
+            "segments": str(len(self.segments) or ""),
             "flags": "; ".join(self.flags),
         }
-        return show_html("Result", facts, "result" if "signature" in self.arrays else "", self)
 
     def plot(self, *, ax: Any = None, **settings: Any) -> Any:
         """Plot the signature with its main line.

@@ -67,7 +67,10 @@ def overview(
     >>> len(figure.axes) > 0
     True
     """
-    baseband = recording if isinstance(recording, xr.DataArray) else recording.baseband
+    baseband = recording if isinstance(recording, xr.DataArray) else getattr(recording, "baseband", None)
+    if baseband is None:
+        kind = type(recording).__name__
+        raise ConfigError(f"recording: {kind} is not allowed; give a Recording, for example of doppelgait.simulate")
     if result is None:
         if "signature" not in arrays:
             raise ConfigError("result: is missing; give one of doppelgait.analyze(recording), for example results[0]")

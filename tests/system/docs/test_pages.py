@@ -33,7 +33,7 @@ INTERNAL = {
     "FrozenModel", "Path",  # bases of what users write
     "Conditions",  # the lists of a scene file, which stand at its top
     "Parquet", "WebDataset", "Zarr",  # options of an export
-    "RowSpec", "ExampleSpec", "Phantom", "Run",  # what configurations are resolved to
+    "RowSpec", "ExampleSpec", "EmptySceneOptions", "Run",  # what configurations are resolved to
     "Facts", "Patch", "Training",  # inside a model file
     "Splitting",  # an argument of a Python function
 }  # fmt: skip

@@ -61,7 +61,7 @@ export function difference({ x, y, second }, from, to) {
   const [across, up] = [to[0] - from[0], to[1] - from[1]];
   const parts = [`Δ ${fixed(across, 3)} ${x.unit}`, `${fixed(up, y.unit === "Hz" ? 2 : 3)} ${y.unit}`];
   if (second) parts.push(`${fixed(up * second.scale, 3)} ${second.unit}`);
-  if (x.unit === "s" && y.unit === "m" && across) parts.push(`${fixed(up / across, 3)} m/s`);
+  if (x.unit === "s" && y.unit === "m" && across) parts.push(`${fixed(-up / across, 3)} m/s`); // approaching is positive
   return parts.join(" · ");
 }
 
