@@ -285,11 +285,11 @@ def live(
     ----------
     frames : iterable of (float, array_like of shape (N,), complex)
         Time in s and range bins in V of every frame, for example of :func:`doppelgait.radar.open_stream`. Times may
-        jitter by less than half a frame; of a radar in bursts the first frame begins one. Missing frames are filled
-        with the one before; a gap longer than a window begins anew.
+        jitter by less than half a frame. For a radar in bursts the first frame must be the start of a burst. A missing
+        frame is replaced by the previous one; after a gap longer than a window, the windows start again.
     radar : Radar
     model : Model, optional
-        By default the one that comes with doppelgait and fits the radar.
+        By default the included model that fits the radar.
     window_s, hop_s : float, optional
         As for :func:`doppelgait.classify.classify_over_time`.
     range_m : array_like, shape (N,), optional
@@ -297,14 +297,15 @@ def live(
     analysis, tracking
         As for :func:`doppelgait.classify.classify`.
     skip : bool
-        Where the analysis is slower than the frames: True skips hops, so that decisions are not late (a sensor); False
-        lets the source wait (a file).
+        If the analysis is slower than the frames: True skips hops, so that decisions are not late (for a sensor); False
+        makes the source wait (for a file).
 
     Returns
     -------
     Live
-        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` are frames and windows up to now. What
-        the iterator of frames raises is raised by it.
+        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` has the numbers of frames and
+        windows up to now.
+        It passes on every error that ``frames`` raises.
 
     Raises
     ------

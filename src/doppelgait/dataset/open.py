@@ -406,13 +406,14 @@ class Dataset:
         batch_size : int
             The last batch may be smaller.
         rng : Streams or numpy.random.Generator, optional
-            For the order; needed to shuffle.
+            Random numbers for the order; required with ``shuffle``.
         shuffle : bool
             In a random order (:func:`doppelgait.dataset.learning.shuffled_rows`), else in that of the index.
         as_ : {"array", "picture"} or Patch
-            ``array``: in linear units, on the grid that it is stored on. ``picture``: signatures in dB over their noise
-            floor, clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k is the radial velocity
-            from -6.4 + 0.2 k m/s to 0.2 m/s more (approaching positive), a column is 1/32 s. The picture is the middle
+            ``array``: in linear units, on the stored grid. ``picture``: signatures in dB over their noise
+            floor, clipped to 0 to 40 dB, float32, as an array (64 velocities, 64 times): row k holds the radial
+            velocities from -6.4 + 0.2 k to -6.2 + 0.2 k m/s (approaching positive), a column is 1/32 s. The picture
+            is the middle
             2 s of the signature; a shorter one has 0 around it. Pulse rate, carrier, duration and gain do not change
             the format. :class:`doppelgait.classify.Patch` sets another one, for example ``Patch(n_time=128)``.
 
@@ -470,13 +471,14 @@ class Dataset:
     ) -> IterableExamples:  # fmt: skip
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
-        The workers of a loader share the examples: each one comes once per epoch, whatever their number. Shard files
+        The workers of a loader share the examples: every example is returned once per epoch, for any number of
+        workers. Shard files
         are read one group after another, which suits datasets that are larger than memory.
 
         Parameters
         ----------
         seed : int or None
-            Of the order, which depends on nothing but the seed and the epoch; None for that of the index. Call
+            Seed of the order, which depends only on seed and epoch; None for the order of the index. Call
             ``set_epoch(n)`` before every epoch for another order; this holds for persistent workers, too.
         fields, as_, transform, target
             As of :meth:`torch`.

@@ -41,20 +41,21 @@ def analyze(
     gate : {"track", "truth"}, (float, float), text such as ``"1.2:2.8"``, or Gate
         ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
         stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged.
-        ``track`` (the default) finds and follows moving bodies without any truth, and people who keep still by their
-        breath; static clutter is then removed even if ``analysis`` does not require it.
+        ``track`` (the default) finds and follows moving bodies without any truth, and detects motionless people by
+        breathing; static clutter is then removed even if ``analysis`` does not require it.
     analysis : Analysis, optional
         Parameters; the defaults of :class:`doppelgait.processing.Analysis`.
     tracking : Tracking, optional
         Parameters of ``track``.
     gate_error_m : float
-        Constant range error added to a truth gate, as a tracker would have.
+        Constant range error added to a truth gate, like the error of a tracker.
 
     Returns
     -------
     TargetList of Result
-        A list: one per target of the truth or per track, or one for a given gate. Where nothing was found it is empty
-        and its ``reason`` says why.
+        A list with one result per target of the truth or per track, or one result for a fixed gate. If nothing was
+        found,
+        it is empty and its ``reason`` states why.
 
     Raises
     ------

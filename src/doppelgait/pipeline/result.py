@@ -128,11 +128,12 @@ class Result:
     standard_deviation : mapping
         Of the features of the set F and of the gait frequency, None where unknown.
     arrays : mapping
-        What the properties of the same names return; a result of a table row may have none.
+        Values of the properties with the same names; a result made from a table row may have none.
     gate_limits : Gate, optional
-        Of a tracked target the gate of the whole track; None in a result of a table row.
+        Gate of the target, for a tracked target over the whole track; None in a result made from a table row.
     segments : tuple of Result
-        Of a tracked target: one per segment of steady motion, in the order of time; this result is that of the longest.
+        For a tracked target, one result per segment of steady motion in the order of time; this result is that of the
+        longest segment.
 
     Examples
     --------

@@ -72,7 +72,7 @@ def simulate(
     Parameters
     ----------
     scene : Scene or PlacedScene
-        A scene is placed first, with these streams.
+        Scene to simulate; the motions of a scene that is not yet placed are placed first, with ``rng``.
     radar : Radar, str or Path
         A string or path names a preset or the ``.toml`` file of a radar, as ``--radar`` of the command does.
     rng : Streams, optional
@@ -80,18 +80,19 @@ def simulate(
         Without them the recording is noise-free, and nothing random is allowed.
     conditions : Conditions, optional
         Receiver noise, environment and impairments; by default thermal noise (E-18) and, with a radar by name, the
-        environment and impairments that its file states. Receiver noise comes before the impairments; a
-        ``thermal_noise`` among them takes its place.
+        environment and impairments that its file states. Receiver noise is added before the impairments; a
+        ``thermal_noise`` among the
+        impairments replaces it.
     snr_db : float, optional
         Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
-        in dB; ``inf`` for no noise. The power is that of the targets: no ghosts, background bodies or clutter.
+        in dB; ``inf`` for no noise. The power counts only the targets, without ghosts, background bodies and
+        clutter.
     angles : bool
-        Include every scatterer's aspect angle and the bodies for plots in the truth; without, the simulation is
-        faster.
+        Add to the truth the aspect angle of every scatterer and the bodies for plots; False is faster.
     in_tiles : bool
-        Make the samples of more than 32,768 pulses, and the truth of their scatterers, when they are asked for, at
-        every access, for a recording that is only written: memory then hardly grows with the duration. The values are
-        the same. Recordings with impairments are made at once.
+        For a recording of more than 32,768 pulses that is only written to a file: compute samples and truth anew at
+        every access instead of keeping them, so that memory hardly grows with the duration. The values are the same.
+        Has no effect on recordings with impairments.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def simulate(
     Raises
     ------
     ConfigError
-        If ``snr_db`` or impairments have no source of random numbers, or an argument is not allowed.
+        If ``snr_db`` or impairments need random numbers and ``rng`` is missing, or an argument is not allowed.
 
     Warns
     -----

@@ -44,13 +44,14 @@ class Analysis(FrozenModel):
     doppler_bins : int, optional
         Transform length K; by default the next 2^a, 3 2^a or 5 2^a not below M.
     hop : int, optional
-        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which loses nothing. A divisor
-        of that changes no feature (:func:`doppelgait.processing.decimate`).
+        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which loses nothing. A hop that
+        divides the default changes no feature (:func:`doppelgait.processing.decimate`).
     gate_span_m : float
         Range extent of the gate, the same for every class (E-26).
     gate_edges : {"fractional", "sharp"}
-        A range bin at the gate's edge counts by the share of its cell inside (``fractional``), or wholly or not at all
-        as in the report (``sharp``); sharp edges jump from bin to bin and put steps into the signature.
+        A range bin at the edge of the gate is weighted by the share of its cell inside (``fractional``), or by 1 or 0
+        as
+        in the report (``sharp``); sharp edges jump from bin to bin and put steps into the signature.
     gate_doppler_hz : (float, float), optional
         Doppler band of the gate; none by default.
     normalisation : {"sum", "max", "r4"}

@@ -50,7 +50,7 @@ class Gate:
     Parameters
     ----------
     time_s, centre_m : ndarray, shape (T,)
-        Track of the body: any rising times, ranges R_c. Between them the gate is interpolated.
+        Track of the body: times in rising order, and ranges R_c. The gate is interpolated between them.
     span_m : float
         Range extent g: R_c - g/2 to R_c + g/2.
     doppler_hz : (float, float), optional
@@ -58,7 +58,7 @@ class Gate:
     source : str
         Where the track comes from: ``"truth"``, ``"track"`` or ``"given"``.
     range_sd_m : float, optional
-        Standard deviation of the ranges R_c, where a tracker tells it.
+        Standard deviation of the ranges R_c, if a tracker states it.
 
     Raises
     ------

@@ -260,7 +260,7 @@ class Radar(FrozenModel):
     Parameters
     ----------
     name : str
-        For people; no effect.
+        Name shown to the user; it has no effect.
     waveform : Waveform or str or mapping
         ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse behind a matched filter), ``fmcw``
         (de-chirped), ``stepped`` (stepped frequency), ``cw`` or one of an installed package; what each needs is in
@@ -271,8 +271,9 @@ class Radar(FrozenModel):
     prf_hz : float
         Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
     burst_pulses, burst_period_s : int, float, optional
-        Sensors that look in bursts: frames in each, prf_hz apart, and time from the start of a burst to that of the
-        next. None: frames without pauses. For impairments that vary over slow time, time stands still in the pauses.
+        For sensors that measure in bursts: frames of a burst, at the rate prf_hz, and time from the start of a burst to
+        that of the next. None: frames without pauses. For impairments that vary over slow time, time stands still in
+        the pauses.
     sample_rate_hz : float
         Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
         cw radar has one sample per frame; there it has no effect and is prf_hz when left out.
@@ -281,10 +282,10 @@ class Radar(FrozenModel):
     range_start_m, range_stop_m : float
         Frame limits r_min, r_max.
     bandwidth_hz, bandwidth_level_db : float, {3, 10}
-        Two-sided bandwidth B: of the Gaussian pulse, with the level below the peak at which it is meant; of lfm, fmcw
-        and stepped the band swept in sweep_s.
+        Two-sided bandwidth B. Gaussian pulse: measured at this level below the peak. lfm, fmcw and stepped: the band
+        swept in sweep_s.
     pulse_sigma_s : float
-        impulse: instead of the bandwidth the standard deviation tau of the pulse's amplitude envelope.
+        impulse: standard deviation tau of the pulse's amplitude envelope, instead of the bandwidth.
     sweep_s : float
         Duration: of the pulse (rectangular, lfm), of the part of a chirp that is sampled (fmcw), of all steps
         (stepped). fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps a frame.
@@ -321,7 +322,7 @@ class Radar(FrozenModel):
         is one short look, and where the waveform models the motion within a frame (fmcw, stepped).
     fold_echoes : bool
         Pulsed radars: show echoes from beyond c / (2 pulse rate) in the frame of a later pulse (E-10b). False for a
-        hypothetical radar that knows the echoes of its pulses apart. Sweeps fold in any case.
+        hypothetical radar that assigns every echo to its pulse. Sweeps fold in any case.
     transmit_phase_rad : float
         Phase theta of the transmitted pulse.
     hypothetical : bool

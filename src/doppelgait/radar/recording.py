@@ -104,7 +104,7 @@ class Recording:
     Parameters
     ----------
     samples : Samples, shape (pulses, range bins)
-        Complex baseband, V. The recording's own: it cannot be changed any more.
+        Complex baseband, V; read-only.
     radar : Radar
     slow_time_s : ndarray, shape (pulses,)
         Times of the pulses.

@@ -83,8 +83,8 @@ class Target(FrozenModel):
     scaling : {"uniform", "froude", "z_only"}
         How to scale (E-01).
     range_m : float, optional
-        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or as much
-        more as keeps the closest approach at 2 m.
+        Ground range of the body centre from the radar at the middle of the observation; by default
+        5 m, or more if the body would otherwise come closer than 2 m.
     bearing_deg : float
         Direction of that point as seen from the radar, from +x towards +y.
     aspect_deg : float
@@ -98,7 +98,7 @@ class Target(FrozenModel):
         Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
         which it needs; straight on by default.
     vary : Variation or table, optional
-        How the body moves otherwise than its model or recording (:mod:`doppelgait.motion.vary`).
+        Differences of the motion from its model or recording (:mod:`doppelgait.motion.vary`).
     background : bool
         A body that scatters but is no target: a fan, a curtain. It has no truth and no result, and its scatterers
         have target number -1.
@@ -185,14 +185,14 @@ class Scene(FrozenModel):
     Parameters
     ----------
     targets : sequence of Target
-        None for an empty room, which needs ``duration_s``.
+        Empty for an empty room; ``duration_s`` is then required.
     radar_position_m : (float, float, float)
         Position of the radar (of its transmitter, where the receiver is elsewhere), z up from the floor.
     duration_s : float, optional
         Observation time T_o; by default the shortest motion, or 5 s where all motions are models.
     radar_azimuth_deg, radar_tilt_deg : float
         Where the antenna looks (its boresight): azimuth from +x towards +y, -360 to 360 degrees, and tilt up from the
-        horizontal, -90 to 90 degrees. Of no effect for an isotropic antenna.
+        horizontal, -90 to 90 degrees. It has no effect for an isotropic antenna.
     receiver_position_m : (float, float, float), optional
         Position of the receiver of a bistatic radar; at ``radar_position_m`` by default.
 

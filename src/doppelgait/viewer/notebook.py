@@ -18,15 +18,15 @@ def view(
 ) -> View:  # fmt: skip
     """Show a recording, result file or dataset in the viewer.
 
-    Only this computer can reach the page. In a notebook the last expression of a cell shows it; a script opens
-    ``.url`` in a browser. The page is served until ``.stop()`` or the end of Python.
+    Only this computer can reach the page. In a notebook, make it the last expression of a cell to show the page; in a
+    script, open ``.url`` in a browser. The page is served until ``.stop()`` or the end of Python.
 
     Parameters
     ----------
     source : Recording, str or Path
         A recording in memory, or what ``doppelgait view`` takes: a recording, a result or the folder of a dataset.
     gate : {"track", "truth"}, (float, float) or text such as ``"1.2:2.8"``, optional
-        Where the targets are; ``"track"`` by default, all ranges where a recording cannot be tracked.
+        Source of the gate; ``"track"`` by default, or all ranges if the recording cannot be tracked.
     analysis : Analysis, optional
     tracking : Tracking, optional
     port : int

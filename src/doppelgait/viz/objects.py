@@ -39,7 +39,8 @@ def overview(
     ----------
     recording : Recording or DataArray (slow_time, range)
     result : Result, optional
-        One target of :func:`doppelgait.analyze`; without it ``recording`` is a baseband, and the arrays are given.
+        One target of :func:`doppelgait.analyze`. Without it ``recording`` must be a baseband and ``arrays`` are
+        required.
     title : str, optional
         By default the label of the result.
     **arrays
@@ -53,7 +54,7 @@ def overview(
     Raises
     ------
     AnalysisError
-        If an array does not keep its schema.
+        If an array does not have the required dimensions and coordinates.
     ConfigError
         If there is neither a result nor the arrays.
 

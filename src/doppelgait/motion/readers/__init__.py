@@ -58,12 +58,12 @@ def read(
         Keep one straight segment at constant velocity (:func:`~doppelgait.motion.segments.find_segments`): its number,
         1 for the first, as ``motion info`` lists them, or the longest. Needs ``clean``.
     loop_to_s : float, optional
-        Make what is kept last up to this time, by strides that vary about the recorded ones
+        Extend the kept part to this duration, with strides that vary about the recorded ones
         (:func:`~doppelgait.motion.loop.loop`). Needs ``clean``.
     loop_variation : float
-        Factor on that variation, 0 (exact repetition) to 2.
+        Factor on the variation of the strides in the loop, 0 (exact repetition) to 2.
     treadmill : bool
-        Take the motion as one over the ground at the measured speed of the belt
+        Treat the recording as made on a treadmill: move the body over the ground at the measured belt speed
         (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
     **options
         Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
@@ -76,7 +76,7 @@ def read(
     Raises
     ------
     MotionError
-        If there is no such file, no reader takes it, an option is not allowed, or it cannot be read right.
+        If the file does not exist, no reader accepts it, an option is not allowed, or the file is invalid.
     """
     file = Path(path)
     if file.is_dir():
