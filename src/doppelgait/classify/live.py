@@ -297,15 +297,14 @@ def live(
     analysis, tracking
         As for :func:`doppelgait.classify.classify`.
     skip : bool
-        If the analysis is slower than the frames: True skips hops, so that decisions are not late (for a sensor); False
-        makes the source wait (for a file).
+        If the analysis is slower than the frames: True skips hops, so that decisions are not late (for a sensor);
+        False makes the source wait (for a file).
 
     Returns
     -------
     Live
-        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` has the numbers of frames and
-        windows up to now.
-        It passes on every error that ``frames`` raises.
+        An iterator of :class:`doppelgait.classify.TrackDecision`; its ``counts`` has the numbers of frames and windows
+        up to now. It passes on every error that ``frames`` raises.
 
     Raises
     ------

@@ -40,9 +40,9 @@ def analyze(
         A path is read as by :func:`doppelgait.radar.read_recording`.
     gate : {"track", "truth"}, (float, float), text such as ``"1.2:2.8"``, or Gate
         ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
-        stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged.
-        ``track`` (the default) finds and follows moving bodies without any truth, and detects motionless people by
-        breathing; static clutter is then removed even if ``analysis`` does not require it.
+        stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged. ``track`` (the default)
+        finds and follows moving bodies without any truth, and detects motionless people by breathing; static clutter
+        is then removed even if ``analysis`` does not require it.
     analysis : Analysis, optional
         Parameters; the defaults of :class:`doppelgait.processing.Analysis`.
     tracking : Tracking, optional
@@ -54,8 +54,7 @@ def analyze(
     -------
     TargetList of Result
         A list with one result per target of the truth or per track, or one result for a fixed gate. If nothing was
-        found,
-        it is empty and its ``reason`` states why.
+        found, it is empty and its ``reason`` states why.
 
     Raises
     ------

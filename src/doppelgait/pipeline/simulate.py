@@ -81,12 +81,10 @@ def simulate(
     conditions : Conditions, optional
         Receiver noise, environment and impairments; by default thermal noise (E-18) and, with a radar by name, the
         environment and impairments that its file states. Receiver noise is added before the impairments; a
-        ``thermal_noise`` among the
-        impairments replaces it.
+        ``thermal_noise`` among the impairments replaces it.
     snr_db : float, optional
         Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
-        in dB; ``inf`` for no noise. The power counts only the targets, without ghosts, background bodies and
-        clutter.
+        in dB; ``inf`` for no noise. The power counts only the targets, without ghosts, background bodies and clutter.
     angles : bool
         Add to the truth the aspect angle of every scatterer and the bodies for plots; False is faster.
     in_tiles : bool

@@ -50,8 +50,7 @@ class Analysis(FrozenModel):
         Range extent of the gate, the same for every class (E-26).
     gate_edges : {"fractional", "sharp"}
         A range bin at the edge of the gate is weighted by the share of its cell inside (``fractional``), or by 1 or 0
-        as
-        in the report (``sharp``); sharp edges jump from bin to bin and put steps into the signature.
+        as in the report (``sharp``); sharp edges jump from bin to bin and put steps into the signature.
     gate_doppler_hz : (float, float), optional
         Doppler band of the gate; none by default.
     normalisation : {"sum", "max", "r4"}

@@ -271,9 +271,9 @@ class Radar(FrozenModel):
     prf_hz : float
         Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
     burst_pulses, burst_period_s : int, float, optional
-        For sensors that measure in bursts: frames of a burst, at the rate prf_hz, and time from the start of a burst to
-        that of the next. None: frames without pauses. For impairments that vary over slow time, time stands still in
-        the pauses.
+        For sensors that measure in bursts: frames of a burst, at the rate prf_hz, and time from the start of a burst
+        to that of the next. None: frames without pauses. For impairments that vary over slow time, time stands still
+        in the pauses.
     sample_rate_hz : float
         Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
         cw radar has one sample per frame; there it has no effect and is prf_hz when left out.

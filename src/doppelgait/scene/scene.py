@@ -83,8 +83,8 @@ class Target(FrozenModel):
     scaling : {"uniform", "froude", "z_only"}
         How to scale (E-01).
     range_m : float, optional
-        Ground range of the body centre from the radar at the middle of the observation; by default
-        5 m, or more if the body would otherwise come closer than 2 m.
+        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or more if the
+        body would otherwise come closer than 2 m.
     bearing_deg : float
         Direction of that point as seen from the radar, from +x towards +y.
     aspect_deg : float

@@ -317,8 +317,8 @@ def boulic_walk(
     Returns
     -------
     Motion
-        Motion (time, marker, space) of :data:`POINTS`. It moves along +x from x = 0; the lowest foot point of the cycle
-        is at z = 0.
+        Motion (time, marker, space) of :data:`POINTS`. It moves along +x from x = 0; the lowest foot point of the
+        cycle is at z = 0.
 
     Raises
     ------
