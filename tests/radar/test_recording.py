@@ -130,6 +130,7 @@ def test_a_file_of_what_no_radar_can_have_is_refused_with_its_key(tmp_path, walk
         times_by(0.96),
         put("range_m", 0, -900.0),
         attribute("noise_power_v2", 0.0),
+        put("truth/0/centre_aspect_rad", 3, np.nan),  # a body that stands still
         attribute("noise_power_v2", np.nan),
     ],
 )

@@ -377,6 +377,8 @@ def check_plausible(recording: Recording, where: str) -> None:
         ):
             parts = [values] if isinstance(values, np.ndarray) else (part for _, part in read_tiles(values))
             shape = values.shape if isinstance(values, np.ndarray) else values.shape[:1]
+            if name == "centre_aspect_rad":  # NaN while a body stands still
+                parts = [np.nan_to_num(values)]
             if shape != times_s.shape or not all((np.abs(part) <= most).all() for part in parts):
                 said = f"of shape {values.shape}" if shape != times_s.shape else "not finite or too large"
                 _refuse(where, f"{name} of truth {number}", said, f"one value a pulse, up to {most:g}, is allowed")
