@@ -206,7 +206,7 @@ def test_scatter_of_few_rows_shows_all(browser, index):
     ("balance", [("sort", "id")], "'sort' is not known here"),
     ("scatter", [("x", "snr_frame_db")], "y: is missing"),
     ("scatter", [("x", "snr_frame_db"), ("y", "label")], "y: 'label' is no number column"),
-    ("sheet", [("limit", "97")], "limit: '97' is not allowed"),
+    ("make_sheet", [("limit", "97")], "limit: '97' is not allowed"),
 ])  # fmt: skip
 def test_what_is_not_allowed_is_named(browser, ask, query, words):
     with pytest.raises(ConfigError) as caught:
