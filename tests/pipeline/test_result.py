@@ -34,7 +34,8 @@ from doppelgait.pipeline import (
     run_simulation,
     write_results,
 )
-from doppelgait.pipeline.result import LABELLED_ARRAYS, PLAIN_ARRAYS, LateArrays, is_result_file
+from doppelgait.pipeline.result import LABELLED_ARRAYS, PLAIN_ARRAYS, LateArrays
+from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.processing import Analysis, Gate
 
 WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}

@@ -14,7 +14,7 @@ from doppelgait.core.errors import AnalysisError, DatasetError, RecordingError
 from doppelgait.core.own_hdf5 import get_own_member, open_hdf5
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
-from doppelgait.pipeline.result import read_results
+from doppelgait.pipeline.result_files import read_results
 from doppelgait.radar import read_recording, write_recording
 from tiny_dataset import built, tiny_plan
 

@@ -27,7 +27,7 @@ from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.example import find_feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
-from doppelgait.pipeline.result import is_result_file
+from doppelgait.pipeline.result_files import is_result_file
 from doppelgait.processing import Analysis
 from doppelgait.processing.patches import levels_of
 from doppelgait.radar import Recording, read_recording

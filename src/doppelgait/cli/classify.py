@@ -59,7 +59,7 @@ def classify(
     from doppelgait.classify.decide import choose_model
     from doppelgait.classify.decide import classify as run_classification
     from doppelgait.classify.shipped import open_model
-    from doppelgait.pipeline.result import is_result_file, read_results
+    from doppelgait.pipeline.result_files import is_result_file, read_results
 
     loaded = None if model is None else open_model(model)
     if is_result_file(recording):

@@ -3,7 +3,8 @@
 from doppelgait.pipeline.analyze import analyze
 from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.pipeline.radar_table import parse_radar
-from doppelgait.pipeline.result import Result, Results, TargetList, describe_results, read_results, write_results
+from doppelgait.pipeline.result import Result, TargetList
+from doppelgait.pipeline.result_files import Results, describe_results, read_results, write_results
 from doppelgait.pipeline.run import Run, parse_run, run_simulation
 from doppelgait.pipeline.simulate import choose_lowest_prf, simulate
 from doppelgait.pipeline.tracking import Tracking

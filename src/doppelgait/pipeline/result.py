@@ -1,4 +1,4 @@
-"""Result of a target: memory, JSON, HDF5, table row.
+"""Result of a target: memory, JSON, table row.
 
 A result is one value that carries its analysis settings.
 """
@@ -6,21 +6,17 @@ A result is one value that carries its analysis settings.
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import convert_to_json, format_canonical_json, validate
-from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
-from doppelgait.core.files import open_atomically
+from doppelgait.core.config import validate
+from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
@@ -29,18 +25,11 @@ from doppelgait.core.labels import (
     SIGNATURE,
     STEP_LENGTHS,
     Schema,
-    check_signal,
 )
 from doppelgait.core.notebook import plot, show_html, show_text
-from doppelgait.core.own_hdf5 import FAULTS, open_hdf5, read_stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures, measure_columns
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.parts import measure_parts
-from doppelgait.radar import Radar
-from doppelgait.radar.recording import Recording
-
-FORMAT = "doppelgait-result"
-FORMAT_VERSION = 2
 
 LABELLED_ARRAYS: dict[str, Schema] = {
     "signature": SIGNATURE,
@@ -339,12 +328,12 @@ class Result:
         plain = {
             "label": self.label,
             "gate": self.gate_source,
-            "features": _convert_to_plain(self.features.as_dict()),
-            **{name: _convert_to_plain(getattr(self, name)) for name in NUMBERS},
-            "quality": _convert_to_plain(self.quality),
+            "features": convert_to_plain(self.features.as_dict()),
+            **{name: convert_to_plain(getattr(self, name)) for name in NUMBERS},
+            "quality": convert_to_plain(self.quality),
             "flags": list(self.flags),
-            "standard_deviation": _convert_to_plain(self.standard_deviation),
-            "extended": _convert_to_plain(self.extended),
+            "standard_deviation": convert_to_plain(self.standard_deviation),
+            "extended": convert_to_plain(self.extended),
         }
         if self.segments:
             plain["segments"] = [segment.to_json(arrays=arrays) for segment in self.segments]
@@ -359,14 +348,14 @@ class Result:
                         str(key): {
                             **_convert_values_to_json(one.values),
                             "dims": list(one.dims),
-                            "attrs": _convert_to_plain(one.attrs),
+                            "attrs": convert_to_plain(one.attrs),
                         }
                         for key, one in array.coords.items()
                     }
                     stored[name] |= {
                         "dims": list(array.dims),
                         "name": array.name,
-                        "attrs": _convert_to_plain(array.attrs),
+                        "attrs": convert_to_plain(array.attrs),
                         "coords": coords,
                     }
             plain["arrays"] = stored
@@ -480,12 +469,12 @@ def _check_keys(stored: Any, needed: Sequence[str], noun: str, remedy: str) -> N
         raise AnalysisError(f"this {noun} of a result has no {', '.join(missing[:3])}; {remedy}")
 
 
-def _convert_to_plain(value: Any) -> Any:
+def convert_to_plain(value: Any) -> Any:
     """Convert NumPy scalars to Python scalars."""
     if isinstance(value, Mapping):
-        return {str(key): _convert_to_plain(inner) for key, inner in value.items()}
+        return {str(key): convert_to_plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_convert_to_plain(inner) for inner in value]
+        return [convert_to_plain(inner) for inner in value]
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -499,9 +488,6 @@ def _convert_values_to_json(values: npt.NDArray[Any]) -> dict[str, Any]:
 def _parse_values(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
     data = np.frombuffer(base64.b64decode(plain["base64"]), dtype=np.dtype(plain["dtype"]))
     return data.reshape(plain["shape"]).copy()
-
-
-# Files ---------------------------------------------------------------------------------------------------------------
 
 
 class TargetList(list[Result]):
@@ -524,261 +510,3 @@ class TargetList(list[Result]):
     def __init__(self, results: Iterable[Result] = (), *, reason: str = "") -> None:
         super().__init__(results)
         self.reason = reason
-
-
-@dataclass(frozen=True)
-class Results:
-    """Results of one recording, as stored in a file.
-
-    Parameters
-    ----------
-    source : str
-        Recording that was analysed.
-    radar : Radar
-    targets : tuple of Result
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import read_results, write_results
-    >>> write_results("results.h5", recording, [result])
-    >>> read_results("results.h5").targets[0].label
-    'human'
-    """
-
-    source: str
-    radar: Radar
-    targets: tuple[Result, ...]
-
-
-def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
-    """Build the document that ``doppelgait analyze --json`` prints.
-
-    Values that are not finite become None; an empty list of targets has its ``reason``. ``n_bodies`` leaves out targets
-    whose verdict is reflection, folded or thing.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import describe_results
-    >>> sorted(describe_results(recording, [result]))[:3]
-    ['n_bodies', 'recording', 'targets']
-    """
-    facts = {
-        "file": recording.source,
-        "n_pulses": recording.n_pulses,
-        "n_range_bins": recording.n_range_bins,
-        "observation_s": recording.observation_s,
-        "snr_frame_db": recording.snr_frame_db,
-        "noise_power_v2": recording.noise_power_v2,
-        "seed": recording.seed,
-        "radar": recording.radar.model_dump(mode="json"),
-    }
-    reason = {"reason": results.reason} if isinstance(results, TargetList) and not results else {}
-    targets = [result.to_json(arrays=False) for result in results]
-    n_bodies = sum(result.is_body for result in results)
-    document: dict[str, Any] = convert_to_json({"recording": facts, "n_bodies": n_bodies, "targets": targets, **reason})
-    return document
-
-
-def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
-    """Write results to an HDF5 file, atomically.
-
-    Each target is a group ``targets/<number>``: label, gate source, features and numbers as attributes (empty where
-    undetermined), further mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of
-    the same form. Links ``time_s``, ``doppler_hz`` and ``cadence_hz`` lead to the axes of signature and cadence map.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written; an older file of that name is then untouched.
-    ConfigError
-        If ``results`` is one result.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import read_results, write_results
-    >>> write_results("results.h5", recording, [result])
-    >>> read_results("results.h5").targets[0].label
-    'human'
-    """
-    import h5py
-
-    if isinstance(results, Result):
-        raise ConfigError(
-            "write_results takes a list of results; write one as write_results(path, recording, [result])"
-        )
-    with open_atomically(path) as partial, h5py.File(partial, "w", track_order=True) as file:
-        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, source=recording.source)
-        file.attrs["radar"] = format_canonical_json(recording.radar)
-        file.create_group("targets", track_order=True)
-        for number, result in enumerate(results):
-            _write_result(file.create_group(f"targets/{number}", track_order=True), result, {})
-
-
-def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
-    import h5py
-
-    plain = result.to_json(arrays=False)
-    for name, value in {**plain["features"], **{name: plain[name] for name in NUMBERS}}.items():
-        group.attrs[name] = h5py.Empty("f8") if value is None else value
-    group.attrs["label"] = h5py.Empty("S1") if result.label is None else result.label
-    group.attrs["gate"] = result.gate_source
-    for name in ("flags", *GROUPS):
-        group.attrs[name] = json.dumps(plain[name])
-    group.attrs["analysis"] = format_canonical_json(result.analysis)
-    group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing one is found
-    for name, array in result.arrays.items():
-        if not isinstance(array, xr.DataArray):
-            _write_values(group, name, array, {}, written)
-            continue
-        facts = {
-            "dims": array.dims,
-            "name": array.name,
-            "attrs": _convert_to_plain(array.attrs),
-            "units": array.attrs["units"],
-        }
-        _write_values(group, name, array.values, facts, written)
-        axes = group.create_group(f"axes/{name}", track_order=True)
-        for key, one in array.coords.items():
-            _write_values(
-                axes, str(key), one.values, {"dims": one.dims, "attrs": _convert_to_plain(one.attrs)}, written
-            )
-    for name, axis in PLAIN_AXES.items():  # for readers without this package, under names with their units
-        if axis in group:
-            group[name] = group[axis]
-    if result.gate_limits is not None:
-        gate = group.create_group("gate_limits", track_order=True)
-        gate.attrs.update(source=result.gate.source, span_m=result.gate.span_m)
-        gate.attrs["doppler_hz"] = result.gate.doppler_hz or h5py.Empty("f8")
-        for name in ("time_s", "centre_m"):
-            _write_values(gate, name, getattr(result.gate, name), {}, written)
-    for number, segment in enumerate(result.segments):
-        _write_result(group.create_group(f"segments/{number}", track_order=True), segment, written)
-
-
-def _write_values(
-    group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
-) -> None:
-    """Write a dataset, or a link to an equal one.
-
-    Arrays share axes, and a target shares them with its segment.
-    """
-    values = np.ascontiguousarray(values)
-    text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
-    content = hashlib.blake2b(values.reshape(-1).view(np.uint8).data).digest()
-    key = (values.dtype.str, values.shape, content, tuple(sorted(text.items())))
-    if key in written:
-        group[name] = written[key]
-        return
-    written[key] = group.create_dataset(name, data=values, track_times=False)
-    written[key].attrs.update(text)
-
-
-def is_result_file(path: str | Path) -> bool:
-    """Return True for an HDF5 file of results."""
-    return read_stated_format(path) == FORMAT
-
-
-def read_results(path: str | Path) -> Results:
-    """Read results that :func:`write_results` wrote.
-
-    Raises
-    ------
-    AnalysisError
-        If the file is missing, of another version, no result file, damaged, or takes values from another file.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> from doppelgait.pipeline import read_results, write_results
-    >>> write_results("results.h5", recording, [result])
-    >>> read_results("results.h5").targets[0].label
-    'human'
-    """
-    if not Path(path).is_file():
-        raise AnalysisError(f"{path}: no such file")
-    remedy = f"make it again: doppelgait analyze RECORDING -o {Path(path).name}"
-    try:
-        with open_hdf5(path) as file:
-            if file.attrs.get("format") != FORMAT:
-                raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
-            if int(file.attrs["format_version"]) != FORMAT_VERSION:
-                raise AnalysisError(
-                    f"{path}: is a result of another version of doppelgait (format_version "
-                    f"{file.attrs['format_version']}, this one reads {FORMAT_VERSION}); {remedy}"
-                )
-            return Results(
-                source=str(file.attrs["source"]),
-                radar=validate(Radar, parse_json(file.attrs["radar"]), where="radar"),
-                targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
-            )
-    except (*FAULTS, DoppelgaitError) as error:
-        if str(error).startswith(f"{path}: "):
-            raise
-        raise AnalysisError(f"{path}: is damaged or no result of doppelgait analyze: {error}; {remedy}") from None
-
-
-def _read_result(group: Any) -> Result:
-    import h5py
-
-    def number(name: str) -> float | int | None:
-        value = group.attrs[name]
-        return None if isinstance(value, h5py.Empty) else value.item()
-
-    schemas = {**LABELLED_ARRAYS, **OPTIONAL_ARRAYS}
-    arrays: dict[str, Any] = {}
-    for name in parse_json(group.attrs["arrays"]):
-        values, facts = group[name][()], {key: str(text) for key, text in group[name].attrs.items()}
-        if name in schemas:
-            coords = {
-                key: (parse_json(one.attrs["dims"]), one[()], parse_json(one.attrs["attrs"]))
-                for key, one in group[f"axes/{name}"].items()
-            }
-            array = xr.DataArray(
-                values, coords=coords, dims=parse_json(facts["dims"]), name=facts["name"],
-                attrs=parse_json(facts["attrs"]),
-            )  # fmt: skip
-            values = check_signal(array, schemas[name])
-        arrays[name] = values
-    if {"signature", "main_line_hz"} <= set(arrays):
-        line, columns = arrays["main_line_hz"], arrays["signature"].sizes["time"]
-        if line.shape != (columns,):
-            raise ValueError(f"main_line_hz has shape {line.shape}, the signature {columns} columns")
-    gate = None
-    if "gate_limits" in group:
-        stored, band_hz = group["gate_limits"], group["gate_limits"].attrs["doppler_hz"]
-        gate = Gate(
-            stored["time_s"][()], stored["centre_m"][()], float(stored.attrs["span_m"]),
-            None if isinstance(band_hz, h5py.Empty) else (float(band_hz[0]), float(band_hz[1])),
-            str(stored.attrs["source"]),
-        )  # fmt: skip
-    label = group.attrs["label"]
-    mappings: dict[str, Any] = {name: parse_json(group.attrs[name]) for name in GROUPS}
-    numbers: dict[str, Any] = {name: number(name) for name in NUMBERS}
-    segments = group.get("segments", {})
-    return Result(
-        analysis=validate(Analysis, parse_json(group.attrs["analysis"]), where="analysis"),
-        label=None if isinstance(label, h5py.Empty) else str(label),
-        gate_source=str(group.attrs["gate"]),
-        features=GaitFeatures(**{name: number(name) for name in FEATURE_UNITS}),
-        **numbers,
-        **mappings,
-        flags=tuple(parse_json(group.attrs["flags"])),
-        arrays=arrays,
-        gate_limits=gate,
-        segments=tuple(_read_result(segments[name]) for name in sorted(segments, key=int)),
-    )

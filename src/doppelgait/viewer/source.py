@@ -84,10 +84,10 @@ def open_path(path: str | Path, settings: Settings) -> OpenedSource:
         return OpenedSource(
             "dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder)
         )
-    from doppelgait.pipeline.result import is_result_file
+    from doppelgait.pipeline.result_files import is_result_file
 
     if is_result_file(place):
-        from doppelgait.pipeline.result import read_results
+        from doppelgait.pipeline.result_files import read_results
 
         read = read_results(place)
         views = [make_view(target, lambda start_s, stop_s: None) for target in read.targets]

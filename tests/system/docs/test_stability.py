@@ -22,7 +22,7 @@ from checkout import ROOT
 from doppelgait.classify import model_file, report
 from doppelgait.cli.app import app
 from doppelgait.dataset import Dataset, finish
-from doppelgait.pipeline import result
+from doppelgait.pipeline import result_files
 from doppelgait.radar import recordings
 from doppelgait.reproduce import run
 from tiny_dataset import built, tiny_plan
@@ -33,7 +33,7 @@ VERSIONS = {
     "`schema_version`": finish.SCHEMA_VERSION,
     "`data_version`": finish.DATA_VERSION,
     f"`{recordings.FORMAT}`": recordings.FORMAT_VERSION,
-    f"`{result.FORMAT}`": result.FORMAT_VERSION,
+    f"`{result_files.FORMAT}`": result_files.FORMAT_VERSION,
     f"`{model_file.FORMAT}`": model_file.FORMAT_VERSION,
     f"`{report.FORMAT}`": report.FORMAT_VERSION,
     f"`{run.FORMAT}`": run.FORMAT_VERSION,
