@@ -1,4 +1,4 @@
-"""Results of a recording in a file (HDF5) and as a document (JSON)."""
+"""Results of a recording as an HDF5 file and as JSON."""
 
 from __future__ import annotations
 
