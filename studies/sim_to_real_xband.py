@@ -324,9 +324,7 @@ def main(data: Path, out: Path, size: Size) -> dict[str, list[Scored]]:
         for seed in size.seeds:
             counts = (size.count, size.unknown, size.network)
             key = store.key_of(models.SETTINGS, images.PATCH, Plan(seed=seed), counts, protocol, digest)
-            make = partial(
-                score_seed, made[seed], real, unknown, protocol=protocol, seed=seed, network=size.network
-            )
+            make = partial(score_seed, made[seed], real, unknown, protocol=protocol, seed=seed, network=size.network)
             scored[protocol].append(kept_scores(out / "cache" / f"xband-scores-{key}.npz", make))
         parts += [
             f"## Protocol: {protocol}", model_table(scored[protocol], real.labels),
