@@ -72,8 +72,8 @@ class Decision:
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify(recording, model)
-    >>> [decision.target for decision in decisions]
-    [0]
+    >>> decisions[0].label, round(decisions[0].probability, 1)
+    ('human', 1.0)
     """
 
     target: int
@@ -150,6 +150,10 @@ def classify(
     ConfigError
         If no model is given and none that comes with the package fits.
 
+    See Also
+    --------
+    classify_over_time : classify window by window.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -157,8 +161,8 @@ def classify(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
     >>> decisions = dg.classify.classify(recording, model)
-    >>> [decision.target for decision in decisions]
-    [0]
+    >>> decisions[0].label, round(decisions[0].probability, 1)
+    ('human', 1.0)
     """
     stored = isinstance(source, str | Path) and is_result_file(source)
     if isinstance(source, str | Path) and not stored:

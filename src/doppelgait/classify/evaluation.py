@@ -162,6 +162,28 @@ class Evaluation:
         or the only one; None where no rows are held out to choose by.
     models : dict
         Trained models by name, as scored; after a cross-validation trained on all rows, and only with ``keep``.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 6, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}},
+    ...             {"label": "dog", "motion": {"kind": "quadruped", "froude": {"uniform": [0.4, 1.0]}}},
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
+    >>> found.answers[["id", "label", "six-logistic:class"]].head(2)
+                 id  label six-logistic:class
+    0  human-000000  human              human
+    1  human-000001  human              human
     """
 
     document: dict[str, Any]
@@ -228,6 +250,31 @@ def evaluate(
         If there is one class alone, nothing to test on, or the other dataset lacks features or has further classes.
     ConfigError
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
+
+    See Also
+    --------
+    write_report : write the scores as a page with figures.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 6, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}},
+    ...             {"label": "dog", "motion": {"kind": "quadruped", "froude": {"uniform": [0.4, 1.0]}}},
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
+    >>> scores = found.document["models"]["six-logistic"]
+    >>> found.document["tested"], round(scores["balanced_accuracy"]["value"], 1)
+    ({'human': 3, 'dog': 3}, 1.0)
     """
     rows, nameless = _collect_test_rows(dataset, other, own, own_shares)
     rows = replace(rows, alarm=_choose_alarm_class(rows, alarm_class, needed=day is not None))

@@ -314,6 +314,15 @@ def live(
     See Also
     --------
     doppelgait.classify.classify_over_time : the same for a recording.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> frames = zip(recording.slow_time_s, recording.baseband.values, strict=True)
+    >>> [(decision.stop_s, decision.label) for decision in dg.live(frames, recording.radar, window_s=3.0)]
+    [(3.0, 'human')]
     """
     model = model or load_model_for_radar(radar)
     window_s, hop_s = check_window(window_s, hop_s, model)

@@ -319,6 +319,30 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
     ------
     ConfigError, OutputError
         If the folder cannot be used; what was there before is untouched.
+
+    See Also
+    --------
+    evaluate : train and score the models.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> from doppelgait.dataset import PlanConfig
+    >>> plan = PlanConfig.model_validate(
+    ...     {
+    ...         "dataset": {"name": "tiny", "examples_per_class": 6, "fractions": {"train": 0.5, "test": 0.5}},
+    ...         "scene": {"duration_s": 1.0},
+    ...         "target": {"range_m": 3.0},
+    ...         "classes": [
+    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}},
+    ...             {"label": "dog", "motion": {"kind": "quadruped", "froude": {"uniform": [0.4, 1.0]}}},
+    ...         ],
+    ...     }
+    ... )
+    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
+    >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
+    >>> dg.classify.write_report(found, "report")[-1].name
+    'index.html'
     """
     from doppelgait.viz import save_figure
 

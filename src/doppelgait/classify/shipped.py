@@ -53,6 +53,10 @@ def load_shipped_model(name: str) -> Model:
     ConfigError
         If there is none of this name.
 
+    See Also
+    --------
+    open_model : load a file or an included model.
+
     Examples
     --------
     >>> from doppelgait.classify import load_shipped_model
@@ -77,6 +81,10 @@ def open_model(name: str | Path) -> Model:
     DatasetError
         As :func:`doppelgait.classify.load_model`.
 
+    See Also
+    --------
+    find_shipped_model : find the included model for a radar.
+
     Examples
     --------
     >>> from doppelgait.classify import open_model
@@ -98,6 +106,10 @@ def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
     ------
     ConfigError
         If none fits.
+
+    See Also
+    --------
+    load_shipped_model : load the model by its name.
 
     Examples
     --------

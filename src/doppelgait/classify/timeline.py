@@ -99,9 +99,9 @@ class TrackDecision:
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
-    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
-    >>> len(decisions) > 0
-    True
+    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
+    >>> [(decision.stop_s, decision.label) for decision in decisions]
+    [(3.0, 'human')]
     """
 
     track: int
@@ -389,8 +389,8 @@ def classify_over_time(
 
     See Also
     --------
-    decision_spans : the times in which decisions do not change.
-    doppelgait.live : the same for a stream.
+    join_decisions : join the decisions of a track to spans of one class.
+    doppelgait.live : classify while the frames arrive.
 
     Examples
     --------
@@ -398,9 +398,9 @@ def classify_over_time(
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
-    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
-    >>> len(decisions) > 0
-    True
+    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
+    >>> [(decision.stop_s, decision.label) for decision in decisions]
+    [(3.0, 'human')]
     """
     if isinstance(recording, str | FilePath):
         recording = read_recording(recording)
@@ -427,16 +427,19 @@ def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
     list of Span
         By track, then time.
 
+    See Also
+    --------
+    classify_over_time : make the decisions.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> model = dg.classify.open_model("x4")
-    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=2.0)
-    >>> spans = dg.classify.join_decisions(decisions)
-    >>> len(spans) > 0
-    True
+    >>> decisions = dg.classify.classify_over_time(recording, model, window_s=3.0)
+    >>> [(span.start_s, span.stop_s, span.label) for span in dg.classify.join_decisions(decisions)]
+    [(0.0, 3.0, 'human')]
     """
     open_spans: dict[int, _OpenSpan] = {}
     done: list[_OpenSpan] = []

@@ -110,6 +110,15 @@ def plugin(
     ------
     ConfigError
         If the group is unknown, the name is missing or taken by another module, or the group refuses a fact.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> @dg.plugin("feature", "peak_power_v2", unit="V^2", source="own definition")
+    ... def measure_peak_power_v2(observation):
+    ...     return float(observation.strongest_v2.max())
+    >>> dg.features.FEATURES["peak_power_v2"].facts["unit"]
+    'V^2'
     """
     module = str(sys._getframe(1).f_globals.get("__name__", ""))
     if group not in GROUP_NAMES and group not in _GROUPS:

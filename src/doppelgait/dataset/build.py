@@ -172,6 +172,11 @@ def build_dataset(
         On Ctrl-C and on a request to terminate, after the example under way, with a text on how to resume; what
         was built is kept. A second signal ends the process at once.
 
+    See Also
+    --------
+    stream_examples : simulate examples without a folder.
+    doppelgait.open_dataset : open the dataset.
+
     Examples
     --------
     >>> import doppelgait as dg

@@ -314,8 +314,8 @@ class PlanConfig(FrozenModel):
     --------
     >>> import doppelgait as dg
     >>> config, folder = dg.dataset.load_plan("liland2018")
-    >>> type(config).__name__
-    'PlanConfig'
+    >>> config.dataset.name, config.dataset.seed, config.target["height_m"]
+    ('liland2018', 2018, 1.8)
     """
 
     dataset: DatasetSection
@@ -369,6 +369,10 @@ class PlanConfig(FrozenModel):
 def plan_names() -> list[str]:
     """List the names of the built-in plans.
 
+    See Also
+    --------
+    load_plan : load a plan.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -389,12 +393,16 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
     ConfigError
         If there is no such file or name, or a key is not allowed.
 
+    See Also
+    --------
+    plan_names : names of the built-in plans.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> config, folder = dg.dataset.load_plan("liland2018")
-    >>> len(config.classes)
-    3
+    >>> [section.label for section in config.classes]
+    ['human', 'dog', 'walker']
     """
     name = str(plan)
     if name in plan_names() and not Path(name).is_file():

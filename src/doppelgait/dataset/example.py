@@ -72,8 +72,8 @@ class Features:
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> dataset = dg.open_dataset("tiny")
     >>> features = dataset.features()
-    >>> features.X.shape[0]
-    2
+    >>> features.names[0], features.X[:, 0].round(1)
+    ('torso_velocity_mps', array([1. , 1.6]))
     """
 
     X: npt.NDArray[np.float64]
@@ -210,8 +210,8 @@ class Example:
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> dataset = dg.open_dataset("tiny")
     >>> example = dataset["human-000000"]
-    >>> example.row["label"]
-    'human'
+    >>> example.row["label"], round(example.row["truth_range_m"], 1)
+    ('human', 3.0)
     """
 
     row: dict[str, Any]

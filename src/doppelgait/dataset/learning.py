@@ -92,8 +92,8 @@ class LabelledArrays:
     >>> from doppelgait.dataset import LabelledArrays
     >>> texts = np.array(["dog", "human"])
     >>> values, y, groups = LabelledArrays(np.zeros((2, 64, 64)), y=texts, groups=texts, ids=texts)
-    >>> values.shape
-    (2, 64, 64)
+    >>> values.shape, y.tolist()
+    ((2, 64, 64), ['dog', 'human'])
     """
 
     values: Array | list[Array]

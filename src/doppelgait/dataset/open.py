@@ -173,8 +173,8 @@ class Dataset:
     ... )
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> dataset = dg.open_dataset("tiny")
-    >>> len(dataset.index)
-    2
+    >>> dataset.index["label"].tolist()
+    ['human', 'human']
     """
 
     directory: Path
@@ -506,6 +506,10 @@ def open_dataset(directory: str | Path) -> Dataset:
     DatasetError
         If the folder holds none, it is not finished or damaged, or a newer version of doppelgait made it.
 
+    See Also
+    --------
+    doppelgait.dataset.build_dataset : build a dataset.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -522,8 +526,8 @@ def open_dataset(directory: str | Path) -> Dataset:
     ... )
     >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
     >>> dataset = dg.open_dataset("tiny")
-    >>> len(dataset.index)
-    2
+    >>> dataset.index["label"].tolist()
+    ['human', 'human']
     """
     folder = Path(directory)
     for name in ("dataset.json", "index.parquet"):

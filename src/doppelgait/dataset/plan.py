@@ -123,6 +123,10 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     DatasetError
         If a class cannot have a subject in every split that is asked for, or a folder holds nothing usable.
 
+    See Also
+    --------
+    build_dataset : build the dataset.
+
     Examples
     --------
     >>> import doppelgait as dg

@@ -47,8 +47,9 @@ class ExampleStream:
     --------
     >>> import doppelgait as dg
     >>> stream = dg.dataset.stream_examples("home-alarm")
-    >>> type(stream).__name__
-    'ExampleStream'
+    >>> example = next(iter(stream))
+    >>> example.row["label"]
+    'human'
     """
 
     config: PlanConfig
@@ -186,12 +187,17 @@ def stream_examples(
     DatasetError
         If ``worker`` or ``start`` is not allowed, or a folder holds nothing usable.
 
+    See Also
+    --------
+    build_dataset : build a dataset in a folder.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> stream = dg.dataset.stream_examples("home-alarm")
-    >>> type(stream).__name__
-    'ExampleStream'
+    >>> example = next(iter(stream))
+    >>> example.row["label"]
+    'human'
     """
     if isinstance(plan, str | Path):
         plan, plan_folder = load_plan(plan)

@@ -45,6 +45,15 @@ def snr_mu_db(signature: Plain, floor_v2: float) -> float:
     """Compute the signature SNR in dB.
 
     It is the median over time of the strongest cell above the floor, over the floor; inf without noise.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> round(dg.features.snr_mu_db(result.signature, result.quality["noise_floor_v2"]))
+    56
     """
     return _snr_db(strongest_cells_v2(signature), floor_v2)
 
@@ -71,6 +80,22 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     -------
     Extraction
         With all features None and the flag ``no_signal`` where nothing stands above the noise.
+
+    See Also
+    --------
+    doppelgait.analyze : analyze a recording, from baseband to features.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait.pipeline.target import observe
+    >>> observed, _ = observe(result.signature, result.analysis)
+    >>> found = dg.features.extract(observed, bandwidth_threshold=0.04, cpi_s=0.1, window_steepness=0.4)
+    >>> round(found.features.torso_velocity_mps, 1), round(found.features.step_length_m, 1)
+    (1.2, 0.7)
     """
     snr_db = _snr_db(observed.strongest_v2, observed.floor_v2)
     quality: dict[str, Any] = {

@@ -92,8 +92,9 @@ class GaitFrequency:
     Examples
     --------
     >>> from doppelgait.features import GaitFrequency
-    >>> GaitFrequency(frequency_hz=1.8).frequency_hz
-    1.8
+    >>> found = GaitFrequency(frequency_hz=1.8, n_periods=5.4)
+    >>> round(found.n_periods / found.frequency_hz, 1)  # observation in s
+    3.0
     """
 
     frequency_hz: float | None = None
@@ -149,6 +150,20 @@ def estimate_gait_frequency(
     -------
     GaitFrequency
         Empty where the signature does not change or the record is too short for any frequency.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
+    >>> result = dg.analyze(recording, gate="truth")[0]
+    >>> from doppelgait.pipeline.target import observe
+    >>> observed, _ = observe(result.signature, result.analysis)
+    >>> found = dg.features.estimate_gait_frequency(
+    ...     observed.aligned, observed.excess, observed.floor_v2, velocity_mps=1.2
+    ... )
+    >>> round(found.frequency_hz, 1), round(recording.truth[0].gait_frequency_hz, 1)  # estimated, true
+    (1.8, 1.8)
     """
     rhythms = measure_target_rhythms(aligned, excess, floor_v2)
     whole, limbs = rhythms[0], rhythms[2]

@@ -59,8 +59,11 @@ class GroundMotion:
     Examples
     --------
     >>> from doppelgait.features import GroundMotion
-    >>> GroundMotion(ground_speed_mps=1.2, reason="").ground_speed_mps
-    1.2
+    >>> import numpy as np
+    >>> from doppelgait.features import estimate_ground_motion
+    >>> time_s = np.linspace(0.0, 1.0, 11)
+    >>> estimate_ground_motion(time_s, 3.0 - 1.2 * time_s).reason
+    'too_short'
     """
 
     ground_speed_mps: float | None = None

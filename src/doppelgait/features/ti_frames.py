@@ -45,6 +45,10 @@ def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> 
     AnalysisError
         If the array is no signature.
 
+    See Also
+    --------
+    measure_windows : mean and standard deviation over windows.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -52,8 +56,9 @@ def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> 
     >>> walk = dg.Target(dg.motion.human_gait(speed_mps=1.2, duration_s=3.0), range_m=4.0)
     >>> recording = dg.simulate(dg.Scene(targets=[walk]), dg.Radar.preset("ti-60-burst"))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> measure_columns(result.signature).shape[1]
-    4
+    >>> numbers = measure_columns(result.signature, noise_floor_v2=result.quality["noise_floor_v2"])
+    >>> numbers.mean("time").values[:2].round(1)  # edges of the signature, m/s
+    array([0.8, 1.9], dtype=float32)
     """
     check_signal(signature, SIGNATURE)
     power = np.maximum(signature.values.astype(np.float64) - noise_floor_v2, 0.0)
@@ -99,12 +104,17 @@ def measure_windows(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt
     ndarray, shape (windows, 8)
         The four means, then the four standard deviations, over the frames with power; NaN where there are none.
 
+    See Also
+    --------
+    measure_columns : measure the columns.
+
     Examples
     --------
     >>> import numpy as np
     >>> from doppelgait.features import measure_windows
-    >>> measure_windows(np.ones((3, 20))).shape
-    (1, 40)
+    >>> columns = np.tile([-0.4, 1.6, 1e-12, 0.7], (20, 1))  # 20 equal columns: power -120 dB
+    >>> measure_windows(columns, frames=10)[0].round(1)
+    array([  -0.4,    1.6, -120. ,    0.7,    0. ,    0. ,    0. ,    0. ])
     """
     values = np.array(numbers, dtype=np.float64)
     dark = ~(values[:, 2] > 0)

@@ -144,13 +144,18 @@ def follow(
     ConfigError
         If the speed on the path is more than 30 % from the motion's, or stops are too close together.
 
+    See Also
+    --------
+    make_path : make the path.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=4.0)
     >>> path = dg.motion.make_path({"kind": "arc", "radius_m": 2.0, "turn_deg": 90.0})
-    >>> round(dg.motion.follow(motion, path, duration_s=2.0).duration_s, 1)
-    2.0
+    >>> walk = dg.motion.follow(motion, path, duration_s=2.0)
+    >>> walk.positions.sel(marker="head").values[-1].round(1)  # 2.4 m along the arc
+    array([1.8, 1.3, 1.7])
     """
     require_motion(motion)
     gait, layout = _rotate_to_x(motion), lay_out(path)

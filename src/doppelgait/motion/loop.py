@@ -133,6 +133,10 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     DoppelgaitWarning
         If the clip has less than two strides.
 
+    See Also
+    --------
+    find_segments : find the segments that can be looped.
+
     Examples
     --------
     >>> import doppelgait as dg

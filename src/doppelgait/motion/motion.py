@@ -85,10 +85,10 @@ class MotionFacts:
 
     Examples
     --------
-    >>> from doppelgait.motion import MotionFacts
-    >>> facts = MotionFacts(kind="boulic", species="human", height_m=1.75)
-    >>> facts.height_m
-    1.75
+    >>> import doppelgait as dg
+    >>> facts = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0).facts
+    >>> facts.species, facts.gait, round(facts.step_frequency_hz, 2)
+    ('human', 'walk', 1.76)
     """
 
     source: str = ""
@@ -147,8 +147,10 @@ class Motion:
     --------
     >>> import doppelgait as dg
     >>> walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)
-    >>> walk.facts.gait, walk.rate_hz, walk.positions.sel(marker="head").shape
-    ('walk', 250.0, (501, 3))
+    >>> walk.facts.gait, walk.rate_hz, walk.n_frames
+    ('walk', 250.0, 501)
+    >>> round(float(walk.positions.sel(marker="head", space="z").max()), 2)  # height of the head, m
+    1.7
     """
 
     positions: xr.DataArray
@@ -302,6 +304,10 @@ def make_motion(
     ------
     MotionError
         If ``facts`` holds a name that :class:`MotionFacts` does not have.
+
+    See Also
+    --------
+    read : read a motion recording.
 
     Examples
     --------

@@ -483,6 +483,10 @@ def make_path(table: Mapping[str, Any] | Path) -> Path:
     ConfigError
         If the kind or a parameter is not allowed.
 
+    See Also
+    --------
+    follow : let a motion follow the path.
+
     Examples
     --------
     >>> import doppelgait as dg

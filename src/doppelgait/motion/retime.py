@@ -94,6 +94,10 @@ def scale_to_height(
     MotionError
         If the recorded height is unknown.
 
+    See Also
+    --------
+    retarget : change speed, size and stride.
+
     Examples
     --------
     >>> import doppelgait as dg

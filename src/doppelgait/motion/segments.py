@@ -106,12 +106,16 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     list of Segment
         Empty when there is none.
 
+    See Also
+    --------
+    loop : extend a segment to any duration.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.boulic_walk(duration_s=4.0)
-    >>> len(dg.motion.find_segments(motion))
-    1
+    >>> [(round(one.duration_s, 1), round(one.mean_speed_mps, 1)) for one in dg.motion.find_segments(motion)]
+    [(4.0, 1.2)]
     """
     from doppelgait.core.kernels.stretch import longest_stretch
 

@@ -65,6 +65,10 @@ def analyze(
     RecordingError
         If the file cannot be read.
 
+    See Also
+    --------
+    simulate : simulate a recording.
+
     Examples
     --------
     >>> import doppelgait as dg

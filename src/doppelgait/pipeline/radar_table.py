@@ -29,8 +29,8 @@ def parse_radar(
     Examples
     --------
     >>> from doppelgait.pipeline import parse_radar
-    >>> sorted(parse_radar({"preset": "x4"}))
-    ['auto_prf', 'radar']
+    >>> parse_radar({"preset": "x4", "prf_hz": 640})["radar"].prf_hz
+    640.0
     """
     if isinstance(table, str):
         table = {"preset": table}

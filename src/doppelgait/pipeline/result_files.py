@@ -74,6 +74,10 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
     Values that are not finite become None; an empty list of targets has its ``reason``. ``n_bodies`` leaves out targets
     whose verdict is reflection, folded or thing.
 
+    See Also
+    --------
+    write_results : write the results with their arrays.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -81,8 +85,9 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait.pipeline import describe_results
-    >>> sorted(describe_results(recording, [result]))[:3]
-    ['n_bodies', 'recording', 'targets']
+    >>> document = describe_results(recording, [result])
+    >>> document["n_bodies"], document["targets"][0]["label"]
+    (1, 'human')
     """
     facts = {
         "file": recording.source,
@@ -114,6 +119,10 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
         If it cannot be written; an older file of that name is then untouched.
     ConfigError
         If ``results`` is one result.
+
+    See Also
+    --------
+    read_results : read the file again.
 
     Examples
     --------
@@ -209,6 +218,10 @@ def read_results(path: str | Path) -> Results:
     ------
     AnalysisError
         If the file is missing, of another version, no result file, damaged, or takes values from another file.
+
+    See Also
+    --------
+    write_results : write the file.
 
     Examples
     --------

@@ -57,8 +57,8 @@ class Run(FrozenModel):
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> run = dg.Run(scene=scene, radar=dg.Radar.preset("x4"), seed=1)
-    >>> run.seed
-    1
+    >>> run.example, run.noise.kind, run.analysis.cpi_s
+    (0, 'thermal', 0.1)
     """
 
     scene: Scene
@@ -157,6 +157,10 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     ConfigError
         Naming the dotted key, its line, the value and what is allowed.
 
+    See Also
+    --------
+    run_simulation : simulate the run.
+
     Examples
     --------
     >>> from doppelgait.pipeline import parse_run
@@ -188,6 +192,10 @@ def run_simulation(
         Folder that relative motion paths start from.
     angles, in_tiles : bool
         As for :func:`doppelgait.pipeline.simulate`.
+
+    See Also
+    --------
+    parse_run : parse the run of a scene file.
 
     Examples
     --------

@@ -106,6 +106,10 @@ def simulate(
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
 
+    See Also
+    --------
+    analyze : analyze a recording.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -390,8 +394,8 @@ def choose_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float)
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> from doppelgait.pipeline import choose_lowest_prf
-    >>> choose_lowest_prf(scene, dg.Radar.preset("x4"), cpi_s=0.1).prf_hz > 100.0
-    True
+    >>> round(choose_lowest_prf(scene, dg.Radar.preset("x4"), cpi_s=0.1).prf_hz)
+    585
     """
     placed = as_placed(scene)
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)

@@ -47,6 +47,10 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     AnalysisError
         If the bursts have different lengths; a shorter last one is allowed.
 
+    See Also
+    --------
+    get_burst_pulses : the stored number.
+
     Examples
     --------
     >>> import numpy as np
@@ -79,13 +83,17 @@ def get_burst_pulses(baseband: xr.DataArray) -> int | None:
 
     It is the attribute ``burst_pulses``, else found from the times, else None.
 
+    See Also
+    --------
+    find_burst_pulses : find the number from the pulse times.
+
     Examples
     --------
     >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> dg.processing.get_burst_pulses(recording.baseband) is None
-    True
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=2.0)
+    >>> recording = dg.simulate(scene, dg.Radar.preset("ti-60-burst"))
+    >>> dg.processing.get_burst_pulses(recording.baseband)
+    96
     """
     stated = baseband.attrs.get("burst_pulses")
     return int(stated) if stated is not None else find_burst_pulses(read_axis(baseband, "slow_time"))
@@ -177,6 +185,10 @@ def burst_signature(
     AnalysisError
         If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
 
+    See Also
+    --------
+    signature : signature of a recording without pauses.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -186,8 +198,8 @@ def burst_signature(
     >>> signature = dg.processing.burst_signature(
     ...     recording.baseband, gate, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
     ... )
-    >>> signature.dims
-    ('time', 'doppler')
+    >>> signature.sizes["time"]  # one column per burst
+    37
     """
     from scipy import fft
 

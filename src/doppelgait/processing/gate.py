@@ -67,7 +67,8 @@ class Gate:
 
     Examples
     --------
-    >>> Gate.fixed(1.0, 2.5, time_s=[0.0, 5.0]).span_m
+    >>> import doppelgait as dg
+    >>> dg.Gate.fixed(1.0, 2.5, time_s=[0.0, 5.0]).span_m
     1.5
     """
 

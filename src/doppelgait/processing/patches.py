@@ -41,8 +41,9 @@ class Patch(FrozenModel):
     Examples
     --------
     >>> import doppelgait as dg
-    >>> dg.classify.Patch().n_time > 1
-    True
+    >>> patch = dg.classify.Patch()
+    >>> patch.n_velocity, patch.n_time
+    (64, 64)
     """
 
     velocity_mps: float = Field(default=6.4, gt=0, le=100)
@@ -78,14 +79,19 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     AnalysisError
         If it is no signature with even axes and known velocities.
 
+    See Also
+    --------
+    levels : the same over the whole observation.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> dg.classify.patch(result.signature).ndim
-    2
+    >>> image = dg.classify.patch(result.signature)
+    >>> image.shape, float(image.max())
+    ((64, 64), 1.0)
     """
     spec = spec or Patch()
     whole = levels(signature, spec)
@@ -115,6 +121,10 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     AnalysisError
         As :func:`patch`.
 
+    See Also
+    --------
+    patch : an image of fixed size.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -122,8 +132,8 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> levels = dg.classify.levels(result.signature)
-    >>> type(levels).__name__
-    'ndarray'
+    >>> levels.shape, float(levels.min())
+    ((64, 93), 0.0)
     """
     spec = spec or Patch()
     power, times_s, rows_mps = _validate(signature)

@@ -65,9 +65,12 @@ class Antenna(FrozenModel):
 
     Examples
     --------
+    >>> import numpy as np
     >>> import doppelgait as dg
-    >>> dg.radar.Antenna(kind="cosine", hpbw_azimuth_deg=60.0, hpbw_elevation_deg=60.0).hpbw_azimuth_deg
-    60.0
+    >>> from doppelgait.radar.antenna import compute_antenna_gain
+    >>> antenna = dg.radar.Antenna(kind="cosine", hpbw_azimuth_deg=60.0, hpbw_elevation_deg=60.0)
+    >>> compute_antenna_gain(antenna, np.radians([0.0, 30.0]), 0.0).round(2)  # half the power at 30 degrees
+    array([1. , 0.5])
     """
 
     kind: Literal["isotropic", "cosine", "table"] = "isotropic"

@@ -50,6 +50,10 @@ def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayL
     ndarray
         P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4), W.
 
+    See Also
+    --------
+    echo_amplitude_v : amplitude of the same echo.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -73,6 +77,10 @@ def echo_amplitude_v(
     a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm.
 
     ``path_gain`` is a further two-way power ratio (walls, antenna pattern).
+
+    See Also
+    --------
+    received_power_w : power of the same echo.
 
     Examples
     --------
@@ -134,11 +142,16 @@ def noise_power_v2(radar: Radar) -> float:
 
     It is that of a receiver sample, compressed (E-18).
 
+    See Also
+    --------
+    add_noise : add noise of this power.
+
     Examples
     --------
+    >>> import math
     >>> import doppelgait as dg
-    >>> dg.radar.noise_power_v2(dg.Radar.preset("x4")) > 0.0
-    True
+    >>> round(10.0 * math.log10(dg.radar.noise_power_v2(dg.Radar.preset("x4"))), 1)  # dB re 1 V^2
+    -103.5
     """
     return sample_noise_v2(radar) * radar.waveform.noise_gain(radar)
 
@@ -188,9 +201,9 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> delays, amplitudes = dg.radar.compute_scatterer_arrays(table, dg.Radar.preset("x4"))
-    >>> delays.shape == amplitudes.shape
-    True
+    >>> range_m, amplitude_v = dg.radar.compute_scatterer_arrays(table, dg.Radar.preset("x4"))
+    >>> range_m.mean(axis=1).round(2)  # mean range at the three times
+    array([6.8 , 6.73, 6.63])
     """
     from doppelgait.core.kernels.integration import integrate_echoes
 
@@ -268,8 +281,9 @@ def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> dg.radar.path_phase_rad(table) is None
-    True
+    >>> delayed = table.assign(path_phase=-0.1 * table["range"] / table["range"])
+    >>> dg.radar.path_phase_rad(delayed)[0, :3]
+    array([-0.1, -0.1, -0.1])
     """
     if "path_phase" not in scatterers:
         return None
@@ -286,8 +300,8 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> dg.radar.radial_velocity_mps(table).shape
-    (3, 17)
+    >>> round(float(dg.radar.radial_velocity_mps(table).mean()), 1)  # approaching, m/s
+    0.9
     """
     if "radial_velocity" not in scatterers:
         raise ConfigError(

@@ -84,8 +84,9 @@ class Waveform(FrozenModel):
     Examples
     --------
     >>> import doppelgait as dg
-    >>> dg.Radar.preset("ti-77").waveform.kind
-    'fmcw'
+    >>> radar = dg.Radar.preset("ti-77")
+    >>> radar.waveform.kind, round(radar.waveform.unambiguous_range_m(radar), 1)
+    ('fmcw', 50.0)
     """
 
     needs: ClassVar[tuple[str, ...]] = ()

@@ -138,8 +138,8 @@ class Recording:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> recording.n_pulses, recording.baseband.dims
-    (1920, ('slow_time', 'range'))
+    >>> recording.n_pulses, recording.radar.prf_hz, recording.radar.n_range_bins
+    (1920, 640.0, 188)
     """
 
     samples: Samples

@@ -71,6 +71,10 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     OutputError
         If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
 
+    See Also
+    --------
+    read_recording : read the file again.
+
     Examples
     --------
     >>> import doppelgait as dg

@@ -57,13 +57,19 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
         complex64, V at the receiver output. Superposition of all scatterers; migration from frame to frame kept, and
         within a frame what the waveform says (E-18, :mod:`doppelgait.radar.waveforms`).
 
+    See Also
+    --------
+    synthesise_samples : samples before compression.
+    synthesise_rf : the same from full-rate samples.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
-    >>> dg.radar.synthesise(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar).dims
-    ('slow_time', 'range')
+    >>> baseband = dg.radar.synthesise(dg.scene.assemble(scene, [0.0, 1.0]), radar)
+    >>> abs(baseband).idxmax("range").values.round(1)  # range of the strongest echo after 0 and 1 s
+    array([6.8, 5.7])
     """
     return label_baseband(synthesise_bins(scatterers, radar).matrix, read_axis(scatterers, "slow_time"), radar)
 
@@ -83,14 +89,18 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
         complex64, V. Of impulse, rectangular and lfm radars the range bins themselves, of fmcw the samples of every
         sweep, of stepped the frequency steps, of cw one sample per frame.
 
+    See Also
+    --------
+    compress : compress the samples to range bins.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
-    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar)
-    >>> samples.dtype.name
-    'complex64'
+    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, [0.0, 1.0]), radar)
+    >>> samples.shape, samples.dtype.name
+    ((2, 188), 'complex64')
     """
     return radar.waveform.synthesise(fold_scatterers(scatterers, radar), radar)
 
@@ -133,14 +143,19 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
     AnalysisError
         If there are not as many samples in a row as the radar takes.
 
+    See Also
+    --------
+    synthesise_samples : synthesise the samples.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
-    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, radar.pulse_times_s(3.0)), radar)
-    >>> dg.radar.compress(samples, radar).dtype.name
-    'complex64'
+    >>> radar = dg.Radar.preset("ti-77")
+    >>> samples = dg.radar.synthesise_samples(dg.scene.assemble(scene, [0.0, 1.0]), radar)
+    >>> bins = dg.radar.compress(samples, radar)
+    >>> radar.range_axis_m()[abs(bins).argmax(axis=1)].round(1)  # range of the strongest echo after 0 and 1 s
+    array([6.8, 5.5])
     """
     waveform, samples = radar.waveform, np.asarray(samples)
     if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
@@ -170,6 +185,10 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
 
+    See Also
+    --------
+    noise_power_v2 : noise power of a radar.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -177,8 +196,9 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> import numpy as np
     >>> noisy = dg.radar.add_noise(recording.baseband, noise_power_v2=1e-12, rng=np.random.default_rng(1))
-    >>> noisy.shape == recording.baseband.shape
-    True
+    >>> added = noisy - recording.baseband
+    >>> float(f"{float((abs(added) ** 2).mean()):.1e}")  # mean square, V^2
+    1e-12
     """
     stated = baseband.attrs.get("radar")
     factor = WHITE if stated is None else make_noise_taps(Radar.model_validate_json(stated))
@@ -272,8 +292,8 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> radar = dg.Radar.preset("x4", prf_hz=500.0)
     >>> table = dg.scene.assemble(scene, radar.pulse_times_s(3.0))
-    >>> dg.radar.lowest_prf_hz(table, radar, cpi_s=0.1) > 100.0
-    True
+    >>> round(dg.radar.lowest_prf_hz(table, radar, cpi_s=0.1))
+    585
     """
     fastest = float(np.abs(scatterers["radial_velocity"].values).max(initial=0.0))
     doppler_hz = float(velocity_to_doppler_hz(fastest, radar.wavelength_m))

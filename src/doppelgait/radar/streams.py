@@ -90,10 +90,12 @@ class Stream:
     Examples
     --------
     >>> import doppelgait as dg
-    >>> stream = dg.radar.open_stream("tcp://:0")
-    >>> isinstance(stream, dg.radar.Stream)
-    True
-    >>> stream.close()
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=1.0)
+    >>> dg.radar.write_recording(dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0)), "walk.h5")
+    >>> with dg.radar.open_stream("walk.h5") as stream:
+    ...     n_frames = sum(1 for time_s, frame in stream)
+    >>> n_frames, stream.counts.missing
+    (640, 0)
     """
 
     def __init__(self, source: str, *, expect: Radar | None, timeout_s: float, queue_s: float) -> None:

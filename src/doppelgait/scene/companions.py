@@ -40,6 +40,10 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
     MotionError
         If a motion does not travel straight and steadily, or cannot stop where the path does.
 
+    See Also
+    --------
+    leashed_dog : a person with a dog on a leash.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -52,8 +56,9 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
     ...     )
     ...     for _ in range(2)
     ... )
-    >>> len(dg.scene.side_by_side(first, second))
-    2
+    >>> pair = dg.scene.side_by_side(first, second)
+    >>> pair[1].path.side_m  # distance between their paths
+    0.7
     """
     if first.start_position_m is None:
         raise ConfigError("companions: the first target needs start_position_m and heading_deg")
@@ -95,6 +100,10 @@ def leashed_dog(
         The dog's place: by default to the right and ahead. The leash itself is no scatterer.
     label : str
         Label of the dog's target.
+
+    See Also
+    --------
+    side_by_side : two people next to each other.
 
     Examples
     --------

@@ -37,8 +37,9 @@ class LineOfSight:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> placed = dg.scene.place(scene)
-    >>> dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
-    (2,)
+    >>> track = dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0])
+    >>> track.range_m.round(1)  # 1.2 m nearer after 1 s
+    array([6.8, 5.6])
     """
 
     range_m: FloatArray
@@ -61,6 +62,10 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     LineOfSight
         Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04); aspect angle from
         cos(psi) = -(v . u) / |v|, 0 = approaching, NaN below 0.05 m/s; azimuth from +x towards +y; elevation up.
+
+    See Also
+    --------
+    compute_body_track : the same for the body of a target.
 
     Examples
     --------
@@ -180,13 +185,17 @@ def assemble(
     ConfigError
         If a radar cross section needs ``rng`` or joints that are not there.
 
+    See Also
+    --------
+    place : make and place the motions alone.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> table = dg.scene.assemble(scene, [0.0, 0.1, 0.2])
-    >>> table.sizes["slow_time"]
-    3
+    >>> table.sizes["scatterer"], round(float(table["range"].mean()), 1)  # number, mean range in m
+    (17, 6.7)
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
     wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
@@ -367,13 +376,18 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
 
     It holds at the pulse times; each array has the shape (I,).
 
+    See Also
+    --------
+    line_of_sight : the same for any points.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> placed = dg.scene.place(scene)
-    >>> dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0]).range_m.shape
-    (2,)
+    >>> track = dg.scene.compute_body_track(placed.targets[0], scene, [0.0, 1.0])
+    >>> track.range_m.round(1)  # 1.2 m nearer after 1 s
+    array([6.8, 5.6])
     """
     from doppelgait.core.kernels.spline import angles_of_sight
 
@@ -404,8 +418,9 @@ def place_body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> target = dg.scene.place(scene).targets[0]
-    >>> dg.scene.place_body_at(target, [0.0, 1.0]).sizes["time"]
-    2
+    >>> body = dg.scene.place_body_at(target, [0.0, 1.0])
+    >>> body.sel(marker="head", space="z").values.round(1)  # height of the head, m
+    array([1.7, 1.7], dtype=float32)
     """
     times, motion = np.asarray(time_s, dtype=float), target.motion
     coords = {"time": times, "marker": motion.markers, "space": list(SPACE), "part": ("marker", motion.parts)}

@@ -103,8 +103,9 @@ class RcsSpec(FrozenModel):
     Examples
     --------
     >>> import doppelgait as dg
-    >>> dg.scene.RcsSpec(total_m2=0.5).total_m2
-    0.5
+    >>> rcs = dg.scene.RcsSpec(kind="equal", total_m2=0.5)
+    >>> dg.scene.scatterer_rcs_m2(rcs, ["torso", "left_hand"], 70.0)
+    array([0.25, 0.25])
     """
 
     kind: str = "auto"
@@ -155,11 +156,15 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     ConfigError
         If no part is known.
 
+    See Also
+    --------
+    scatterer_rcs_m2 : radar cross section of every scatterer.
+
     Examples
     --------
     >>> from doppelgait.scene import compute_part_weights
-    >>> compute_part_weights(["torso", "left_hand"]).shape
-    (2,)
+    >>> compute_part_weights(["torso", "left_hand"]).round(2)
+    array([0.94, 0.06])
     """
     known = np.array([part in PART_WEIGHTS for part in parts])
     if not known.any():
@@ -222,6 +227,10 @@ def scatterer_rcs_m2(spec: RcsSpec, parts: Sequence[str], mass_kg: float) -> npt
     """Compute every point's mean radar cross section, sigma w_l (E-08).
 
     The result has the shape (L,), m^2.
+
+    See Also
+    --------
+    compute_part_weights : shares of the body parts.
 
     Examples
     --------

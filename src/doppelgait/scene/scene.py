@@ -112,8 +112,10 @@ class Target(FrozenModel):
     Examples
     --------
     >>> import doppelgait as dg
-    >>> dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human", range_m=4.0).range_m
-    4.0
+    >>> target = dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human", range_m=4.0)
+    >>> table = dg.scene.assemble(dg.Scene([target], duration_s=2.0), [0.0, 1.0])
+    >>> table["range"].mean("scatterer").values.round(1)  # after 0 s, and 4 m in the middle
+    array([5.2, 4. ])
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)

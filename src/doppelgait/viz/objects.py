@@ -65,8 +65,8 @@ def overview(
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> results = dg.analyze(recording, gate="truth")
     >>> figure = dg.viz.overview(recording, results[0])
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Range against time', 'time (s)')
     """
     baseband = recording if isinstance(recording, xr.DataArray) else getattr(recording, "baseband", None)
     if baseband is None:

@@ -107,8 +107,8 @@ def overview(
     ...     cadence_spectrum=result.cadence_spectrum,
     ...     features=vars(result.features),
     ... )
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Range against time', 'time (s)')
     """
     figure = make_figure(width_in=13.0, height_in=8.6)
     figure.suptitle(title, fontsize=13, x=0.01, ha="left")

@@ -92,6 +92,10 @@ def range_time(
     AnalysisError
         If an array does not keep its schema.
 
+    See Also
+    --------
+    range_doppler_map : power over range and Doppler.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -100,8 +104,8 @@ def range_time(
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
     >>> figure = viz.range_time(recording.baseband)
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Range against time', 'time (s)')
     """
     figure, axes = make_axes(ax)
     image = plot_range_time(axes, baseband, tracks=tracks, db_range=db_range)
@@ -178,6 +182,10 @@ def range_doppler_map(
     AnalysisError
         If an array does not keep its schema.
 
+    See Also
+    --------
+    range_time : power over range and time.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -187,8 +195,8 @@ def range_doppler_map(
     ...     recording.baseband, dg.Analysis(), wavelength_m=recording.radar.wavelength_m
     ... )
     >>> figure = dg.viz.range_doppler_map(abs(next(maps)).isel(time=0) ** 2)
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Range-Doppler map at 0.05 s', 'range (m)')
     """
     check_array(power, ONE_MAP)
     figure, axes = make_axes(ax)

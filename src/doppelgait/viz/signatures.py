@@ -79,6 +79,10 @@ def signature(
     AnalysisError
         If an array does not keep its schema or the main line has another length.
 
+    See Also
+    --------
+    signature_normalisation : the signature before and after normalisation.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -87,8 +91,8 @@ def signature(
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
     >>> figure = viz.signature(result.signature)
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Micro-Doppler signature', 'time (s)')
     """
     wavelength = wavelength_m(check_signature(signature))
     figure, axes = make_axes(ax)
@@ -194,6 +198,10 @@ def signature_normalisation(
     AnalysisError
         If an array does not keep its schema.
 
+    See Also
+    --------
+    signature : the signature alone.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -204,8 +212,8 @@ def signature_normalisation(
     >>> figure = viz.signature_normalisation(
     ...     result.signature, normalised=dg.processing.normalise(result.signature, 0.0)
     ... )
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('(a) signature', 'time (s)')
     """
     check_signature(signature)
     limits_hz = doppler_hz or doppler_limits_hz(check_signature(normalised))

@@ -90,6 +90,10 @@ def cadence_spectrum(
     AnalysisError
         If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
 
+    See Also
+    --------
+    cadence_map : power over cadence and Doppler.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -98,8 +102,8 @@ def cadence_spectrum(
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
     >>> figure = viz.cadence_spectrum(result.cadence_spectrum)
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Cadence spectrum', 'cadence (Hz)')
     """
     figure, axes = make_axes(ax, height_in=4.6)
     plot_cadence_spectrum(
@@ -229,8 +233,8 @@ def mean_doppler_spectrum(
     >>> figure = viz.mean_doppler_spectrum(
     ...     [1.0, 4.0, 2.0], doppler_hz=np.array([-50.0, 0.0, 50.0]), wavelength_m=0.04
     ... )
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Mean Doppler spectrum', 'Doppler frequency (Hz)')
     """
     power, axis_hz = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
     if power.shape != axis_hz.shape or power.ndim != 1 or power.size < 2:
@@ -322,6 +326,10 @@ def cadence_map(
     AnalysisError
         If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
 
+    See Also
+    --------
+    cadence_spectrum : power over cadence alone.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -330,8 +338,8 @@ def cadence_map(
     >>> result = dg.analyze(recording, gate="truth")[0]
     >>> from doppelgait import viz
     >>> figure = viz.cadence_map(result.cadence_map)
-    >>> len(figure.axes) > 0
-    True
+    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
+    ('Cadence-velocity diagram', 'cadence (Hz)')
     """
     figure, axes = make_axes(ax)
     image = plot_cadence_map(

@@ -62,9 +62,11 @@ class CSettings:
 
     Examples
     --------
-    >>> from doppelgait.classify import CSettings
-    >>> CSettings(integers=True).integers
-    True
+    >>> import doppelgait as dg
+    >>> model = dg.classify.open_model("x4")
+    >>> settings = dg.classify.CSettings(prf_hz=640.0, n_examples=1)
+    >>> dg.classify.export_model(model, "c", "device", settings).facts["precision"]
+    'float32'
     """
 
     integers: bool = False
@@ -120,6 +122,16 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
         If the form is unknown, a library for it is missing, the radar is not known, or the folder holds anything else.
     OutputError
         If it cannot be written.
+
+    See Also
+    --------
+    save_model : write a model file that doppelgait reads.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.classify.export_model(dg.classify.open_model("x4"), "numpy", "scorer").files
+    ('model.npz', 'scorer.py')
     """
     out, found = Path(folder), dict[str, Any]()
     if form not in FORMS:

@@ -325,12 +325,16 @@ def boulic_walk(
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    human_gait : a walk or run that follows recorded people.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 17, 3)
+    >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
+    (1.76, 1.75)
     """
     return generate(validate(BoulicConfig, parameters, where="boulic_walk"), duration_s=duration_s, rng=rng)
 

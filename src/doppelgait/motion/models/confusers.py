@@ -178,12 +178,18 @@ def robot_vacuum(
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    curtain : a curtain that sways.
+    fan : a fan on a stand.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.robot_vacuum(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 9, 3)
+    >>> path = motion.positions.sel(marker="centre")
+    >>> round(float(path[-1, 0] - path[0, 0]), 2)  # path along x in 2 s, m
+    0.6
     """
     return generate(validate(VacuumConfig, parameters, where="robot_vacuum"), duration_s=duration_s, rng=rng)
 
@@ -212,12 +218,18 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    fan : a fan on a stand.
+    robot_vacuum : a robot vacuum.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.curtain(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 20, 3)
+    >>> depth = motion.position_m[:, -1].max(axis=0) - motion.position_m[:, -1].min(axis=0)
+    >>> depth.round(2)  # space that a point of the cloth moves in, m
+    array([0.09, 0.  , 0.  ])
     """
     return generate(validate(CurtainConfig, parameters, where="curtain"), duration_s=duration_s, rng=rng)
 
@@ -248,12 +260,17 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    rotor : blades alone.
+    curtain : a curtain that sways.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.fan(duration_s=2.0)
-    >>> motion.position_m.shape
-    (2001, 6, 3)
+    >>> motion.rate_hz, motion.facts.gait_frequency_hz  # the blades pass 45 times per second
+    (1000.0, 45.0)
     """
     return generate(validate(FanConfig, parameters, where="fan"), duration_s=duration_s, rng=rng)
 

@@ -114,8 +114,9 @@ def crawling_person(
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.crawling_person(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 17, 3)
+    >>> head = motion.positions.sel(marker="head", space="z")
+    >>> round(float(head.mean()), 1), round(motion.facts.gait_frequency_hz, 1)  # height in m, cycles per second
+    (0.7, 1.6)
     """
     return generate(validate(CrawlConfig, parameters, where="crawling_person"), duration_s=duration_s, rng=rng)
 

@@ -88,12 +88,17 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     ConfigError
         If there is no such gait or the Froude number is outside its range.
 
+    See Also
+    --------
+    quadruped_gait : simulate the gait of a dog.
+
     Examples
     --------
     >>> import numpy as np
     >>> from doppelgait.motion import sample_dog
-    >>> sample_dog(np.random.default_rng(3), gait="trot").gait
-    'trot'
+    >>> dog = sample_dog(np.random.default_rng(3), gait="trot")
+    >>> dog.gait, round(dog.withers_m, 2)  # height of the withers
+    ('trot', 0.47)
     """
     gaits = _list_possible_gaits(gait, froude)
     chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"

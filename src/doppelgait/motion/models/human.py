@@ -326,12 +326,17 @@ def human_gait(
     ConfigError
         If a parameter is outside its range, or steps are too long for the legs.
 
+    See Also
+    --------
+    boulic_walk : the walk of Boulic et al.
+    sample_person : sample the parameters of a person.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.human_gait(speed_mps=1.2, duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 17, 3)
+    >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
+    (1.76, 1.75)
     """
     return generate(validate(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
 

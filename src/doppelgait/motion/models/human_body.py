@@ -368,6 +368,10 @@ def sample_person(
     ConfigError
         If ``age_class``, ``complaint`` or ``load`` is none of those.
 
+    See Also
+    --------
+    human_gait : simulate the gait of a person.
+
     Examples
     --------
     >>> import doppelgait as dg

@@ -162,12 +162,16 @@ def moving_point(
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    pendulum : a point that swings.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.moving_point(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 1, 3)
+    >>> (motion.position_m[-1, 0] - motion.position_m[0, 0]).round(2)  # displacement in 2 s, m
+    array([2., 0., 0.])
     """
     return generate(validate(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
 
@@ -198,12 +202,16 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    moving_point : a point at constant velocity.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.pendulum(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 1, 3)
+    >>> round(motion.facts.gait_frequency_hz, 2)
+    1.0
     """
     return generate(validate(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
 
@@ -235,12 +243,16 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    fan : a fan on a stand.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.rotor(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 3, 3)
+    >>> motion.markers, round(motion.facts.gait_frequency_hz, 2)  # blades passing per second
+    (['hub', 'blade_1', 'blade_2'], 4.0)
     """
     return generate(validate(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
 
@@ -275,8 +287,8 @@ def breathing_person(
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.breathing_person(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 6, 3)
+    >>> round(motion.facts.gait_frequency_hz, 2)  # breaths per second
+    0.25
     """
     return generate(validate(BreathingConfig, parameters, where="breathing_person"), duration_s=duration_s, rng=rng)
 

@@ -219,12 +219,16 @@ def quadruped_gait(
     ConfigError
         If a parameter is outside its range.
 
+    See Also
+    --------
+    sample_dog : sample the parameters of a dog.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> motion = dg.motion.quadruped_gait(duration_s=2.0)
-    >>> motion.position_m.shape
-    (501, 28, 3)
+    >>> motion.facts.species, motion.facts.gait, round(motion.facts.stride_frequency_hz, 2)
+    ('dog', 'trot', 1.9)
     """
     return generate(validate(QuadrupedConfig, parameters, where="quadruped_gait"), duration_s=duration_s, rng=rng)
 

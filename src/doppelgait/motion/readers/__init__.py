@@ -77,6 +77,20 @@ def read(
     ------
     MotionError
         If the file does not exist, no reader accepts it, an option is not allowed, or the file is invalid.
+
+    See Also
+    --------
+    find_segments : find the straight segments at constant velocity.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> import numpy as np
+    >>> walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=3.0)
+    >>> np.savez("walk.npz", positions=walk.position_m, names=walk.markers, rate_hz=walk.rate_hz, units="m")
+    >>> motion = dg.motion.read("walk.npz")
+    >>> len(motion.markers), motion.rate_hz, motion.duration_s
+    (17, 250.0, 3.0)
     """
     file = Path(path)
     if file.is_dir():

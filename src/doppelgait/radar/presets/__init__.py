@@ -20,6 +20,10 @@ CONDITIONS = ("environment", "impairments")
 def list_preset_names() -> list[str]:
     """Return the names of all presets.
 
+    See Also
+    --------
+    read_full_preset : all values of a preset.
+
     Examples
     --------
     >>> import doppelgait as dg
@@ -82,11 +86,15 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
     ConfigError
         If the name is unknown, or the file is missing or no TOML.
 
+    See Also
+    --------
+    list_preset_names : names of the presets.
+
     Examples
     --------
     >>> import doppelgait as dg
-    >>> sorted(dg.radar.read_full_preset("x4"))[:3]
-    ['bandwidth_hz', 'bandwidth_level_db', 'carrier_hz']
+    >>> dg.radar.read_full_preset("x4")["carrier_hz"]
+    7290000000.0
     """
     return deepcopy(read_preset(name))
 

@@ -84,6 +84,11 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     RecordingError
         If there is no such file, no reader or several take it, an option is not allowed, or it cannot be read right.
 
+    See Also
+    --------
+    write_recording : write a recording.
+    open_stream : read frames as they arrive.
+
     Examples
     --------
     >>> import doppelgait as dg

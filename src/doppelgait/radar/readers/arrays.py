@@ -184,6 +184,10 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
         If the name does not end in ``.npz``, a TOML file of that stem is there that is not of this kind, or it cannot
         be written; older files are then untouched.
 
+    See Also
+    --------
+    read_recording : read the file again.
+
     Examples
     --------
     >>> import doppelgait as dg

@@ -291,12 +291,18 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
     OutputError
         If a file cannot be written.
 
+    See Also
+    --------
+    read_recording : read the file again.
+
     Examples
     --------
     >>> import doppelgait as dg
     >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
     >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
     >>> dg.radar.write_sigmf(recording, "walk.sigmf-data")
+    >>> dg.radar.read_recording("walk.sigmf-data").n_pulses
+    1920
     """
     if datatype not in ("cf32_le", "ci16_le"):
         raise RecordingError(f"{path}: datatype = {datatype!r} is not allowed; it must be 'cf32_le' or 'ci16_le'")

@@ -82,6 +82,17 @@ def check_motion_reader(name: str, path: str | Path, **options: Any) -> None:
     AssertionError
         If a rule is broken: a sniffer that goes by content and takes nothing else, keyword-only options, the same
         motion each time, named markers, facts of the file, a ``MotionError`` for a damaged file or an unknown option.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> Path("motions").mkdir()
+    >>> walk = dg.motion.boulic_walk(duration_s=1.0)
+    >>> file = "motions/walk.npz"
+    >>> np.savez(file, positions=walk.position_m, names=walk.markers, rate_hz=walk.rate_hz, units="m")
+    >>> dg.testing.check_motion_reader("arrays", file)
     """
     from doppelgait.core.errors import DoppelgaitWarning, MotionError
     from doppelgait.motion.readers import HEAD_BYTES, MOTION_READERS, read
