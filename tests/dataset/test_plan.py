@@ -21,7 +21,7 @@ from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differenc
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, collect_nuisance, plan_dataset, sample_examples
 from doppelgait.dataset.splits import assign_splits, group_subjects
-from doppelgait.dataset.verify.leakage import guess_classes, refuse_leaks, warn_of_leaks
+from doppelgait.dataset.verify.leakage import _select_varying, guess_classes, refuse_leaks, warn_of_default_rcs, warn_of_leaks
 
 
 def draw(value, example=0, key="k"):
@@ -631,7 +631,7 @@ def test_a_leaky_plan_is_refused_with_the_parameters_names():
     honest = {"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": 0.5}}
     leaky(target=honest)
     near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
-    with pytest.raises(DatasetError, match=r"told by nuisance parameters alone.*target\.range_m"):
+    with pytest.raises(DatasetError, match=r"nuisance parameters alone predict classes.*target\.range_m"):
         leaky(target=honest, companions=[near])
 
 
@@ -663,7 +663,35 @@ def test_a_leaky_plan_is_built_with_a_warning(tmp_path):
         with warnings.catch_warnings(record=True) as seen:
             warnings.simplefilter("always")
             warn_of_leaks(list(sample_examples(plan_dataset(config, folder=tmp_path), 120)), np.random.default_rng(0))
-        assert any("target.range_m" in str(w.message) and "learns these" in str(w.message) for w in seen) is told
+        assert any("target.range_m" in str(w.message) and "trained on it" in str(w.message) for w in seen) is told
+
+
+def test_cross_sections_by_body_mass_are_a_warning_that_names_the_key(tmp_path):
+    def warned(rcs, leaks=()):
+        config = plan(
+            dataset={"name": "x", "examples_per_class": 20, "leaks": list(leaks)},
+            target={"range_m": {"uniform": [3, 6]}, **rcs},
+        )
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            warn_of_default_rcs(examples_of(config), np.random.default_rng(0), folder=tmp_path, leaks=leaks)
+        return [str(w.message) for w in seen]
+
+    (message,) = warned({})
+    assert "rcs_total_m2 (dog 0." in message
+    assert "set [target] rcs = " in message
+    assert "'target.rcs' in dataset.leaks" in message
+    assert len(warned({"rcs": {"fluctuation": "swerling1"}})) == 1
+    assert not warned({"rcs": {"total_m2": {"log_uniform": [0.1, 1.6]}}})
+    assert not warned({}, leaks=["target.rcs"])
+
+
+def test_a_value_of_plan_and_index_is_judged_once_under_the_key_of_the_plan():
+    table = pd.DataFrame({
+        "label": ["a", "b", "a"], "group": ["x", "y", "z"], "target.range_m": [1.0, 2.0, 3.0],
+        "index.range_m": [1.0 + 1e-9, 2.0, 3.0], "seed": [4, 4, 4], "level": [1.0, 2.0, np.nan],
+    })  # fmt: skip
+    assert list(_select_varying(table)) == ["label", "group", "target.range_m", "level"]
 
 
 def test_a_cycle_turns_alike_in_every_class():

@@ -200,13 +200,15 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.leakage import warn_of_leaks
+    from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
     drawn = list(sample_examples(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():
-        warn_of_leaks(drawn, np.random.default_rng(0), leaks=plan.config.dataset.leaks)
+        leaks = plan.config.dataset.leaks
+        warn_of_leaks(drawn, np.random.default_rng(0), leaks=leaks)
+        warn_of_default_rcs(drawn, np.random.default_rng(0), folder=source, leaks=leaks)
     shards = tuple(plan.shards())
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
     job = _Job(target, plan, compute_dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)

@@ -15,7 +15,7 @@ import dataset_plans
 from checkout import ROOT
 from doppelgait import viz
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.files import hash_file
 from doppelgait.dataset.build import build_dataset, make_index
 from doppelgait.dataset.config import PlanConfig, load_plan
@@ -459,13 +459,15 @@ def test_a_signature_in_two_splits_is_found_identical_or_louder(copy, scale, noi
 # nuisance
 
 
-def test_a_plan_that_leaves_the_radar_cross_section_to_the_model_tells_the_class(tmp_path):
+def test_cross_sections_by_body_mass_fail_with_the_key_to_set(tmp_path):
     plan = small_plan(target={"range_m": {"uniform": [4, 5]}, "aspect_deg": {"uniform": [-30, 30]}})
-    build_dataset(plan, tmp_path / "leaky", executor="serial")
+    with pytest.warns(DoppelgaitWarning, match=r"rcs_total_m2 .*list 'target.rcs' in dataset.leaks"):
+        build_dataset(plan, tmp_path / "leaky", executor="serial")
     found = verify(tmp_path / "leaky")
     assert failed(found) == {"nuisance"}
     check = found.check("nuisance")
-    assert "most telling: rcs_total_m2 (dog 0." in check.summary
+    assert "most predictive: rcs_total_m2 (dog 0." in check.summary
+    assert "set [target] rcs" in check.summary
     assert check.numbers["classes"]["accuracy"] > 0.95
     assert check.numbers["classes"]["p_value"] < 1e-3
 

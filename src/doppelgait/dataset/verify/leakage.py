@@ -16,17 +16,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.core.errors import DatasetError, warn_caller
+from doppelgait.core.errors import DatasetError, DoppelgaitError, warn_caller
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.splits import list_names
 from doppelgait.dataset.verify.contents import Check, Contents, list_some
+from doppelgait.scene.placement import place
+from doppelgait.scene.rcs import total_rcs_m2
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
@@ -289,7 +292,15 @@ MEASURED_LEAKS = {
 """Columns of the index that follow a key of ``dataset.leaks``, in addition to the key itself."""
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
 """Levels of echoes that an empty room does not have; such a class is judged by the other parameters."""
+UNJUDGED = ("gate_error_m", "index.gate_error_m")
+"""Range error of the gates: no key of a plan can make it differ by class."""
+RCS_FIX = (
+    "the default cross section follows body mass: set [target] rcs = { total_m2 = { log_uniform = [0.1, 1.6] } } or "
+    "another law for all classes, or list 'target.rcs' in dataset.leaks"
+)
 MOST_ROWS = 2000
+MOST_PLACED = 200
+"""Examples whose motions are made to find the body mass."""
 SHOWN_PARAMETERS = 3
 
 
@@ -311,7 +322,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         table = _select_measured(index)
     else:
         table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
-    table = _drop_leaks(table, leaks)
+    table = _drop_leaks(table, (*leaks, *UNJUDGED))
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # classes with targets by all parameters, and all classes by those that an empty room has, too
     nobody = table["nobody"].to_numpy(dtype=bool)
@@ -330,7 +341,8 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     numbers = {words: guess.as_dict() for words, guess in findings}
     told = [_describe_guess(words, guess, table) for words, guess in findings if guess.leaks]
     if told:
-        words = "; ".join(told) + declared
+        by_mass = "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in told)
+        words = "; ".join([*told, *([RCS_FIX] if by_mass else [])]) + declared
         return Check("nuisance", "warning" if contents.measured else "failed", words, numbers)
     unclear = [f"{words}: {guess.reason}" for words, guess in findings if guess.reason]
     if len(unclear) == len(findings):
@@ -353,12 +365,17 @@ def _drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
 
 
 def _select_varying(table: pd.DataFrame) -> pd.DataFrame:
-    """Select label, group and the parameters that differ beyond rounding.
+    """Select label, group and the parameters that differ beyond rounding, each once.
 
-    No radar measures the sixth digit of a level.
+    No radar measures the sixth digit of a level. The index repeats some values of the plan under another name.
     """
-    table = table.apply(lambda values: round_values(values) if pd.api.types.is_float_dtype(values) else values)
-    kept = [name for name in table.columns if name in ("label", "group") or table[name].nunique(dropna=False) > 1]
+    table = table.apply(lambda values: round_values(values) if pd.api.types.is_numeric_dtype(values) else values)
+    kept: list[str] = []
+    for name in table.columns:
+        if name in ("label", "group"):
+            kept.append(name)
+        elif table[name].nunique(dropna=False) > 1 and not any(table[name].equals(table[one]) for one in kept):
+            kept.append(name)
     return table[kept]
 
 
@@ -387,7 +404,7 @@ def tabulate_nuisances(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.
     )
     if (flat["noise.kind"] == "snr").all():
         stated["index.snr_frame_db"] = rows["snr_frame_db"]  # of a thermal level of noise the motion is a part of it
-    return pd.concat([stated, flat], axis=1)
+    return pd.concat([flat, stated], axis=1)  # a value that both have is judged under the key of the plan
 
 
 def tabulate_examples(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
@@ -421,7 +438,7 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leak
     """
     moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
     table = (
-        _select_varying(_drop_leaks(tabulate_examples(moving), (*leaks, "gate_error_m")))
+        _select_varying(_drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
         if moving
         else pd.DataFrame({"label": []})
     )
@@ -433,14 +450,51 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leak
 
 
 def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
-    """Warn of what :func:`refuse_leaks` refuses.
-
-    The build goes on.
-    """
+    """Warn of what :func:`refuse_leaks` refuses; do not stop the build."""
     try:
         refuse_leaks(drawn, rng, leaks=leaks)
     except DatasetError as error:
-        warn_caller(f"{error}; the dataset is built, but what learns from it learns these")
+        warn_caller(f"{error}; the dataset is built, but a classifier trained on it uses these parameters")
+
+
+def warn_of_default_rcs(
+    drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
+) -> None:
+    """Warn if cross sections by body mass predict the class.
+
+    The motions of up to :data:`MOST_PLACED` examples are made where the plan states no ``target.rcs.total_m2``: a
+    built dataset would fail the leakage test for a value that no key of its plan names.
+
+    Parameters
+    ----------
+    drawn : sequence of ExampleSpec
+    rng : Generator
+        Folds and permutations.
+    folder : Path
+        Folder that relative motion paths start from.
+    leaks : sequence of str
+        Keys that the plan names in ``dataset.leaks``.
+    """
+    if "target.rcs" in leaks:
+        return
+    records = []
+    for example in drawn[:: -(-len(drawn) // MOST_PLACED) or 1]:
+        if all(target.background or target.rcs.total_m2 is not None for target in example.run.scene.targets):
+            continue
+        try:
+            observed = place(example.run.scene, example.run.streams, folder=folder).observed
+        except DoppelgaitError:  # the build leaves it out, too, and says why
+            continue
+        for row, one in zip(example.rows, observed, strict=True):
+            if row.source != "none":
+                rcs_m2 = total_rcs_m2(one.target.rcs, one.motion.facts.mass_kg)
+                records.append({"label": row.label, "group": example.group, "rcs_total_m2": rcs_m2})
+    table = pd.DataFrame(records, columns=["label", "group", "rcs_total_m2"])
+    if table["label"].nunique() < 2 or table["rcs_total_m2"].nunique() < 2:
+        return
+    guess = guess_classes(table, rng)
+    if guess.leaks:
+        warn_caller(f"{_describe_guess('classes', guess, table)}; {RCS_FIX}")
 
 
 def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
@@ -464,6 +518,6 @@ def _describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
             per_class.append(f"{label} {value}")
         telling.append(f"{name.removeprefix('index.')} ({', '.join(per_class)}; alone {alone:.2f})")
     return (
-        f"{words} are told by nuisance parameters alone: balanced accuracy {guess.accuracy:.2f} (allowed "
-        f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most telling: {', '.join(telling)}"
+        f"nuisance parameters alone predict {words}: balanced accuracy {guess.accuracy:.2f} (allowed "
+        f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most predictive: {', '.join(telling)}"
     )
