@@ -15,13 +15,19 @@ from checkout import ROOT
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.draws import replace_by_middle, resolve
-from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, list_differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import compute_dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, collect_nuisance, plan_dataset, sample_examples
 from doppelgait.dataset.splits import assign_splits, group_subjects
-from doppelgait.dataset.verify.leakage import _select_varying, guess_classes, refuse_leaks, warn_of_default_rcs, warn_of_leaks
+from doppelgait.dataset.verify.leakage import guess_classes, select_varying
+from doppelgait.dataset.verify.plan_checks import (
+    refuse_leaks,
+    warn_of_default_rcs,
+    warn_of_equal_bodies,
+    warn_of_leaks,
+)
 
 
 def draw(value, example=0, key="k"):
@@ -686,12 +692,24 @@ def test_cross_sections_by_body_mass_are_a_warning_that_names_the_key(tmp_path):
     assert not warned({}, leaks=["target.rcs"])
 
 
+def test_equal_bodies_of_a_class_are_a_warning_that_names_it():
+    alike = {"label": "human", "motion": {"kind": "boulic"}}
+    with pytest.warns(DoppelgaitWarning, match=r"class human: every example has the same motion parameters"):
+        warn_of_equal_bodies(examples_of(plan(classes=[alike])))
+    sampled = {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_equal_bodies(examples_of(plan(classes=[sampled, {"label": "empty", "motion": "none"}], noise={})))
+        for target in ({"height_m": {"uniform": [1.0, 1.4]}}, {"vary": {"pace": {"uniform": [0.9, 1.1]}}}):
+            warn_of_equal_bodies(examples_of(plan(classes=[alike], target=target)))
+
+
 def test_a_value_of_plan_and_index_is_judged_once_under_the_key_of_the_plan():
     table = pd.DataFrame({
         "label": ["a", "b", "a"], "group": ["x", "y", "z"], "target.range_m": [1.0, 2.0, 3.0],
         "index.range_m": [1.0 + 1e-9, 2.0, 3.0], "seed": [4, 4, 4], "level": [1.0, 2.0, np.nan],
     })  # fmt: skip
-    assert list(_select_varying(table)) == ["label", "group", "target.range_m", "level"]
+    assert list(select_varying(table)) == ["label", "group", "target.range_m", "level"]
 
 
 def test_a_cycle_turns_alike_in_every_class():

@@ -12,7 +12,8 @@ from sklearn.metrics import balanced_accuracy_score
 
 from doppelgait.dataset.verify import duplicates, leakage, truth
 from doppelgait.dataset.verify.contents import Check, Contents, Verification, list_some
-from doppelgait.dataset.verify.leakage import check_groups, round_values
+from doppelgait.dataset.verify.duplicates import check_groups
+from doppelgait.dataset.verify.leakage import round_values
 from doppelgait.dataset.verify.truth import check_movers
 
 

@@ -200,7 +200,7 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    from doppelgait.dataset.verify.leakage import warn_of_default_rcs, warn_of_leaks
+    from doppelgait.dataset.verify.plan_checks import warn_of_default_rcs, warn_of_leaks
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)

@@ -1,4 +1,4 @@
-"""Identical and near-identical signatures in different splits."""
+"""Subjects and signatures that are in different splits."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.shard_files import decode
+from doppelgait.dataset.splits import list_names
 from doppelgait.dataset.verify.contents import Check, Contents, list_some
 from doppelgait.features import FEATURE_UNITS
 
@@ -26,7 +27,39 @@ BLOCK = 2048
 MOST_COMPARED = 60_000
 """Rows that are compared for likeness; of more, a random choice. For identity all are."""
 
+KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "scene_id": "scenes"}
+
 Pair = tuple[float, int, int]
+
+
+def check_groups(contents: Contents) -> Check:
+    """Check that no subject or other group crosses splits.
+
+    All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
+
+    Walkers of models with the same parameters in two splits are a warning: the plan draws nothing, so that training
+    and test meet the same body.
+    """
+    index = contents.index
+    torn: dict[str, list[str]] = {}
+    for key in KINDS:
+        splits: dict[str, set[str]] = {}
+        for names, split in zip(list_names(index, key), index["split"], strict=True):
+            for name in names:
+                splits.setdefault(name, set()).add(split)
+        found = [f"{name} ({', '.join(sorted(within))})" for name, within in sorted(splits.items()) if len(within) > 1]
+        if found:
+            torn[key] = found
+    numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
+    if torn:
+        words = "; ".join(f"{KINDS[key]} in more than one split: {list_some(names)}" for key, names in torn.items())
+        return Check("groups", "failed", words, numbers)
+    models = index[index["source"] == "model"]
+    same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
+    if same:
+        words = f"{same} rows of models have the parameters of a row in another split; draw their parameters"
+        return Check("groups", "warning", words, {**numbers, "same_walkers": same})
+    return Check("groups", "passed", f"{numbers['groups']} groups, each in one split", numbers)
 
 
 def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callable[[], None]) -> Check:

@@ -1,4 +1,4 @@
-"""Leakage tests: shared subjects, and classes predicted from nuisance parameters.
+"""Leakage test: classes predicted from nuisance parameters.
 
 The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of every pair, their
 log-likelihood ratios added up. Each parameter and pair counts by how much of its G statistic exceeds twice its degrees
@@ -16,20 +16,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.core.errors import DatasetError, DoppelgaitError, warn_caller
 from doppelgait.dataset.plan import collect_nuisance
 from doppelgait.dataset.resolve import ExampleSpec
-from doppelgait.dataset.splits import list_names
-from doppelgait.dataset.verify.contents import Check, Contents, list_some
-from doppelgait.scene.placement import place
-from doppelgait.scene.rcs import total_rcs_m2
+from doppelgait.dataset.verify.contents import Check, Contents
 
 Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
@@ -250,39 +245,6 @@ def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator)
     return drawn
 
 
-KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "scene_id": "scenes"}
-
-
-def check_groups(contents: Contents) -> Check:
-    """Check that no subject or other group crosses splits.
-
-    All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
-
-    Walkers of models with the same parameters in two splits are a warning: the plan draws nothing, so that training
-    and test meet the same body.
-    """
-    index = contents.index
-    torn: dict[str, list[str]] = {}
-    for key in KINDS:
-        splits: dict[str, set[str]] = {}
-        for names, split in zip(list_names(index, key), index["split"], strict=True):
-            for name in names:
-                splits.setdefault(name, set()).add(split)
-        found = [f"{name} ({', '.join(sorted(within))})" for name, within in sorted(splits.items()) if len(within) > 1]
-        if found:
-            torn[key] = found
-    numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
-    if torn:
-        words = "; ".join(f"{KINDS[key]} in more than one split: {list_some(names)}" for key, names in torn.items())
-        return Check("groups", "failed", words, numbers)
-    models = index[index["source"] == "model"]
-    same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
-    if same:
-        words = f"{same} rows of models have the parameters of a row in another split; draw their parameters"
-        return Check("groups", "warning", words, {**numbers, "same_walkers": same})
-    return Check("groups", "passed", f"{numbers['groups']} groups, each in one split", numbers)
-
-
 MEASURED = ("prf_hz", "observation_s", "rcs_total_m2", "gate_error_m", "radar_height_m")
 MEASURED_LEAKS = {
     "radar.prf_hz": ("index.prf_hz", "prf_hz"),
@@ -292,15 +254,13 @@ MEASURED_LEAKS = {
 """Columns of the index that follow a key of ``dataset.leaks``, in addition to the key itself."""
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
 """Levels of echoes that an empty room does not have; such a class is judged by the other parameters."""
-UNJUDGED = ("gate_error_m", "index.gate_error_m")
-"""Range error of the gates: no key of a plan can make it differ by class."""
 RCS_FIX = (
     "the default cross section follows body mass: set [target] rcs = { total_m2 = { log_uniform = [0.1, 1.6] } } or "
     "another law for all classes, or list 'target.rcs' in dataset.leaks"
 )
+UNJUDGED = ("gate_error_m", "index.gate_error_m")
+"""Range error of the gates: no key of a plan can make it differ by class."""
 MOST_ROWS = 2000
-MOST_PLACED = 200
-"""Examples whose motions are made to find the body mass."""
 SHOWN_PARAMETERS = 3
 
 
@@ -322,15 +282,15 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         table = _select_measured(index)
     else:
         table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
-    table = _drop_leaks(table, (*leaks, *UNJUDGED))
+    table = drop_leaks(table, (*leaks, *UNJUDGED))
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # classes with targets by all parameters, and all classes by those that an empty room has, too
     nobody = table["nobody"].to_numpy(dtype=bool)
     table = table.drop(columns="nobody")
-    questions = [("classes of movers" if nobody.any() else "classes", _select_varying(table[~nobody]))]
+    questions = [("classes of movers" if nobody.any() else "classes", select_varying(table[~nobody]))]
     if nobody.any():
         seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
-        questions.append(("all classes", _select_varying(table[seen])))
+        questions.append(("all classes", select_varying(table[seen])))
     findings = [
         (words, guess_classes(part, rng))
         for words, part in questions
@@ -339,7 +299,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     if not findings:
         return Check("nuisance", "not applicable", f"one class, or no nuisance parameter that differs{declared}")
     numbers = {words: guess.as_dict() for words, guess in findings}
-    told = [_describe_guess(words, guess, table) for words, guess in findings if guess.leaks]
+    told = [describe_guess(words, guess, table) for words, guess in findings if guess.leaks]
     if told:
         by_mass = "target.rcs.total_m2" not in table and any("rcs_total_m2" in words for words in told)
         words = "; ".join([*told, *([RCS_FIX] if by_mass else [])]) + declared
@@ -357,24 +317,22 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     return Check("nuisance", "passed", words, numbers)
 
 
-def _drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
+def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
     """Drop the columns of leaks that a plan names."""
     known = {column for leak in leaks for column in MEASURED_LEAKS.get(leak, ())}
     own = tuple(f"{leak}." for leak in leaks)
     return table[[n for n in table.columns if n not in known and n not in leaks and not str(n).startswith(own)]]
 
 
-def _select_varying(table: pd.DataFrame) -> pd.DataFrame:
+def select_varying(table: pd.DataFrame) -> pd.DataFrame:
     """Select label, group and the parameters that differ beyond rounding, each once.
 
     No radar measures the sixth digit of a level. The index repeats some values of the plan under another name.
     """
     table = table.apply(lambda values: round_values(values) if pd.api.types.is_numeric_dtype(values) else values)
-    kept: list[str] = []
-    for name in table.columns:
-        if name in ("label", "group"):
-            kept.append(name)
-        elif table[name].nunique(dropna=False) > 1 and not any(table[name].equals(table[one]) for one in kept):
+    kept = ["label", "group"]
+    for name in table.columns.drop(kept):
+        if table[name].nunique(dropna=False) > 1 and not any(table[name].equals(table[one]) for one in kept):
             kept.append(name)
     return table[kept]
 
@@ -422,87 +380,13 @@ def tabulate_examples(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
     return pd.DataFrame(records, index=names)
 
 
-def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
-    """Raise a :class:`DatasetError` if nuisance parameters predict the class.
-
-    Nothing is simulated. The range error of the gates is not judged: no key of a plan can make it differ by class. An
-    honest plan is refused in less than one case in 10 000 (:mod:`doppelgait.dataset.verify.leakage`).
-
-    Parameters
-    ----------
-    drawn : sequence of ExampleSpec
-    rng : Generator
-        Folds and permutations.
-    leaks : sequence of str
-        Keys that the plan names in ``dataset.leaks``; they are not judged.
-    """
-    moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
-    table = (
-        _select_varying(_drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
-        if moving
-        else pd.DataFrame({"label": []})
-    )
-    if table["label"].nunique() < 2 or len(table.columns) < 3:
-        return
-    guess = guess_classes(table, rng)
-    if guess.leaks:
-        raise DatasetError(f"{_describe_guess('classes', guess, table)}; draw them by one law for every class")
-
-
-def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
-    """Warn of what :func:`refuse_leaks` refuses; do not stop the build."""
-    try:
-        refuse_leaks(drawn, rng, leaks=leaks)
-    except DatasetError as error:
-        warn_caller(f"{error}; the dataset is built, but a classifier trained on it uses these parameters")
-
-
-def warn_of_default_rcs(
-    drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
-) -> None:
-    """Warn if cross sections by body mass predict the class.
-
-    The motions of up to :data:`MOST_PLACED` examples are made where the plan states no ``target.rcs.total_m2``: a
-    built dataset would fail the leakage test for a value that no key of its plan names.
-
-    Parameters
-    ----------
-    drawn : sequence of ExampleSpec
-    rng : Generator
-        Folds and permutations.
-    folder : Path
-        Folder that relative motion paths start from.
-    leaks : sequence of str
-        Keys that the plan names in ``dataset.leaks``.
-    """
-    if "target.rcs" in leaks:
-        return
-    records = []
-    for example in drawn[:: -(-len(drawn) // MOST_PLACED) or 1]:
-        if all(target.background or target.rcs.total_m2 is not None for target in example.run.scene.targets):
-            continue
-        try:
-            observed = place(example.run.scene, example.run.streams, folder=folder).observed
-        except DoppelgaitError:  # the build leaves it out, too, and says why
-            continue
-        for row, one in zip(example.rows, observed, strict=True):
-            if row.source != "none":
-                rcs_m2 = total_rcs_m2(one.target.rcs, one.motion.facts.mass_kg)
-                records.append({"label": row.label, "group": example.group, "rcs_total_m2": rcs_m2})
-    table = pd.DataFrame(records, columns=["label", "group", "rcs_total_m2"])
-    if table["label"].nunique() < 2 or table["rcs_total_m2"].nunique() < 2:
-        return
-    guess = guess_classes(table, rng)
-    if guess.leaks:
-        warn_caller(f"{_describe_guess('classes', guess, table)}; {RCS_FIX}")
-
-
 def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
     kept = rows[["label", "group", *(name for name in MEASURED if name in rows)]].copy()
     return kept.assign(nobody=(rows["source"] == "none").to_numpy(dtype=bool))
 
 
-def _describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
+def describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:
+    """Describe a leak: accuracy, limit, and the most predictive parameters by class."""
     telling = []
     for name, alone in guess.telling[:SHOWN_PARAMETERS]:
         # The parameter in every class: the median of numbers, else the most frequent value.

@@ -25,7 +25,7 @@ from doppelgait.dataset.verify.contents import (
     read_known_description,
     read_plan,
 )
-from doppelgait.dataset.verify.duplicates import check_duplicates
+from doppelgait.dataset.verify.duplicates import check_duplicates, check_groups
 from doppelgait.dataset.verify.integrity import (
     check_balance,
     check_files,
@@ -37,7 +37,7 @@ from doppelgait.dataset.verify.integrity import (
     check_split_lists,
     look_at_shards,
 )
-from doppelgait.dataset.verify.leakage import check_groups, check_nuisance
+from doppelgait.dataset.verify.leakage import check_nuisance
 from doppelgait.dataset.verify.resimulate import check_measured_snr, check_resimulation, choose
 from doppelgait.dataset.verify.truth import (
     check_aspect,

@@ -1,0 +1,119 @@
+"""What is wrong with a plan, found before anything is built."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from doppelgait.core.config import format_canonical_json
+from doppelgait.core.errors import DatasetError, DoppelgaitError, warn_caller
+from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.dataset.verify.leakage import (
+    RCS_FIX,
+    UNJUDGED,
+    describe_guess,
+    drop_leaks,
+    guess_classes,
+    select_varying,
+    tabulate_examples,
+)
+from doppelgait.motion.motion import Motion
+from doppelgait.scene.placement import place
+from doppelgait.scene.rcs import total_rcs_m2
+
+MOST_PLACED = 200
+"""Examples whose motions are made to find the body mass."""
+
+
+def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
+    """Raise a :class:`DatasetError` if nuisance parameters predict the class.
+
+    Nothing is simulated. The range error of the gates is not judged: no key of a plan can make it differ by class. An
+    honest plan is refused in less than one case in 10 000 (:mod:`doppelgait.dataset.verify.leakage`).
+
+    Parameters
+    ----------
+    drawn : sequence of ExampleSpec
+    rng : Generator
+        Folds and permutations.
+    leaks : sequence of str
+        Keys that the plan names in ``dataset.leaks``; they are not judged.
+    """
+    moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
+    table = (
+        select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
+        if moving
+        else pd.DataFrame({"label": []})
+    )
+    if table["label"].nunique() < 2 or len(table.columns) < 3:
+        return
+    guess = guess_classes(table, rng)
+    if guess.leaks:
+        raise DatasetError(f"{describe_guess('classes', guess, table)}; draw them by one law for every class")
+
+
+def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
+    """Warn of what :func:`refuse_leaks` refuses; do not stop the build."""
+    try:
+        refuse_leaks(drawn, rng, leaks=leaks)
+    except DatasetError as error:
+        warn_caller(f"{error}; the dataset is built, but a classifier trained on it uses these parameters")
+
+
+def warn_of_default_rcs(
+    drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
+) -> None:
+    """Warn if cross sections by body mass predict the class.
+
+    The motions of up to :data:`MOST_PLACED` examples are made where the plan states no ``target.rcs.total_m2``: a
+    built dataset would fail the leakage test for a value that no key of its plan names.
+
+    Parameters
+    ----------
+    drawn : sequence of ExampleSpec
+    rng : Generator
+        Folds and permutations.
+    folder : Path
+        Folder that relative motion paths start from.
+    leaks : sequence of str
+        Keys that the plan names in ``dataset.leaks``.
+    """
+    if "target.rcs" in leaks:
+        return
+    records = []
+    for example in drawn[:: -(-len(drawn) // MOST_PLACED) or 1]:
+        if all(target.background or target.rcs.total_m2 is not None for target in example.run.scene.targets):
+            continue
+        try:
+            observed = place(example.run.scene, example.run.streams, folder=folder).observed
+        except DoppelgaitError:  # the build leaves it out, too, and says why
+            continue
+        for row, one in zip(example.rows, observed, strict=True):
+            if row.source != "none":
+                rcs_m2 = total_rcs_m2(one.target.rcs, one.motion.facts.mass_kg)
+                records.append({"label": row.label, "group": example.group, "rcs_total_m2": rcs_m2})
+    table = pd.DataFrame(records, columns=["label", "group", "rcs_total_m2"])
+    if table["label"].nunique() < 2 or table["rcs_total_m2"].nunique() < 2:
+        return
+    guess = guess_classes(table, rng)
+    if guess.leaks:
+        warn_caller(f"{describe_guess('classes', guess, table)}; {RCS_FIX}")
+
+
+def warn_of_equal_bodies(drawn: Sequence[ExampleSpec]) -> None:
+    """Warn of classes whose modelled bodies all have the same parameters."""
+    motions: dict[str, list[str]] = {}
+    for example in drawn:
+        for row, target in zip(example.rows, example.run.scene.targets, strict=False):  # background comes last
+            if row.source == "model" and target.vary is None and not isinstance(target.motion, Motion):
+                body = {**target.motion, "height_m": target.height_m}
+                motions.setdefault(row.label, []).append(format_canonical_json(body))
+    equal = [label for label, found in motions.items() if len(found) > 1 and len(set(found)) == 1]
+    if equal:
+        warn_caller(
+            f"class {', '.join(equal)}: every example has the same motion parameters, so that training and test data "
+            "have the same body; sample them, for example speed_mps = { uniform = [0.8, 1.6] }"
+        )
