@@ -157,7 +157,7 @@ def test_a_motion_needs_a_kind_that_exists(scene_file):
     assert "kind" in fault(scene_file('kind = "boulic"\n', ""))
     with pytest.raises(ConfigError, match=r"targets\.0\.motion \(line \d+\).*moonwalk.*boulic"):
         Run.from_toml(scene_file('kind = "boulic"\n', 'kind = "moonwalk"\n'))
-    with pytest.raises(ConfigError, match=r"targets\.0\.motion \(line \d+\).*speed_mps.*11"):
+    with pytest.raises(ConfigError, match=r"targets\.0\.motion\.speed_mps \(line 2\d\): 11 is not allowed: a walker"):
         Run.from_toml(scene_file("speed_mps = 1.1", "speed_mps = 11"))
 
 
@@ -226,6 +226,31 @@ def test_the_members_of_a_union_are_one_fault() -> None:
 def test_a_model_in_a_model_keeps_its_place() -> None:
     with pytest.raises(ConfigError, match=r"^Target: rcs\.foo: unknown key; allowed are .*fluctuation"):
         Target({"kind": "boulic"}, rcs={"kind": "ellipsoids", "foo": 1})
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ({"motion": {"kind": "boulic", "pace": 1}}, r"motion\.pace: unknown key; allowed are .*speed_mps"),
+        ({"rcs": {"total_m2": -1}}, r"rcs\.total_m2: -1 is not allowed: must be greater than"),
+        ({"path": {"kind": "arc", "radius_m": 2.0}}, r"path\.turn_deg: is required"),
+    ],
+)
+def test_a_fault_in_a_table_of_a_kind_has_a_dotted_key(target, message) -> None:
+    place = {"motion": {"kind": "boulic"}, "start_position_m": [5.0, 0.0], "heading_deg": 0.0}
+    with pytest.raises(ConfigError, match=rf"^scene: targets\.0\.{message}"):
+        parse_run({"targets": [{**place, **target}]}, where="scene")
+
+
+def test_all_faults_of_inner_tables_come_in_one_message() -> None:
+    wall = {"kind": "wall", "thickness_m": -1, "material": {"permittivity": 0, "loss": 1}}
+    with pytest.raises(ConfigError) as caught:
+        parse_run({"environment": [wall], "radar": {"preset": "x4"}, "duration_s": 1, "seed": -1})
+    message = str(caught.value)
+    for key in ("environment.0.thickness_m: -1", "environment.0.material.permittivity: 0", "seed: -1"):
+        assert f"{key} is not allowed: must be greater than" in message
+    assert "environment.0.material.loss: unknown key; allowed are conductivity_s_per_m, permittivity" in message
+    assert "this value" not in message
 
 
 def test_a_parameter_cannot_be_changed_in_place() -> None:

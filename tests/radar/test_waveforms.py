@@ -668,7 +668,7 @@ def test_a_waveform_has_parameters_of_its_own(barker):
     [
         ("sonar", "waveform: 'sonar' is not allowed: known are barker, cw, fmcw"),
         ({"chips": 11}, "waveform kind None is not allowed: known are barker, cw"),
-        ({"kind": "barker", "chips": 12}, "waveform kind 'barker': chips: 12 is not allowed"),
+        ({"kind": "barker", "chips": 12}, r"^waveform\.chips: 12 is not allowed"),
         ({"kind": "barker", "chip": 11}, "chip: unknown key; allowed are chips, kind"),
         ({"kind": "lfm", "chips": 11}, "chips: unknown key; allowed are kind"),
         (7, "waveform kind None"),
@@ -699,7 +699,7 @@ def test_parameters_of_a_waveform_in_a_scene_file_and_on_the_command_line(barker
         path.write_text(text.replace("WAVEFORM", waveform))
         assert Run.from_toml(path).radar.waveform.chips == (7 if "7" in waveform else 13)
         assert Run.from_toml(path, overrides=["radar.waveform.chips=11"]).radar.waveform == barker(chips=11)
-    with pytest.raises(ConfigError, match=r"radar\.waveform.*chips: 12 is not allowed"):
+    with pytest.raises(ConfigError, match=r"radar\.waveform\.chips \(line 5\): 12 is not allowed"):
         Run.from_toml(path, overrides=["radar.waveform.chips=12"])
     (tmp_path / "own.toml").write_text(
         "carrier_hz = 24e9\nprf_hz = 500\nrange_stop_m = 9\nsample_rate_hz = 3e9\nsweep_s = 13e-9\n"

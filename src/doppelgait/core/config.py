@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from tomllib import TOMLDecodeError
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
@@ -44,7 +44,7 @@ else:
             try:
                 return super().__call__(**data)
             except ValidationError as error:
-                raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls, data)}") from None
+                raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, data)) from None
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
@@ -74,7 +74,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         try:
             return super().model_validate(obj, **settings)
         except ValidationError as error:
-            raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls, obj)}") from None
+            raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, obj)) from None
 
     @classmethod
     def model_validate_json(cls, json_data: str | bytes | bytearray, **settings: Any) -> Self:
@@ -88,7 +88,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         try:
             return super().model_validate_json(json_data, **settings)
         except ValidationError as error:
-            raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls, None)}") from None
+            raise _make_error(f"{cls.__name__}: ", _find_faults(error, cls, None)) from None
 
     def __setattr__(self, name: str, value: Any) -> None:
         self._refuse_change(name, lambda: super(FrozenModel, self).__setattr__(name, value))
@@ -181,22 +181,59 @@ def validate(
     try:
         return BaseModel.model_validate.__func__(model, dict(data))  # type: ignore[attr-defined,no-any-return]
     except ValidationError as error:
-        prefix = f"{where}: " if where else ""
-        raise ConfigError(prefix + _list_faults(error, model, data, text, section)) from None
+        raise _make_error(f"{where}: " if where else "", _find_faults(error, model, data), text, section) from None
 
 
-def _list_faults(
-    error: ValidationError, model: type[BaseModel], data: Any, text: str = "", section: tuple[str, ...] = ()
-) -> str:
-    faults = [{**fault, "loc": _place_in(data, fault["loc"])} for fault in _drop_derived_faults(error.errors())]
+class Fault(NamedTuple):
+    """One fault of a table."""
+
+    location: tuple[str | int, ...]
+    value: str
+    """The refused value; empty where the message stands for itself."""
+    message: str
+
+
+class InnerError(ValueError):
+    """Error of an inner table, for a validator to raise.
+
+    The model of the outer table then names every faulty key in full (``targets.0.rcs.share``).
+
+    Parameters
+    ----------
+    error : ConfigError
+        The error of the inner table.
+    """
+
+    def __init__(self, error: ConfigError) -> None:
+        super().__init__(str(error))
+        self.faults: tuple[Fault, ...] = error.faults
+
+
+def _make_error(start: str, faults: list[Fault], text: str = "", section: tuple[str, ...] = ()) -> ConfigError:
+    """Make the error of a table, with its faults attached."""
     said: dict[str, str] = {}
     for fault in faults:
-        start, message = _describe(fault, model, text, section)
-        if start in said and said[start] != message:  # what each member of a union allows
-            message = f"{said[start]} or {message.removeprefix('must be ')}"
-        said[start] = message
-    shown = [start + message for start, message in said.items()]
-    return "; ".join(shown[:SHOWN_FAULTS] + [f"and {len(shown) - SHOWN_FAULTS} more"] * (len(shown) > SHOWN_FAULTS))
+        place, message = _format_fault(fault, text, section)
+        if place in said and said[place] != message:  # what each member of a union allows
+            message = f"{said[place]} or {message.removeprefix('must be ')}"
+        said[place] = message
+    shown = [place + message for place, message in said.items()]
+    more = [f"and {len(shown) - SHOWN_FAULTS} more"] * (len(shown) > SHOWN_FAULTS)
+    error = ConfigError(start + "; ".join(shown[:SHOWN_FAULTS] + more))
+    error.faults = tuple(faults)
+    return error
+
+
+def _find_faults(error: ValidationError, model: type[BaseModel], data: Any) -> list[Fault]:
+    found = []
+    for fault in _drop_derived_faults(error.errors()):
+        location = _place_in(data, fault["loc"])
+        inner = fault.get("ctx", {}).get("error")
+        if isinstance(inner, InnerError) and inner.faults:
+            found += [one._replace(location=(*location, *one.location)) for one in inner.faults]
+        else:
+            found.append(_describe(fault, location, model))
+    return found
 
 
 _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
@@ -255,22 +292,37 @@ def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
     ]
 
 
-def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> tuple[str, str]:
-    """Return the place and value of a fault, and what is allowed."""
-    location = (*section, *fault["loc"])
-    key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
-    place = key + format_line_note(text, location)
+_NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")
+"""A key at the start of a message."""
+
+
+def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:
+    """Return the value of a fault, and what is allowed."""
     if fault["type"] == "extra_forbidden":
-        allowed = ", ".join(sorted(_list_fields_at(model, fault["loc"][:-1])))
-        return f"{place}: ", "unknown key" + (f"; allowed are {allowed}" if allowed else "")
+        allowed = ", ".join(sorted(_list_fields_at(model, location[:-1])))
+        return Fault(location, "", "unknown key" + (f"; allowed are {allowed}" if allowed else ""))
     if fault["type"] == "missing":
-        return f"{place}: ", "is required"
-    value = fault.get("input")
-    shown = repr(value) if not isinstance(value, dict) and len(repr(value)) < 80 else "this value"
-    message = _reword(fault["msg"])
-    if not fault["loc"]:  # a check across keys names them itself
-        return f"{place}: " if key else "", message
-    return f"{place}: {shown} is not allowed: ", message
+        return Fault(location, "", "is required")
+    value, message = fault.get("input"), _reword(fault["msg"])
+    named = _NAMED_KEY.match(message) if fault["type"] == "value_error" else None
+    if named and isinstance(value, Mapping) and named[1].split(".")[0] in value:  # of a check across keys
+        inner = (int(part) if part.isdigit() else part for part in named[1].split("."))
+        return Fault((*location, *inner), "", message[named.end() :])
+    if isinstance(value, dict):
+        shown = "" if fault["type"] == "value_error" else "this table"
+    else:
+        shown = repr(value) if len(repr(value)) < 80 else "this value"
+    return Fault(location, shown, message)
+
+
+def _format_fault(fault: Fault, text: str, section: tuple[str, ...]) -> tuple[str, str]:
+    """Return the place and value of a fault, and what is allowed."""
+    location = (*section, *fault.location)
+    key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
+    place = f"{key}{format_line_note(text, location)}: " if key else ""
+    if not fault.location or not fault.value:  # a check across keys names them itself
+        return place, fault.message
+    return f"{place}{fault.value} is not allowed: ", fault.message
 
 
 def _list_fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:

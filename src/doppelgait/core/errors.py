@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
@@ -29,6 +30,9 @@ class DoppelgaitError(Exception):
 
 class ConfigError(DoppelgaitError):
     """Parameter, configuration key or combination that is not allowed."""
+
+    faults: tuple[Any, ...] = ()
+    """Faults of a table, one per key (:class:`doppelgait.core.config.Fault`)."""
 
 
 class MotionError(DoppelgaitError):

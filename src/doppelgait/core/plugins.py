@@ -19,7 +19,7 @@ from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, SerializeAsAny
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.errors import ConfigError, warn_caller
 
 T = TypeVar("T")
@@ -243,7 +243,7 @@ class Group(Generic[T]):
             try:
                 return self.parse(value)
             except ConfigError as error:
-                raise ValueError(str(error)) from None
+                raise InnerError(error) from None
 
         return Annotated[SerializeAsAny[FrozenModel], BeforeValidator(parse)]
 

@@ -24,7 +24,7 @@ from pydantic import (
     model_validator,
 )
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.plugins import Group
@@ -242,7 +242,7 @@ def _parse_waveform(value: Any) -> Any:
     try:
         return WAVEFORMS.parse(value)
     except ConfigError as error:
-        raise ValueError(str(error)) from None
+        raise InnerError(error) from None
 
 
 def _serialise_waveform(waveform: Waveform, info: SerializationInfo) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
 
-from doppelgait.core.config import FrozenModel, as_table, read_toml, validate, write_toml
+from doppelgait.core.config import FrozenModel, InnerError, as_table, read_toml, validate, write_toml
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.motion.motion import Motion
@@ -47,7 +47,7 @@ def _parse_motion(value: Any) -> Any:
     try:
         validate(get_parameters(kind), options, where=f"kind {kind!r}")
     except ConfigError as error:
-        raise ValueError(str(error)) from None
+        raise InnerError(error) from None
     return dict(value)
 
 
@@ -62,7 +62,7 @@ def _parse_rcs(value: Any) -> Any:
     try:
         return validate(model, table, where=f"kind {kind!r}")
     except ConfigError as error:
-        raise ValueError(str(error)) from None
+        raise InnerError(error) from None
 
 
 class Target(FrozenModel):
@@ -160,7 +160,7 @@ class Target(FrozenModel):
         try:
             return path if path is None else make_path(path)
         except ConfigError as error:
-            raise ValueError(str(error)) from None
+            raise InnerError(error) from None
 
     @field_validator("start_position_m", mode="before")
     @classmethod

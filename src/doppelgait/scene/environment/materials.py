@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel, InnerError, validate
 from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 
@@ -91,7 +91,7 @@ def _check_material(material: Any) -> Any:
     try:
         return validate(Dielectric, material)
     except ConfigError as error:
-        raise ValueError(str(error)) from None
+        raise InnerError(error) from None
 
 
 Material = Annotated[MaterialName | Dielectric, BeforeValidator(_check_material)]
