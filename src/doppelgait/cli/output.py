@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import re
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from enum import StrEnum
 from pathlib import Path
+from threading import Timer
+from time import monotonic
 from typing import Annotated, Any
 
 import typer
@@ -20,6 +21,8 @@ from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 
 ASKS = re.compile(r"\bgive (?!a |one )|name it,|(?=\b[a-z_]+ must be given)")
 """Where a reader's message begins to ask for options: ``give subsweep=0 to 3``, ``give carrier_hz``."""
+PROGRESS_DELAY_S = 1.0
+"""Progress of shorter work is not shown."""
 WANTED = re.compile(r"\b(?P<name>[a-z][a-z_]*) ?= ?(?P<value>'[^']*'|\.\.\.|\w+)|\b(?P<bare>[a-z]+(?:_[a-z]+)+)")
 
 
@@ -93,7 +96,8 @@ def show_warnings_plainly() -> None:
 def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Report progress of long work as ``on_progress(done, total)``.
 
-    On a terminal it is a bar, elsewhere plain lines. Signals stop the work in order: at the next report, or before.
+    On a terminal it is a bar, elsewhere plain lines; both appear after :data:`PROGRESS_DELAY_S`. Signals stop the work
+    in order: at the next report, or before.
     """
     lines = _report_tenths(what) if not sys.stderr.isatty() else _show_bar(what)
     with stop_in_order(), nullcontext(None) if quiet else lines as report:
@@ -108,16 +112,16 @@ def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int
 
 @contextmanager
 def _report_tenths(what: str) -> Iterator[Callable[[int, int], None]]:
-    began = time.monotonic()
+    began = monotonic()
     last_tenth = 0
 
     def print_tenth(done: int, total: int) -> None:
         nonlocal last_tenth
         tenth = 10 * done // max(total, 1)
-        if tenth == last_tenth:
+        seconds = monotonic() - began
+        if tenth == last_tenth or seconds < PROGRESS_DELAY_S:
             return
         last_tenth = tenth
-        seconds = time.monotonic() - began
         left = seconds / done * (total - done)
         print_message(f"{what}: {done} of {total}, {done / max(seconds, 1e-9):.1f} per second, {left:.0f} s left")
 
@@ -136,15 +140,24 @@ def _show_bar(what: str) -> Iterator[Callable[[int, int], None]]:
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    began = time.monotonic()
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(what, total=None, rate="")
+    began = monotonic()
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task(what, total=None, rate="")
 
-        def advance(done: int, total: int) -> None:
-            rate = done / max(time.monotonic() - began, 1e-9)
-            bar.update(task, completed=done, total=total, rate=f"{rate:.1f}/s")
+    def advance(done: int, total: int) -> None:
+        rate = done / max(monotonic() - began, 1e-9)
+        bar.update(task, completed=done, total=total, rate=f"{rate:.1f}/s")
 
+    timer = Timer(PROGRESS_DELAY_S, bar.start)  # a first report can take long
+    timer.daemon = True
+    timer.start()
+    try:
         yield advance
+    finally:
+        timer.cancel()
+        timer.join()
+        if bar.live.is_started:
+            bar.stop()
 
 
 def format_duration(seconds: float) -> str:

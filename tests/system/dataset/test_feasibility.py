@@ -125,7 +125,8 @@ def test_a_dataset_within_the_limits_says_so(planned, tmp_path):
     assert (check.status, check.summary) == ("passed", "no row reaches a limit of the radar")
 
 
-def test_plan_prints_the_table_and_reports_progress(plan_file, planned):
+def test_plan_prints_the_table_and_reports_progress(plan_file, planned, monkeypatch):
+    monkeypatch.setattr("doppelgait.cli.output.PROGRESS_DELAY_S", 0.0)
     expected = assess(sample_examples(planned), planned.folder)
     run = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), "--pilot", "0"])
     assert run.exit_code == 0, run.output

@@ -1,0 +1,83 @@
+"""Progress of commands: none for short work, a bar or lines for longer work."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import pytest
+
+from doppelgait.cli import output
+from doppelgait.cli.output import PROGRESS_DELAY_S, report_progress
+
+
+def work(monkeypatch: pytest.MonkeyPatch, seconds_per_step: float) -> None:
+    """Make eight steps, each as long as stated by a clock that does not wait."""
+    now_s = 0.0
+    monkeypatch.setattr(output, "monotonic", lambda: now_s)
+    with report_progress("counting") as on_progress:
+        for done in range(1, 9):
+            now_s += seconds_per_step
+            on_progress(done, 8)
+
+
+def test_short_work_prints_no_progress(monkeypatch, capsys):
+    work(monkeypatch, 0.99 * PROGRESS_DELAY_S / 8)
+    assert capsys.readouterr().err == ""
+
+
+def test_longer_work_prints_progress_from_the_delay_on(monkeypatch, capsys):
+    work(monkeypatch, PROGRESS_DELAY_S / 4)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(",")[0] for line in lines] == [f"counting: {done} of 8" for done in range(4, 9)]
+    assert lines[0].endswith("4.0 per second, 1 s left")
+
+
+class Terminal(io.StringIO):
+    """Standard error of a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def use_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """Replace standard error; a fixture cannot, because pytest replaces it again."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", terminal := Terminal())
+    return terminal
+
+
+def make_timer(*, fires: bool) -> type:
+    """Make a timer that fires at once, or never."""
+
+    class FakeTimer:
+        daemon = False
+
+        def __init__(self, delay_s: float, function: Callable[[], None]) -> None:
+            assert delay_s == PROGRESS_DELAY_S
+            self.function = function
+
+        def start(self) -> None:
+            if fires:
+                self.function()
+
+        def cancel(self) -> None: ...
+
+        def join(self) -> None: ...
+
+    return FakeTimer
+
+
+def test_short_work_shows_no_bar(monkeypatch):
+    terminal = use_terminal(monkeypatch)
+    monkeypatch.setattr(output, "Timer", make_timer(fires=False))
+    work(monkeypatch, 0.01)
+    assert terminal.getvalue() == ""
+
+
+def test_longer_work_shows_a_bar(monkeypatch):
+    terminal = use_terminal(monkeypatch)
+    monkeypatch.setattr(output, "Timer", make_timer(fires=True))
+    work(monkeypatch, 0.5)
+    assert "counting" in terminal.getvalue()
+    assert "8/8" in terminal.getvalue()
