@@ -224,6 +224,21 @@ def test_an_earlier_run_is_replaced_and_nothing_else(few, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.parametrize("form", ["svg", "pdf"])
+def test_vector_files_are_next_to_the_figures_of_the_page(few, tmp_path, form):
+    out = tmp_path / "out"
+    app = typer.Typer()
+    app.command()(command)
+    words = [str(out), "--only", "fig-9.1", "--quiet"]
+    assert CliRunner().invoke(app, [*words, "--format", form]).exit_code == 0
+    assert sorted(path.name for path in (out / "figures").iterdir()) == sorted(["fig-9.1.png", f"fig-9.1.{form}"])
+    assert 'src="figures/fig-9.1.png"' in (out / "index.html").read_text()
+    document = json.loads((out / "readings.json").read_text())
+    assert {"figures/fig-9.1.png", f"figures/fig-9.1.{form}"} <= set(document["files"])
+    assert CliRunner().invoke(app, words).exit_code == 0  # replaces the earlier page with its vector files
+    assert [path.name for path in (out / "figures").iterdir()] == ["fig-9.1.png"]
+
+
 def test_a_part_does_not_replace_a_full_page(few, tmp_path):
     out = tmp_path / "out"
     reproduce(out)

@@ -299,7 +299,7 @@ def check_folder(folder: Path) -> Path:
     return folder
 
 
-def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
+def write_report(found: Evaluation, folder: str | Path, *, figure_format: str = "png") -> list[Path]:
     """Write the report of an evaluation to a folder.
 
     ``index.html`` with its figures, ``scores.json``, ``answers.csv``, ``plan.json`` and a list of them.
@@ -309,6 +309,8 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
     found : Evaluation
     folder : path
         It appears complete or not at all; an older report is replaced.
+    figure_format : {"png", "svg", "pdf"}
+        Format of the figures. The page shows PNG; vector files are written next to it.
 
     Returns
     -------
@@ -348,21 +350,27 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
 
     target, document = check_folder(Path(folder)), found.document
     with complete_folder(target) as partial:
-        pictures = []
+        pictures, vectors = [], []
         for name, words, figure in make_figures(document):
             save_figure(figure, partial / f"{name}.png")
             pictures.append((f"{name}.png", words))
+            if figure_format != "png":
+                vectors.append(save_figure(figure, partial / f"{name}.{figure_format}").name)
         texts = {
             "scores.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
             "answers.csv": found.answers.to_csv(index=False, lineterminator="\n"),
             "plan.json": json.dumps(document["dataset"]["config"], indent=1, allow_nan=False) + "\n",
         }
-        listing = {"format": FORMAT, "format_version": FORMAT_VERSION, "files": sorted([*texts, *dict(pictures)])}
+        listing = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "files": sorted([*texts, *dict(pictures), *vectors]),
+        }
         texts[LISTING] = json.dumps(listing, indent=1) + "\n"
         texts[PAGE] = format_page(document, pictures)
         for name, text in texts.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
-    return [target / name for name in [*(name for name, _ in pictures), *texts]]
+    return [target / name for name in [*(name for name, _ in pictures), *vectors, *texts]]
 
 
 def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:

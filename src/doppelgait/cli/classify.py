@@ -10,6 +10,8 @@ import typer
 from doppelgait.cli.analyze import HopS, ReaderOptions, WindowS
 from doppelgait.cli.dataset import LABEL_HELP, NAMES_HELP
 from doppelgait.cli.output import (
+    FigureFormat,
+    PageFigureOption,
     explain_reader_options,
     format_number,
     print_json,
@@ -216,6 +218,7 @@ def explain_model(model: Model, name: str | None) -> None:
 def evaluate(
     dataset: Annotated[Path, typer.Argument(help="Folder of the dataset to train on.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the report.")],
+    figure_format: PageFigureOption = FigureFormat.png,
     test: Annotated[
         Path | None,
         typer.Option("--test", help="Another dataset to test on instead; with --names a folder of recordings."),
@@ -317,7 +320,7 @@ def evaluate(
             motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
             on_progress=on_progress,
         )  # fmt: skip
-        page = write_report(found, output)[-1]
+        page = write_report(found, output, figure_format=figure_format)[-1]
         if save is not None and found.best is not None:
             save_model(found.models[found.best], save)
     if as_json:

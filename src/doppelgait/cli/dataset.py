@@ -8,7 +8,15 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import format_duration, print_json, print_message, print_table, report_progress
+from doppelgait.cli.output import (
+    FigureFormat,
+    FigureOption,
+    format_duration,
+    print_json,
+    print_message,
+    print_table,
+    report_progress,
+)
 
 app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -250,6 +258,7 @@ def verify(
         float, typer.Option("--resimulate", min=0, max=1, help="Share of the examples to make again.")
     ] = 0.01,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder for a page of signatures a class.")] = None,
+    figure_format: FigureOption = FigureFormat.png,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the samples that are taken.")] = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -272,6 +281,7 @@ def verify(
             rng=np.random.default_rng(seed),
             on_progress=on_progress,
             figures=figures,
+            figure_format=figure_format,
         )
     if as_json:
         print_json(found.as_dict())

@@ -177,6 +177,9 @@ class FigureFormat(StrEnum):
 
 
 FigureOption = Annotated[FigureFormat, typer.Option("--format", help="Format of the figures.")]
+PageFigureOption = Annotated[
+    FigureFormat, typer.Option("--format", help="Format of the figures; svg and pdf are in addition to the page's png.")
+]
 
 
 def check_output(path: Path, *suffixes: str) -> Path:

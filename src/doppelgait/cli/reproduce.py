@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import print_message, print_table, report_progress
+from doppelgait.cli.output import FigureFormat, PageFigureOption, print_message, print_table, report_progress
 
 
 def reproduce(
@@ -20,6 +20,7 @@ def reproduce(
         typer.Option("--motion-folder", help="Folder with human/ and dog/: real recordings in place of models."),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Root of what is random in the scenarios.")] = 2018,
+    figure_format: PageFigureOption = FigureFormat.png,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Reproduce the figures and tables of Liland (2018).
@@ -33,7 +34,10 @@ def reproduce(
     from doppelgait.reproduce.run import reproduce as make_all
 
     with report_progress("figures and tables", quiet=quiet) as on_progress:
-        outcomes = make_all(output, only=only or (), motion_folder=motion_folder, seed=seed, progress=on_progress)
+        outcomes = make_all(
+            output, only=only or (), motion_folder=motion_folder, seed=seed, figure_format=figure_format,
+            progress=on_progress,
+        )  # fmt: skip
     print_table(
         [
             {

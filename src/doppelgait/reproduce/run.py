@@ -149,7 +149,7 @@ def _keep_other_entries(out: Path, numbers: set[str]) -> None:
 
 def reproduce(
     out: Path, *, only: Sequence[str] = (), motion_folder: Path | None = None, seed: int = 2018,
-    progress: Callable[[int, int], None] | None = None,
+    figure_format: str = "png", progress: Callable[[int, int], None] | None = None,
 ) -> list[Outcome]:  # fmt: skip
     """Make the report's figures, tables and judgements.
 
@@ -164,6 +164,8 @@ def reproduce(
         Folder with ``human/`` and ``dog/``: real recordings in place of the models.
     seed : int
         Root seed of the study of scenarios.
+    figure_format : {"png", "svg", "pdf"}
+        Format of the figures. The page shows PNG; vector files are written next to them.
     progress : callable, optional
         Called with (entries made, entries in total).
 
@@ -184,7 +186,8 @@ def reproduce(
     entries = pick(collect_entries(), only)
     _keep_other_entries(out, {entry.number for entry in entries})
     material = Material(seed=seed, motion_folder=motion_folder)
-    outcomes = []
+    outcomes: list[Outcome] = []
+    vectors: list[str] = []
     with complete_folder(out) as folder:
         for name in ("figures", "tables"):
             (folder / name).mkdir()
@@ -212,7 +215,10 @@ def reproduce(
             )
             if made is not None:
                 if made.figure is not None and outcome.figure_path:
-                    save_figure(made.figure, folder / outcome.figure_path)
+                    path = save_figure(made.figure, folder / outcome.figure_path)
+                    if figure_format != "png":
+                        vector = save_figure(made.figure, path.with_suffix(f".{figure_format}"))
+                        vectors.append(vector.relative_to(folder).as_posix())
                 if made.table is not None and outcome.table_path:
                     made.table.to_csv(folder / outcome.table_path, index=False)
             outcomes.append(replace(outcome, seconds=time.perf_counter() - began))
@@ -225,7 +231,9 @@ def reproduce(
             "seed": seed,
             "recordings": motion_folder is not None,
             "entries": [outcome.as_dict() for outcome in outcomes],
-            "files": sorted(path for one in outcomes for path in (one.figure_path, one.table_path) if path),
+            "files": sorted(
+                [*vectors, *(path for one in outcomes for path in (one.figure_path, one.table_path) if path)]
+            ),
         }
         text = json.dumps(document, indent=2, allow_nan=False)
         (folder / READINGS).write_text(text + "\n", encoding="utf-8")

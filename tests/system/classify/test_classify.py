@@ -27,7 +27,7 @@ from doppelgait.classify.evaluation import evaluate
 from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.report import format_adaptation_table, format_unknown_table, write_report
+from doppelgait.classify.report import format_adaptation_table, format_unknown_table, make_figures, write_report
 from doppelgait.classify.runs import learn
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
 from doppelgait.classify.validate import leave_out, refuse_shared, split_into_folds, use_own_splits
@@ -778,6 +778,21 @@ def test_a_report_of_a_built_dataset(tiny, tmp_path):
         with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
             write_report(result, folder)
         assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("form", ["svg", "pdf"])
+def test_a_report_has_vector_files_next_to_the_figures_of_its_page(tiny, tmp_path, monkeypatch, form):
+    result, out = evaluate(tiny, models=["six-logistic"]), tmp_path / "out"
+    figures = list(make_figures(result.document))[:1]
+    monkeypatch.setattr("doppelgait.classify.report.make_figures", lambda _: figures)
+    files = [path.name for path in write_report(result, out, figure_format=form)]
+    assert {"scores.png", f"scores.{form}"} <= set(files)
+    assert files[-1] == "index.html"
+    assert sorted(path.name for path in out.iterdir()) == sorted(files)
+    assert 'src="scores.png"' in (out / "index.html").read_text()
+    assert "scores." + form not in (out / "index.html").read_text()
+    assert f"scores.{form}" not in [path.name for path in write_report(result, out)]  # replaces the earlier report
+    assert not (out / f"scores.{form}").exists()
 
 
 def test_a_report_that_fails_leaves_the_older_one(tiny, tmp_path, monkeypatch):

@@ -67,8 +67,10 @@ def test_figures_of_the_report_have_no_faults(folder):
 
 def test_json_is_the_document(folder, tmp_path_factory, tmp_path):
     dataset = built(tmp_path_factory, tiny_plan())
-    document = json.loads(run("evaluate", dataset, "-o", tmp_path / "r", "--models", "six-logistic", "--json"))
+    words = ["--models", "six-logistic", "--json", "--format", "svg"]
+    document = json.loads(run("evaluate", dataset, "-o", tmp_path / "r", *words))
     assert document == json.loads((tmp_path / "r" / "scores.json").read_text())
+    assert {"scores.png", "scores.svg"} <= {path.name for path in (tmp_path / "r").iterdir()}
     assert set(document["models"]) == {"chance", "nuisance", "speed", "six-logistic"}
 
 

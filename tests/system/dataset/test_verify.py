@@ -10,10 +10,12 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 import dataset_plans
 from checkout import ROOT
 from doppelgait import viz
+from doppelgait.cli.app import app
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.files import hash_file
@@ -142,6 +144,17 @@ def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
     assert found.check("class balance").numbers["counts"]["dog"] == {"train": 21, "validation": 5, "test": 4}
     assert seen[-1][0] == seen[-1][1]
     json.dumps(found.as_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("form", ["png", "svg", "pdf"])
+def test_the_pages_have_the_format_of_the_option(built, tmp_path, monkeypatch, form):
+    monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 1)
+    words = ["dataset", "verify", str(built), "--resimulate", "0", "--figures", str(tmp_path), "--format", form]
+    monkeypatch.setattr(viz, "save_figure", lambda _, path: path, raising=False)
+    shown = CliRunner().invoke(app, [*words, "--json"])
+    assert shown.exit_code == 0, shown.output
+    names = ["signatures-dog", "signatures-human", "features"]
+    assert json.loads(shown.stdout)["figures"] == [str(tmp_path / f"{name}.{form}") for name in names]
 
 
 @pytest.mark.slow

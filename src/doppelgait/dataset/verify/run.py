@@ -54,7 +54,7 @@ MOST_TIMES = 400
 """Columns of a signature that are drawn, 400 to 800 of longer ones: a small picture has no more pixels."""
 
 
-def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> list[Path]:
+def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
     """Plot signatures per class on pages, and features.
 
     A page has up to 24 signatures, where they are kept.
@@ -77,11 +77,11 @@ def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> l
         for label in sorted(contents.index["label"].unique()):
             figure = _plot_sheet(contents, label, rng)
             if figure is not None:
-                files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.png"))
+                files.append(save_figure(figure, folder / f"signatures-{label.replace(' ', '_')}.{form}"))
     if len(contents.index):
         table = contents.index.rename(columns={f"feature_{name}": name for name in FEATURE_UNITS})
         title = f"{contents.description.get('name')}: features of {len(table)} rows"
-        files.append(save_figure(feature_matrix(table, title=title), folder / "features.png"))
+        files.append(save_figure(feature_matrix(table, title=title), folder / f"features.{form}"))
     return files
 
 
@@ -151,7 +151,7 @@ class _Steps:
 
 def verify_dataset(
     directory: str | Path, *, folder: Path | None = None, share: float = 0.01, rng: np.random.Generator,
-    on_progress: Progress | None = None, figures: Path | None = None,
+    on_progress: Progress | None = None, figures: Path | None = None, figure_format: str = "png",
 ) -> Verification:  # fmt: skip
     """Verify a dataset: files, plan, repeated simulation, truth, leaks.
 
@@ -172,6 +172,8 @@ def verify_dataset(
         Called with (steps done, steps in total).
     figures : Path, optional
         Folder for a page of signatures for every class and one of the features.
+    figure_format : {"png", "svg", "pdf"}
+        Format of these pages.
 
     Returns
     -------
@@ -199,7 +201,7 @@ def verify_dataset(
         if checks[0].status == "passed":
             raise
         checks.append(Check("rest", "failed", f"files are damaged, and a check stopped at it: {error}"))
-    pages = plot_sheets(contents, figures, rng) if figures is not None else []
+    pages = plot_sheets(contents, figures, rng, figure_format) if figures is not None else []
     return Verification(
         directory=target,
         dataset_id=str(description["id"]),
