@@ -45,7 +45,7 @@ PLAN_WORDS = (
     "import` are last."
 )
 FILE_WORDS = (
-    "The TOML file beside an `.npz` or `.npy` recording (each key is also an `--option`), beside the `.bin` of a "
+    "The TOML file next to an `.npz` or `.npy` recording (each key is also an `--option`) or to the `.bin` of a "
     "DCA1000, and `picture.toml` of pictures of spectrograms."
 )
 

@@ -54,6 +54,47 @@ def test_every_topic_prints_every_key(topic: str) -> None:
             assert f"  {key['key']}: " in text
 
 
+def test_every_key_of_every_topic_has_its_own_description() -> None:
+    topics = [row["topic"] for row in json.loads(run("--json"))]
+    tables = [(topic, table) for topic in topics for table in json.loads(run(topic, "--json"))]
+    assert len(tables) > 60
+    missing, repeated = [], []
+    for topic, table in tables:
+        texts = {key["key"]: key["description"].strip() for key in table["keys"]}
+        place = f"{topic}: {table['table']}"
+        missing += [f"{place}: {key}" for key, text in texts.items() if not text]
+        repeated += [f"{place}: {key}" for key, text in texts.items() if list(texts.values()).count(text) > 1]
+    assert not missing
+    assert not repeated
+
+
+@pytest.mark.parametrize(
+    ("topic", "key", "unit"),
+    [
+        ("motion.vacuum", "turn_deg_per_s", "°/s"), ("Dielectric", "conductivity_s_per_m", "S/m"),
+        ("ChirpConfig", "slope_hz_per_s", "Hz/s"), ("impairment.phase_noise", "density_dbc_per_hz", "dBc/Hz"),
+        ("impairment.phase_noise", "walk_rad_per_sqrt_min", "rad/√min"), ("Tracker", "clutter_per_m_mps", "1/(m·m/s)"),
+        ("Radar", "volts_per_unit", "V"), ("Radar", "prf_hz", "Hz"), ("ArrayFacts", "noise_power_v2", "V²"),
+        ("Radar", "name", ""), ("EpisodeSection", "hours_per_day", "h"),
+    ],
+)  # fmt: skip
+def test_a_key_has_the_unit_of_its_whole_ending(topic: str, key: str, unit: str) -> None:
+    (table,) = json.loads(run(topic, "--json"))
+    assert {one["key"]: one["unit"] for one in table["keys"]}[key] == unit
+
+
+def test_no_text_of_the_keys_begins_in_the_middle_of_a_sentence() -> None:
+    text = "".join(run(row["topic"]) for row in json.loads(run("--json")))
+    for fault in ("...\n", "      ...", "its defaults", "Of the ", "\\|"):
+        assert [line for line in text.splitlines(keepends=True) if fault in line] == []
+    assert 'motion, kind = "human": Generate a walking or running person.\n' in text
+
+
+def test_a_table_with_defaults_is_optional() -> None:
+    assert "  split: table SplitSection, optional\n" in run("DatasetSection")
+    assert "  gate: track or 2 × number, default track\n" in run("ImportConfig").replace('"', "")
+
+
 def test_the_rows_are_the_fields_of_the_model() -> None:
     keys = {key.key: key for key in list_keys(Radar)}
     assert list(keys) == list(Radar.model_fields)

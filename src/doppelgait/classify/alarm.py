@@ -43,15 +43,17 @@ class EpisodeSection(FrozenModel):
     label : str
         Name of the kind.
     should_trigger : bool
-        Whether a person is there whom the alarm is for.
+        Whether a person is present for whom the alarm is meant.
     animals : int
-        Animals in it, for triggers per animal-hour.
+        Number of animals in the episode, for triggers per animal-hour.
     hours_per_day : float
-        How long a day it lasts; weighs its false triggers.
+        Hours per day of such episodes: the weight of their false triggers.
     duration_s : float
-        Of one recording.
-    targets, environment : list
-        As in a scene file, values may be distributions; the environment comes after the one that all scenes have.
+        Length of one recording.
+    targets : list
+        Targets as in a scene file; values may be distributions.
+    environment : list
+        Effects as in a scene file, after those that all scenes have; values may be distributions.
     """
 
     label: str = Field(min_length=1)
@@ -69,15 +71,15 @@ class Day(FrozenModel):
     Parameters
     ----------
     name : str
-        Of the day.
+        Name of the day.
     seed : int
         Root of all random streams.
     repeats : int
-        Recordings of each kind.
+        Number of recordings of each kind of episode.
     scene : dict
         What all scenes have in common, as in a scene file.
     episodes : tuple of EpisodeSection
-        Its kinds of episodes.
+        Kinds of episodes of the day.
     """
 
     name: str

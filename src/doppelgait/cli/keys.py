@@ -41,9 +41,14 @@ def keys(
         print(f"{name}: {_words(summary_of(model))}")
         for key in list_keys(model):
             facts = [_words(key.type), key.unit, _words(key.limits)]
-            default = key.default if key.default == "required" else f"default {_words(key.default)}" * bool(key.default)
-            print(f"  {key.key}: {', '.join(filter(None, [*facts, default]))}")
+            print(f"  {key.key}: {', '.join(filter(None, [*facts, _format_default(key.default)]))}")
             print(textwrap.fill(_words(key.description), 110, initial_indent="      ", subsequent_indent="      "))
+
+
+def _format_default(default: str) -> str:
+    """Format a default for people."""
+    words = {"": "", "required": "required", "its defaults": "optional"}
+    return words.get(default, f"default {_words(default)}")
 
 
 def _print_topics(*, as_json: bool) -> None:

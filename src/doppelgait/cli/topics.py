@@ -14,7 +14,7 @@ TOPICS = {
     "surroundings": "Environment and impairments",
     "analysis": "Analysis and tracking",
     "plan": "Dataset plan and import",
-    "files": "Facts beside files",
+    "files": "Settings next to recording files",
 }
 """Title of every topic; each is a page of the documentation."""
 

@@ -19,8 +19,11 @@ from pydantic_core import PydanticUndefined
 UNITS = {
     "m2ps3": "m²/s³", "mps2": "m/s²", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "db": "dB", "hz": "Hz", "deg": "°",
     "rad": "rad", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "v": "V", "bytes": "B", "ms": "ms",
+    "deg_per_s": "°/s", "hz_per_s": "Hz/s", "s_per_m": "S/m", "dbc_per_hz": "dBc/Hz", "db_per_decade": "dB/decade",
+    "rad_per_min": "rad/min", "rad_per_sqrt_min": "rad/√min", "per_sqrt_min": "1/√min", "per_m_mps": "1/(m·m/s)",
+    "per_metre_m2": "m²/m", "v2": "V²", "volts_per_unit": "V", "hours_per_day": "h",
 }  # fmt: skip
-"""Unit by the last part of a key."""
+"""Unit by the end of a key; the longest end counts."""
 
 KINDS = {float: "number", int: "integer", str: "text", bool: "true, false", dict: "table", Any: "any"}
 LIMITS = {
@@ -49,15 +52,28 @@ def list_keys(model: type[BaseModel]) -> list[Key]:
     """
     texts = parameter_words(model)
     return [
-        Key(name, _kind(field.annotation), UNITS.get(name.rpartition("_")[2], ""), _default(field), _limits(field),
+        Key(name, _kind(field.annotation), unit_of(name), _default(field), _limits(field),
             texts.get(name, ""))
         for name, field in model.model_fields.items()
     ]  # fmt: skip
 
 
+def unit_of(key: str) -> str:
+    """Return the unit of a key, empty without one."""
+    parts = key.split("_")
+    return next((UNITS[end] for n in range(len(parts)) if (end := "_".join(parts[n:])) in UNITS), "")
+
+
 def summary_of(model: type[BaseModel]) -> str:
-    """Return the first paragraph of a model's docstring."""
-    return inspect.cleandoc(model.__doc__ or "").split("\n\n")[0]
+    """Return the first paragraph of a model's docstring.
+
+    Where it only names a function, it is that of the function.
+    """
+    text = inspect.cleandoc(model.__doc__ or "")
+    first = text.split("\n\n")[0]
+    if first.startswith("Parameters of :func:"):
+        return _referred(text, model.__module__).split("\n\n")[0] or first
+    return first
 
 
 def _kind(kind: Any) -> str:
@@ -133,7 +149,10 @@ def parameter_words(model: type[BaseModel]) -> dict[str, str]:
         for each in (text, _referred(text, owner.__module__)):
             for name, words in _sections(each):
                 found[name] = found.get(name) or words
-    return {"kind": "Names this entry.", **{name: found[name] for name in model.model_fields if found.get(name)}}
+    return {
+        "kind": "Kind of the table; it determines which other keys are allowed.",
+        **{name: found[name] for name in model.model_fields if found.get(name)},
+    }
 
 
 def _referred(text: str, module: str) -> str:

@@ -83,7 +83,7 @@ class FieldSpec(FrozenModel):
     Parameters
     ----------
     name : str
-        A key of :data:`doppelgait.dataset.shard_files.FIELDS`.
+        Name of the array (:data:`doppelgait.dataset.shard_files.FIELDS`).
     dtype : {"full", "half"}, optional
         ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, under a third of the
         size on disk, off by at most 1.5 % of the value (0.0625 dB). By default ``half`` for a signature, else ``full``.
@@ -129,13 +129,13 @@ class SplitSection(FrozenModel):
     Parameters
     ----------
     strategy : {"stratified", "stable"}
-        ``stratified``: the shares hold exactly for every class. ``stable``: every subject by a hash of its own name,
-        so that subjects added later move no other; the shares hold on average.
+        ``stratified``: the shares hold exactly for every class. ``stable``: every subject by a hash of its own name, so
+        that subjects added later do not move the others; the shares hold on average.
     sources : table
         Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test; ``model`` and
         ``recording`` are the sources.
     subjects : table
-        Subjects by hand: ``{ test = ["cmu-07", "dog-*"] }``, names with ``*`` and ``?``.
+        Subjects assigned by name, with ``*`` and ``?``: ``{ test = ["cmu-07", "dog-*"] }``.
     """
 
     strategy: Literal["stratified", "stable"] = "stratified"
@@ -151,7 +151,7 @@ class SourceSection(FrozenModel):
     Parameters
     ----------
     files : str
-        Motion files as written in the plan, with ``*``; ``**`` is not needed, ``*`` goes through folders.
+        Motion files as written in the plan; ``*`` stands for any text, including folders.
     subject : str, optional
         Regular expression; its first group in a file's path is the person or animal (``"cmu_(\d+)_"``). By default
         every file is a subject of its own.
@@ -184,18 +184,20 @@ class DatasetSection(FrozenModel):
     Parameters
     ----------
     name : str
+        Name of the dataset; letters, digits and ``. _ -``.
     seed : int
         Root of every random stream.
     examples_per_class : int
-        Of a class that does not say its own number.
+        Number of examples of every class without ``examples`` of its own.
     fractions : table
         Share of the subjects of every class in train, validation and test; sums to 1.
     split : SplitSection
+        Assignment of subjects to train, validation and test.
     shard_size : int
         Examples in one shard file: the unit of work, of resume and of hashing.
     gate : {"truth", "track"}
-        ``truth``: around the true range of the body plus an error that knows no class. ``track``: found as in a
-        measured recording; a target that no track follows has no features and the flag ``not_tracked``.
+        ``truth``: around the true range of the body plus an error that is independent of the class. ``track``: found as
+        in a measured recording; a target that no track follows has no features and the flag ``not_tracked``.
     gate_error_sd_m : float
         Standard deviation of the range error of the truth gate, the same for every class.
     fields : list
@@ -251,13 +253,14 @@ class ClassSection(FrozenModel):
     Parameters
     ----------
     label : str
+        Name of the class; letters, digits, space and ``_ . -``.
     motion : table or "none"
         As in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
         ``{ choice = [...] }`` of several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the
         straight segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is
         an empty scene, whatever is in the background; the gate follows a body that does not exist.
     examples : int, optional
-        ``dataset.examples_per_class`` by default.
+        Number of examples of this class; ``dataset.examples_per_class`` by default.
     target : table
         Keys that replace those of ``[target]`` in this class; each must be named in ``dataset.leaks``.
     """
@@ -284,14 +287,16 @@ class PlanConfig(FrozenModel):
     """Dataset plan.
 
     Everything outside ``[[classes]]`` holds for every class alike, so that it cannot distinguish them. Exceptions are
-    the keys that ``dataset.leaks`` names.
+    the keys that ``dataset.leaks`` names. All tables but ``dataset`` and ``sources`` may hold distributions.
 
     Parameters
     ----------
     dataset : DatasetSection
+        Name, size, seed, splits and stored arrays of the dataset.
     classes : list of ClassSection
+        Labels of the classes, and how the targets of each move.
     scene : table
-        ``duration_s``, ``radar_position_m`` and the radar's orientation.
+        Duration, and position and orientation of the radar: keys of a scene file other than ``targets``.
     target : table
         Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion and label.
     companions : list
@@ -301,14 +306,21 @@ class PlanConfig(FrozenModel):
         Confusers, which scatter but are no target (a fan, a curtain): ``[[targets]]`` entries of a scene file, motion
         included.
     sources : list of SourceSection
-        Subjects, classes and licences of the motion files.
-    environment, impairments : list
-        As in a scene file. In these, in ``companions`` and in ``background`` an entry that is drawn as an empty table
-        (``{ choice = [{ kind = "wall", ... }, {}] }``) is left out.
-    radar, noise, analysis : table
-        As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
-        ``analysis.method = "liland2018"`` are refused, both reveal the truth to the features; the first is allowed
-        where ``dataset.leaks`` names it.
+        Subjects, licences and citations of the motion files.
+    environment : list
+        Walls, reflections and screens, as in a scene file. In this and the other lists of targets and impairments, an
+        entry that is sampled as an empty table is left out: ``{ choice = [{ kind = "wall", ... }, {}] }``.
+    impairments : list
+        Errors of the receiver in their order, as in a scene file.
+    radar : table
+        As in a scene file: ``preset`` and changes, or all parameters. ``prf_hz = "auto"`` is refused, because it
+        reveals the speed to the features, except where ``dataset.leaks`` names ``radar.prf_hz``.
+    noise : table
+        Receiver noise, as in a scene file. Plans with an empty class (``motion = "none"``) allow ``thermal`` only,
+        because a wanted SNR needs a target.
+    analysis : table
+        Computation of the signature and the features, as in a scene file. ``method = "liland2018"`` is refused, because
+        its gate reveals the class and the truth to the features.
 
     Examples
     --------
@@ -438,24 +450,27 @@ class ImportConfig(FrozenModel):
     gate : "track" or (float, float)
         Where the target is, for recordings without a gate of their own: tracked, or between two ranges in m.
         A recording without range (a continuous-wave radar) needs two ranges; any that its frame holds will do.
-    window_s, hop_s : float, optional
-        Cut recordings into windows of this length, one every ``hop_s`` (by default one after the other). A rest that
-        is shorter than a window is left out. By default a recording, or its part from ``start_s`` to ``stop_s``, is
-        one example.
+    window_s : float, optional
+        Cut recordings into windows of this length. A rest that is shorter than a window is left out. By default a
+        recording, or its part from ``start_s`` to ``stop_s``, is one example.
+    hop_s : float, optional
+        Time from the start of a window to that of the next; by default one window follows the other.
     fields : list
         Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``ti_frames``, ``baseband``.
     split : "train", "validation", "test" or table
         Where everything goes, or shares of the subjects of every class. By default the column ``split`` of the
         labels, and ``test`` without one.
     seed : int
-        Of the draw of subjects where shares are given.
+        Seed of the assignment of subjects to splits, where ``split`` has shares.
     shard_size : int
         Recordings in one shard file.
     analysis : Analysis
+        Parameters of the signature and the features.
     tracking : Tracking
+        Parameters of detection and tracking, for ``gate = "track"``.
     """
 
-    gate: GateChoice = "track"
+    gate: Literal["track"] | tuple[float, float] = "track"
     window_s: float | None = Field(default=None, gt=0, le=86_400)
     hop_s: float | None = Field(default=None, gt=0, le=86_400)
     fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)

@@ -46,7 +46,7 @@ class Parquet(FrozenModel):
     Parameters
     ----------
     rows_per_group : int
-        Rows of a group of a file with arrays, which are in memory together.
+        Rows in one row group of a file with arrays; the rows of a group are in memory together.
     """
 
     kind: Literal["parquet"] = "parquet"
@@ -59,6 +59,7 @@ class WebDataset(FrozenModel):
     Parameters
     ----------
     examples_per_tar : int
+        Examples in one tar file.
     """
 
     kind: Literal["webdataset"] = "webdataset"
@@ -71,7 +72,7 @@ class Zarr(FrozenModel):
     Parameters
     ----------
     examples_per_file : int
-        Examples in one file (a Zarr shard); each is a chunk of its own in it.
+        Examples in one file (a Zarr shard); each example is one chunk of the file.
     """
 
     kind: Literal["zarr"] = "zarr"

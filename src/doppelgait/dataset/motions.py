@@ -221,9 +221,9 @@ class FolderMotion(FrozenModel):
     Parameters
     ----------
     path : str
-        The folder, from the folder of the plan.
+        The folder, relative to the folder of the plan.
     pattern : str
-        Which files of it and of its folders, for example ``"*.bvh"``.
+        Pattern of the file names, for example ``"*.bvh"``; subfolders are included.
     loop : bool
         Segments shorter than the scene are repeated over whole strides; else they are left out. A scene without
         ``duration_s`` is as long as its segment.

@@ -89,14 +89,18 @@ Factor = Annotated[float, Field(ge=FACTOR[0], le=FACTOR[1])]
 
 
 class Hybrid(FrozenModel):
-    """Say what is done to a recorded clip.
+    """Changes of a recorded clip: speed, size, stride and blend.
 
     It is a table of a scene or a plan; ``other`` and ``share`` go together.
 
     Parameters
     ----------
-    speed_factor, size_factor, stride_factor : float
-        As of :func:`retarget`.
+    speed_factor : float
+        Factor of the dimensionless speed V / sqrt(g l) (:func:`retarget`).
+    size_factor : float
+        Factor of all lengths; times change by its square root.
+    stride_factor : float
+        Factor of the stride length at equal speed.
     other : table, optional
         Second recording, ``{ kind = "file", path = "...", segment = 1 }``.
     share : float

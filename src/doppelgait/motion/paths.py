@@ -283,9 +283,10 @@ class Path(FrozenModel):
     ----------
     speed_mps : float, optional
         Speed along the path, within 30 % of the motion's own, which it is by default.
-    side_m, ahead_m : float
-        The body keeps this far to the left of the path's point and this much further along the path, as a person
-        does who accompanies another.
+    side_m : float
+        Distance of the body to the left of the path, for a person who accompanies another.
+    ahead_m : float
+        Distance of the body ahead of the point on the path, along it.
     """
 
     kind: str
@@ -306,7 +307,7 @@ class ArcPath(Path):
     Parameters
     ----------
     radius_m : float
-        0.3 or more.
+        Radius of the circle, 0.3 or more.
     turn_deg : float
         Change of heading from start to end, positive to the left; not 0, at most ten rounds.
     """
@@ -329,9 +330,9 @@ class PolylinePath(Path):
     Parameters
     ----------
     points_m : list of (float, float)
-        Two or more; the path starts at the first.
+        Two or more corners; the path starts at the first.
     corner_radius_m : float
-        0.1 or more; the arc touches both legs of a corner and must fit between its neighbours.
+        Radius of the corners, 0.1 or more; the arc touches both legs of a corner and must fit between its neighbours.
     """
 
     kind: Literal["polyline"] = "polyline"
@@ -345,7 +346,15 @@ class PolylinePath(Path):
 
 
 class StopSpec(FrozenModel):
-    """Stop on a path: distance from start and pause."""
+    """Stop on a path: distance from start and pause.
+
+    Parameters
+    ----------
+    at_m : float
+        Distance along the path from its start to the stop.
+    pause_s : float
+        Time that the body stands there.
+    """
 
     at_m: float = Field(gt=0, le=1e5)
     pause_s: float = Field(ge=0.1, le=120)
@@ -357,7 +366,7 @@ class StopAndGoPath(Path):
     Parameters
     ----------
     stops : list of StopSpec
-        In order, at most 20.
+        Places and times of the stops in their order, at most 20.
     acceleration_mps2 : float
         Highest acceleration on stopping and setting off.
     """
@@ -383,13 +392,13 @@ class TurnAroundPath(Path):
     Parameters
     ----------
     out_m : float
-        Distance out.
+        Distance from the start to the turn.
     radius_m : float, optional
-        Turn in a U of this radius, 0.3 or more, at full speed; without it on the spot, after stopping.
+        Radius of a U-turn at full speed, 0.3 or more; without it the body stops and turns on the spot.
     turn_s : float, optional
-        Time of the turn on the spot, 2 s by default; the body settles before and after it.
+        Duration of the turn on the spot, 2 s by default; the body stands still briefly before and after it.
     acceleration_mps2 : float, optional
-        Highest acceleration about the turn on the spot, 1 by default.
+        Highest acceleration before and after the turn on the spot, 1 by default.
     """
 
     kind: Literal["turn_around"] = "turn_around"

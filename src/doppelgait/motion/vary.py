@@ -41,15 +41,17 @@ class Variation(FrozenModel):
     arm_swing : float
         Factor of the swing of a person's arms.
     trunk_ripple : float
-        Factor of what the trunk does beyond its even way.
-    ripple_once_m, ripple_twice_m : float
-        Amplitudes of movements that are added to the whole body at once and at twice the stride frequency, m; in
-        random directions and phases.
-    pitch_deg, yaw_deg : float
-        Amplitudes of rotations of trunk, head and arms about the body's centre, at twice and at once the stride
-        frequency.
+        Factor of the deviations of the trunk from uniform motion.
+    ripple_once_m : float
+        Amplitude of a movement of the whole body at the stride frequency, in a random direction and phase.
+    ripple_twice_m : float
+        Amplitude of such a movement at twice the stride frequency.
+    pitch_deg : float
+        Amplitude of the pitch of trunk, head and arms about the body's centre, at twice the stride frequency.
+    yaw_deg : float
+        Amplitude of the yaw of trunk, head and arms about the body's centre, at the stride frequency.
     pace : float
-        Factor of the stride frequency at equal speed. The swing of legs along the way becomes so much shorter.
+        Factor of the stride frequency at equal speed. The swing of the legs becomes shorter by the same factor.
     swing_timing : float
         Share of a stride by which the swing of all limbs runs ahead and behind in every stride: time of stance.
     fore_timing : float

@@ -37,27 +37,29 @@ class PictureSettings(FrozenModel):
 
     Parameters
     ----------
-    velocity_mps, doppler_hz : (float, float), one of the two
-        At the lower and the upper edge, approaching positive.
+    velocity_mps : (float, float)
+        Radial velocity at the lower and the upper edge, approaching positive. Give this or ``doppler_hz``.
+    doppler_hz : (float, float)
+        Doppler frequency at the lower and the upper edge, approaching positive.
     duration_s : float
-        From the left to the right edge.
+        Time from the left to the right edge.
     carrier_hz : float
-        Of the radar.
+        Carrier frequency of the radar.
     cpi_s : float
-        Processing interval of a column of the spectrogram: what it averages over decides whether steps can be
-        distinguished, so it has no default.
+        Processing interval of a column of the spectrogram. It has no default, because it determines whether steps can
+        be distinguished.
     level_db : (float, float)
-        At the first and the last colour of the map.
+        Levels of the first and the last colour of the map.
     colormap : str
-        Of Matplotlib; MATLAB's ``jet`` and ``parula`` are ``jet`` and, nearly, ``viridis``.
+        Colour map of Matplotlib. For MATLAB's ``jet`` take ``jet``, for ``parula`` the similar ``viridis``.
     crop : (int, int, int, int), optional
         Left, upper, right and lower edge of the spectrogram in the picture, pixels from the upper left corner.
     prf_hz : float, optional
-        Pulses per second; by default the span of Doppler, as if it were shown in full.
+        Pulses per second; by default the picture is assumed to show the whole Doppler span.
     range_m : (float, float)
-        Ranges that are possible.
+        Nearest and farthest possible range of the target.
     blank_below_mps : float
-        Rows slower than this are emptied.
+        Rows slower than this are set to zero.
     """
 
     velocity_mps: Span | None = None

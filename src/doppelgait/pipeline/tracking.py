@@ -71,11 +71,11 @@ class Tracking(FrozenModel):
     detector : Detector
         Clutter, thresholds and clusters of one scan.
     tracker : Tracker
-        From scan to scan.
+        Association of detections with tracks from scan to scan.
     pieces : PieceSettings
         How a track is divided into segments of steady motion.
     breathing : BreathingSettings
-        People who keep still.
+        Detection of people who keep still, by their breathing.
 
     Examples
     --------

@@ -45,18 +45,20 @@ class BreathingSettings(FrozenModel):
 
     Parameters
     ----------
-    low_hz, high_hz : float
-        Band of rates, breaths per second. Below three breaths in a window nothing is found.
+    low_hz : float
+        Lowest breathing rate, breaths per second. Fewer than three breaths in a window are not detected.
+    high_hz : float
+        Highest breathing rate.
     window_s : float
         Length of a processing window; windows overlap by half. A shorter recording is one window.
     false_alarm : float
         Maximum probability of a target in a recording of white noise; drifting echoes give more.
     gap_m : float
-        Bins with breathing within this distance are one person.
+        Range bins with breathing are one person where they are closer than this.
     extent_m : float
         Within this distance of a stronger person, a weaker one of the same rate or of a multiple of it is that person.
     largest_displacement_m : float
-        Motion of a larger amplitude is no breath.
+        Largest amplitude of the chest; larger motion is not breathing.
     least_share : float
         Smallest share of the slow motion that is at the rate and its double; irregular motion has less.
     """

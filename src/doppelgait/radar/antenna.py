@@ -39,18 +39,21 @@ class Antenna(FrozenModel):
     ----------
     kind : {"isotropic", "cosine", "table"}
         ``isotropic``: the same in all directions. ``cosine``: a main lobe of given width. ``table``: two measured cuts.
-    hpbw_azimuth_deg, hpbw_elevation_deg : float
-        ``cosine``: full half-power beam widths, 1 to 179 degrees. About 65 degrees in both planes suits a small patch
-        antenna like those of X4 modules (assumed: no data sheet at hand).
+    hpbw_azimuth_deg : float
+        ``cosine``: full half-power beam width in azimuth, 1 to 179 degrees. About 65 degrees in both planes suits a
+        small patch antenna like those of X4 modules (assumed: no data sheet at hand).
+    hpbw_elevation_deg : float
+        ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
     floor_db : float
         ``cosine``: one-way level of the side and back lobes, -100 to 0 dB; the pattern is nowhere below it. -20 dB is
         assumed.
     angle_deg : list of float
         ``table``: angles of the two cuts, rising, -180 to 180 degrees. Between them gains are interpolated in dB, from
         the last round the back to the first too.
-    azimuth_db, elevation_db : list of float
-        ``table``: one-way gain of the horizontal and of the vertical cut at these angles, relative to the peak: -300
-        to 0 dB.
+    azimuth_db : list of float
+        ``table``: one-way gain of the horizontal cut at these angles, relative to the peak: -300 to 0 dB.
+    elevation_db : list of float
+        ``table``: one-way gain of the vertical cut at these angles, relative to the peak: -300 to 0 dB.
 
     Notes
     -----

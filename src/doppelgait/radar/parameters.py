@@ -271,20 +271,25 @@ class Radar(FrozenModel):
         Centre frequency f_c of what is transmitted.
     prf_hz : float
         Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
-    burst_pulses, burst_period_s : int, float, optional
-        For sensors that measure in bursts: frames of a burst, at the rate prf_hz, and time from the start of a burst
-        to that of the next. None: frames without pauses. For impairments that vary over slow time, time stands still
-        in the pauses.
+    burst_pulses : int, optional
+        For sensors that measure in bursts: frames of a burst, at the rate prf_hz. None: frames without pauses. For
+        impairments that vary over slow time, time stands still in the pauses.
+    burst_period_s : float, optional
+        Time from the start of a burst to that of the next.
     sample_rate_hz : float
         Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
         cw radar has one sample per frame; there it has no effect and is prf_hz when left out.
     decimation : int
         Baseband samples kept: every D-th (impulse, rectangular, lfm).
-    range_start_m, range_stop_m : float
-        Frame limits r_min, r_max.
-    bandwidth_hz, bandwidth_level_db : float, {3, 10}
-        Two-sided bandwidth B. Gaussian pulse: measured at this level below the peak. lfm, fmcw and stepped: the band
-        swept in sweep_s.
+    range_start_m : float
+        Lower limit r_min of the frame.
+    range_stop_m : float
+        Upper limit r_max of the frame.
+    bandwidth_hz : float
+        Two-sided bandwidth B. Gaussian pulse: measured at ``bandwidth_level_db`` below the peak. lfm, fmcw and stepped:
+        the band swept in sweep_s.
+    bandwidth_level_db : {3, 10}
+        Level below the peak at which the bandwidth of a Gaussian pulse is measured.
     pulse_sigma_s : float
         impulse: standard deviation tau of the pulse's amplitude envelope, instead of the bandwidth.
     sweep_s : float
@@ -296,12 +301,15 @@ class Radar(FrozenModel):
         Volts at the receiver output per unit of the numbers in the sensor's own files.
     tx_power_dbm : float
         Peak power P_t of the transmitted envelope.
-    tx_gain_dbi, rx_gain_dbi : float
-        Peak gains G_t, G_r of the antennas.
+    tx_gain_dbi : float
+        Peak gain G_t of the transmit antenna.
+    rx_gain_dbi : float
+        Peak gain G_r of the receive antenna.
     antenna : Antenna
-        Their pattern relative to the peak (:mod:`doppelgait.radar.antenna`); the same in all directions by default.
+        Pattern of the antennas relative to the peak (:mod:`doppelgait.radar.antenna`); the same in all directions by
+        default.
     receiver_gain_db : float
-        G_rx; multiplies signal and noise alike.
+        Receiver gain G_rx; multiplies signal and noise alike.
     noise_figure_db : float
         Noise figure F of the receiver.
     noise_bandwidth_hz : float, optional
@@ -311,9 +319,11 @@ class Radar(FrozenModel):
         Correlation rho_1, rho_2, ... (E-18c) between the noise of bins 1, 2, ... apart, as the receiver's filter makes
         it; of waveforms whose samples are the range bins. Empty: white. At most 16 values, and no noise may have a
         negative spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
-    pulse_rate_hz, sweep_levels : float, int
-        Pulses (sweeps) per second and levels of the threshold sweep; a frame averages
-        pulse_rate / (prf * sweep_levels) of them, times integration_share where that is not 0.
+    pulse_rate_hz : float
+        Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels) of them, times integration_share
+        where that is not 0.
+    sweep_levels : int
+        Number of levels of the threshold sweep; 1 without one.
     threshold_step_v : float, optional
         impulse with a threshold sweep: spacing d of the thresholds, V at the receiver output. The receiver then counts
         comparisons, with the noise of a counter (E-18b); without, it averages samples.

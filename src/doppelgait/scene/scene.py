@@ -81,7 +81,7 @@ class Target(FrozenModel):
     height_m : float, optional
         Scale the body to this stature (people) or withers height (dogs); as recorded by default.
     scaling : {"uniform", "froude", "z_only"}
-        How to scale (E-01).
+        How ``height_m`` changes lengths and times (E-01).
     range_m : float, optional
         Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or more if the
         body would otherwise come closer than 2 m.
@@ -91,9 +91,9 @@ class Target(FrozenModel):
         Aspect angle psi between the walking direction and the direction to the radar there: 0 approaching,
         180 receding, positive counter-clockwise.
     start_position_m : (float, float), optional
-        Instead of range, bearing and aspect: ground position of the body centre at the start ...
+        Ground position of the body centre at the start, instead of range, bearing and aspect; needs ``heading_deg``.
     heading_deg : float, optional
-        ... and direction of travel there, from +x towards +y.
+        Direction of travel at ``start_position_m``, from +x towards +y.
     path : Path or table, optional
         Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
         which it needs; straight on by default.
@@ -187,14 +187,16 @@ class Scene(FrozenModel):
     Parameters
     ----------
     targets : sequence of Target
-        Empty for an empty room; ``duration_s`` is then required.
+        Bodies in the scene. Empty for an empty room; ``duration_s`` is then required.
     radar_position_m : (float, float, float)
         Position of the radar (of its transmitter, where the receiver is elsewhere), z up from the floor.
     duration_s : float, optional
         Observation time T_o; by default the shortest motion, or 5 s where all motions are models.
-    radar_azimuth_deg, radar_tilt_deg : float
-        Where the antenna looks (its boresight): azimuth from +x towards +y, -360 to 360 degrees, and tilt up from the
-        horizontal, -90 to 90 degrees. It has no effect for an isotropic antenna.
+    radar_azimuth_deg : float
+        Azimuth of the antenna's boresight, from +x towards +y, -360 to 360 degrees. It has no effect for an isotropic
+        antenna.
+    radar_tilt_deg : float
+        Tilt of the boresight up from the horizontal, -90 to 90 degrees. It has no effect for an isotropic antenna.
     receiver_position_m : (float, float, float), optional
         Position of the receiver of a bistatic radar; at ``radar_position_m`` by default.
 

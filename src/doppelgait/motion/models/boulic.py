@@ -272,7 +272,7 @@ class BoulicConfig(FrozenModel):
         offsets in metres and an advance of 1.346 sqrt(q) metres per cycle: it then moves at q = V/L metres
         per second, not at V.
     start_phase : float
-        Cycles, 0 (right foot lands) to below 1.
+        Phase at the start in cycles, 0 (right foot lands) to below 1.
     stride_variation : float
         Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02. The
         advance per stride stays, so that the speed varies with it.

@@ -36,8 +36,10 @@ class VacuumConfig(FrozenModel):
         Speed V of the centre, 0 to 1.
     turn_deg_per_s : float
         Rate w of turning to the left, -180 to 180.
-    radius_m, height_m : float
-        Radius of the rim, 0.05 to 0.5, and height of the shell, 0.02 to 0.3; the rim is at half of it.
+    radius_m : float
+        Radius of the rim, 0.05 to 0.5.
+    height_m : float
+        Height of the shell, 0.02 to 0.3; the rim is at half of it.
     brush_hz : float
         Turns of the brush per second f, 0 (no brush) to 20.
     brush_radius_m : float
@@ -73,12 +75,16 @@ class CurtainConfig(FrozenModel):
         Amplitude a of the hem, 0 to 0.5; above it less in proportion to the distance d from the rail.
     phase_deg : float
         Lag phi from one side to the other.
-    width_m, drop_m : float
-        Width W and height D of the cloth.
+    width_m : float
+        Width W of the cloth.
+    drop_m : float
+        Height D of the cloth.
     rail_height_m : float
         Height of the rail, at least the drop.
-    columns, rows : int
-        Points across, from side to side, and down, the last row on the hem.
+    columns : int
+        Number of points from side to side.
+    rows : int
+        Number of points from top to bottom; the last row is on the hem.
     rate_hz : float
         Frames per second.
     """
@@ -115,7 +121,7 @@ class FanConfig(FrozenModel):
     rotation_hz : float
         Turns per second, above 0 to 60.
     blades : int
-        3 to 5.
+        Number of blades, 3 to 5.
     hub_height_m : float
         Height of the hub, at least the radius.
     rate_hz : float

@@ -52,9 +52,9 @@ class CrawlConfig(FrozenModel):
     height_m : float
         Stature H, 0.9 to 2.1.
     mass_kg : float, optional
-        By default that of a body mass index of 23.
+        Body mass; by default that of a body mass index of 23.
     start_phase : float
-        Cycles, 0 (right hand and left knee come down) to below 1.
+        Phase at the start in cycles, 0 (right hand and left knee come down) to below 1.
     stride_variation : float
         Standard deviation of the stride time relative to its mean, 0 to 0.1.
     rate_hz : float

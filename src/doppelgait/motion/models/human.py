@@ -197,7 +197,7 @@ class HumanConfig(FrozenModel):
     height_m : float
         Stature H, 0.6 to 2.4.
     mass_kg : float, optional
-        By default that of a body mass index of 23.
+        Body mass; by default that of a body mass index of 23.
     body : str
         ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
         and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
@@ -221,18 +221,24 @@ class HumanConfig(FrozenModel):
         Swing of shoulders and elbows relative to the gait's own, 0 to 2; between persons 0.3 to 2.
     arm_asymmetry : float
         (left - right) / mean of the swing of the arms, -2 to 2; between persons 0.15 with a standard deviation of 0.28.
-    left_hand, right_hand : str
-        ``"free"``, ``"pockets"``, ``"carrying"`` (before the body), ``"bag"`` (the arm hangs), ``"phone"`` (at the ear)
-        or ``"pushing"``.
-    step_time_sd, step_length_sd : float
-        Standard deviation of the time and the length of a step over its mean, 0 to 0.1; healthy adults 0.025 and 0.014.
+    left_hand : str
+        State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (before the body), ``"bag"`` (the arm hangs),
+        ``"phone"`` (at the ear) or ``"pushing"``.
+    right_hand : str
+        State of the right hand, as ``left_hand``.
+    step_time_sd : float
+        Standard deviation of the time of a step over its mean, 0 to 0.1; healthy adults 0.025.
+    step_length_sd : float
+        Standard deviation of the length of a step over its mean, 0 to 0.1; healthy adults 0.014.
     pace_sd : float
         Standard deviation of a slow drift of the pace, 0 to 0.1: half of it in the length of steps, half in their time.
-    time_asymmetry, length_asymmetry : float
-        (left - right) / mean of the step that the foot's landing ends, -0.4 to 0.4; healthy adults with standard
-        deviations of 0.02 and 0.06.
+    time_asymmetry : float
+        (left - right) / mean of the time of the step that the foot's landing ends, -0.4 to 0.4; healthy adults with a
+        standard deviation of 0.02.
+    length_asymmetry : float
+        (left - right) / mean of the length of that step, -0.4 to 0.4; healthy adults with a standard deviation of 0.06.
     start_phase : float
-        Cycles, 0 (right foot lands) to below 1.
+        Phase at the start in cycles, 0 (right foot lands) to below 1.
     rate_hz : float
         Frames per second, 50 to 10000.
     """

@@ -87,7 +87,7 @@ class RotorConfig(FrozenModel):
     blades : int
         Number of blades, 1 to 64.
     plane : str
-        ``"xy"`` (level), ``"xz"`` or ``"yz"``.
+        Plane of rotation: ``"xy"`` (level), ``"xz"`` or ``"yz"``.
     hub_height_m : float
         Height of the hub; at least the radius unless level.
     rate_hz : float

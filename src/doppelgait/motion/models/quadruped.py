@@ -74,13 +74,13 @@ class QuadrupedConfig(FrozenModel):
     Parameters
     ----------
     gait : str
-        ``"walk"`` (lateral sequence, Fr 0.05 to 0.5), ``"pace"`` (0.1 to 1), ``"trot"`` (0.3 to 2.5), ``"canter"``
-        (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or
-        ``"auto"``: walk up to Fr 0.5, trot up to 2.5, then gallop.
+        ``"walk"`` (lateral sequence, Froude number 0.05 to 0.5), ``"pace"`` (0.1 to 1), ``"trot"`` (0.3 to 2.5),
+        ``"canter"`` (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to
+        6), or ``"auto"``: walk up to a Froude number of 0.5, trot up to 2.5, then gallop.
     speed_mps : float, optional
-        Mean forward speed V ...
+        Mean forward speed V. Give this or ``froude``.
     froude : float, optional
-        ... or the Froude number that it follows from; without either the gait's usual one (trot 1, gallop 4).
+        Froude number that determines the speed; without either key, the gait's usual one (trot 1, gallop 4).
     build : str
         Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
         ``"standard"``, breeds of dog, ``"cat"``, ``"horse"``, ``"cow"``.
@@ -88,7 +88,7 @@ class QuadrupedConfig(FrozenModel):
         Height of the withers when standing, 0.15 to 0.9, of a horse from 0.7 and a cow from 0.8 to 1.8; by default that
         of the build (standard 0.5).
     start_phase : float
-        Strides, 0 (left hind foot lands) to below 1.
+        Phase at the start in strides, 0 (left hind foot lands) to below 1.
     stride_variation : float
         Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual.
     step_length_sd : float
@@ -104,13 +104,19 @@ class QuadrupedConfig(FrozenModel):
         Fore-aft motion of the trunk and swing of the neck within a stride relative to the recorded ones, 0 to 2.
     stride_ratio : float
         Stride length relative to the gait's at this speed, 0.8 to 1.25; two recorded dogs differ by 14 %.
-    hind_swing_peak, fore_swing_peak : float
-        Highest speed of a swinging paw relative to that of the recorded dog, 0.8 to 1.2.
-    neck_deg, tail_deg : float
-        Mean elevation of the neck, -40 to 80 degrees, and of the tail, -80 to 80 degrees.
-    tail_frequency_hz, tail_sweep_deg : float
-        The tail swings sideways to this angle either way at its own frequency, 0 to 5 Hz and 0 to 60 degrees: the
-        motion as a whole is periodic only where that fits the stride.
+    hind_swing_peak : float
+        Highest speed of a swinging hind paw relative to that of the recorded dog, 0.8 to 1.2.
+    fore_swing_peak : float
+        Highest speed of a swinging fore paw relative to that of the recorded dog, 0.8 to 1.2.
+    neck_deg : float
+        Mean elevation of the neck, -40 to 80 degrees.
+    tail_deg : float
+        Mean elevation of the tail, -80 to 80 degrees.
+    tail_frequency_hz : float
+        Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion as a whole is periodic only where it fits the
+        stride.
+    tail_sweep_deg : float
+        Largest sideways angle of the tail, either way, 0 to 60 degrees.
     rate_hz : float
         Frames per second, 50 to 10000.
     """

@@ -49,22 +49,25 @@ class Detector(FrozenModel):
         recording or more is lost. 0 switches this off.
     near_m : float
         Nearer range bins hold the direct path between the antennas and are ignored, unless there is only one bin.
-    window_m, guard_m : float
-        Half length of the CFAR window in range, and how much of it next to the cell is left out: a body must fit into
-        the guard.
+    window_m : float
+        Half length of the CFAR window in range.
+    guard_m : float
+        Part of the window next to the cell that is left out: a body must fit into it.
     rank : float
         Place of the ordered statistic among the cells of the window, as a share.
     resolution_m : float
         Cells of the CFAR window are taken this far apart, so that their noise is independent.
-    join_range_m, join_doppler_hz : float
-        Gaps up to this, in both axes, are bridged: the dilation before connected components.
+    join_range_m : float
+        Gaps in range up to this are bridged before connected components are formed.
+    join_doppler_hz : float
+        Gaps in Doppler up to this are bridged.
     merge_range_m : float
         Clusters with centres closer than this in range, and Doppler boxes not further apart than
         ``merge_velocity_mps``, are one body.
     merge_velocity_mps : float
-        See ``merge_range_m``.
+        Largest gap between the Doppler boxes of such clusters.
     limb_velocity_mps : float
-        The same for a much weaker cluster with the same direction of motion: the swinging foot.
+        Largest gap for a much weaker cluster with the same direction of motion: the swinging foot.
     box_quantile : float
         Share of a cluster's power left out on either side of its box.
     min_cells : int

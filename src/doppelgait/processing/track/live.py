@@ -25,8 +25,10 @@ class Tracker(FrozenModel):
     ----------
     acceleration_noise_m2ps3 : float
         Spectral density q of the white acceleration of a walking body: 0.5 to 1.
-    range_sd_min_m, velocity_sd_min_mps : float
-        Lower limits of a detection's standard deviations: limbs move about the body from scan to scan.
+    range_sd_min_m : float
+        Lower limit of a detection's standard deviation in range: limbs move about the body from scan to scan.
+    velocity_sd_min_mps : float
+        Lower limit of a detection's standard deviation in velocity, for the same reason.
     start_velocity_sd_mps : float
         Lowest standard deviation of a new track's velocity.
     gate_probability : float
@@ -38,15 +40,21 @@ class Tracker(FrozenModel):
     association : {"auto", "gnn", "jpda"}
         ``gnn``: the best assignment as a whole (global nearest neighbour). ``jpda``: mean over all joint events,
         weighted by their probability. ``auto``: ``jpda`` where gates of several tracks share a detection, else ``gnn``.
-    confirm_hits, confirm_scans : int
-        A track is confirmed by ``confirm_hits`` detections in ``confirm_scans`` scans.
+    confirm_hits : int
+        A track is confirmed by this number of detections in ``confirm_scans`` scans.
+    confirm_scans : int
+        Number of scans in which ``confirm_hits`` detections confirm a track.
     delete_s : float
         A confirmed track ends after this time without a detection.
-    rest_speed_mps, rest_s : float
+    rest_speed_mps : float
         A body that was slower than this when last detected may stand still, without Doppler: its track stays at its
-        place for this time, with a growing gate.
-    rest_velocity_sd_mps, rest_time_constant_s : float
-        Slow motion of a resting body: its velocity returns to 0 with this time constant.
+        place for ``rest_s``, with a growing gate.
+    rest_s : float
+        Longest time that a track waits for such a body.
+    rest_velocity_sd_mps : float
+        Standard deviation of the slow motion of a resting body.
+    rest_time_constant_s : float
+        Time constant with which the velocity of a resting body returns to 0.
     share_s : float
         Longest time of a track inside another body's detection, while the two pass each other.
     separation_m : float
@@ -55,10 +63,12 @@ class Tracker(FrozenModel):
         Two tracks of nearly equal range and velocity with one detection between them are one body after this time.
     min_duration_s : float
         Shortest time from first to last detection; shorter tracks are dropped.
-    still_travel_m, still_velocity_mps : float
-        A track with less travel in range than ``still_travel_m`` and detections narrower in velocity than twice
+    still_travel_m : float
+        A track with less travel in range than this and detections narrower in velocity than twice
         ``still_velocity_mps`` (median) is dropped: where a person stood for half of a recording, clutter removal leaves
         an echo at all other times. A person who only breathes is dropped, too. 0 keeps all.
+    still_velocity_mps : float
+        Half width in velocity below which a detection may be clutter, for ``still_travel_m`` and ``still_speed_mps``.
     still_speed_mps : float
         A track that is slower than this (median) and for nine tenths of the time narrower in velocity than twice
         ``still_velocity_mps`` is dropped, too: it is strong clutter seen with a drifting clock.

@@ -42,15 +42,15 @@ class Leakage(FrozenModel):
     Parameters
     ----------
     delay_m : float
-        Range at which it appears: half its path.
+        Range at which the direct path appears: half its length.
     level_db : float, optional
-        Amplitude of its peak in range, dB re 1 V. Give this or ``isolation_db``.
+        Amplitude of the peak in range, dB re 1 V. Give this or ``isolation_db``.
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     isolation_db : float, optional
         Loss from the transmit power to the receiver's input; 34 dB if no level is set (what an X4 shows, assumed).
     phase_deg : float
-        Phase added to that of the path.
+        Phase added to that of the direct path.
     """
 
     kind: Literal["leakage"] = "leakage"
@@ -110,7 +110,7 @@ class StaticClutter(FrozenModel):
     Parameters
     ----------
     levels : list of (range_m, level_db), optional
-        Root mean square of \|y\| at rising ranges, dB re 1 V; linear in dB between them, constant outside.
+        Root mean square of the samples at rising ranges, dB re 1 V; linear in dB between them, constant outside.
     in_units : bool
         Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
     rcs_per_metre_m2 : float, optional

@@ -31,7 +31,7 @@ class Adc(FrozenModel):
     Parameters
     ----------
     bits : int
-        2 to 24.
+        Bits of the converter, 2 to 24.
     full_scale_v : float, optional
         Largest voltage of I or Q. Give this or ``backoff_db``.
     backoff_db : float, optional
@@ -101,12 +101,18 @@ class X4Counts(FrozenModel):
 
     Parameters
     ----------
-    iterations, pulses_per_step : int
-        Sweeps per frame, and pulses per threshold.
-    dac_min, dac_max, dac_step : int
-        Thresholds; 0 to 2047, step 1, 2, 4 or 8.
+    iterations : int
+        Sweeps of the threshold per frame.
+    pulses_per_step : int
+        Pulses per threshold.
+    dac_min : int
+        Lowest threshold, 0 to 2047.
+    dac_max : int
+        Highest threshold, above ``dac_min``, up to 2047.
+    dac_step : int
+        Step from threshold to threshold: 1, 2, 4 or 8.
     prf_div : int
-        Divides 243 MHz to the pulse rate.
+        Divisor from 243 MHz to the pulse rate.
     """
 
     kind: Literal["x4_counts"] = "x4_counts"

@@ -33,9 +33,9 @@ class ColouredNoise(FrozenModel):
     Parameters
     ----------
     levels : list of (frequency_hz, level_db)
-        L at rising frequencies, dB re 1 V; linear in dB between them, constant outside.
+        Level L at rising frequencies, dB re 1 V; linear in dB between them, constant outside.
     range_db : list of (range_m, change_db)
-        G at rising ranges, dB; 0 everywhere by default.
+        Change G of the level at rising ranges, dB; 0 everywhere by default.
     in_units : bool
         Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
     """
@@ -86,9 +86,9 @@ class Spur(FrozenModel):
     Parameters
     ----------
     frequency_hz : float
-        Where the line is. Beyond half the frame rate it aliases; negative is receding.
+        Doppler frequency of the line. Beyond half the frame rate it aliases; negative is receding.
     level_db : float
-        Its amplitude, dB re 1 V.
+        Amplitude of the line, dB re 1 V.
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     """

@@ -191,7 +191,7 @@ class IqImbalance(FrozenModel):
     gain_db : float
         Gain g of the quadrature channel over the in-phase channel.
     phase_deg : float
-        Error phi of the angle between them.
+        Error phi of the angle between the channels.
     """
 
     kind: Literal["iq_imbalance"] = "iq_imbalance"
@@ -233,7 +233,7 @@ class DcLeak(FrozenModel):
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     phase_deg : float, optional
-        Its phase; random by default.
+        Phase of the constant; random by default.
     walk_per_sqrt_min : float
         Change after one minute (root mean square of a complex random walk) over the constant.
     """

@@ -32,10 +32,14 @@ class ArrayFacts(FrozenModel):
 
     Parameters
     ----------
-    prf_hz, carrier_hz : float
-        Pulses per second and carrier frequency; those of ``radar`` by default.
-    range_start_m, bin_spacing_m : float
-        Range of the first bin and spacing of the bins; those of ``radar`` by default. One bin needs none.
+    prf_hz : float
+        Pulses per second; by default that of ``radar``.
+    carrier_hz : float
+        Carrier frequency; by default that of ``radar``.
+    range_start_m : float
+        Range of the first bin; by default that of ``radar``. An array with one bin needs none.
+    bin_spacing_m : float
+        Distance from bin to bin; by default that of ``radar``. An array with one bin needs none.
     time_first : bool
         True: one row per pulse. False: one column per pulse.
     conjugate : bool
@@ -45,9 +49,15 @@ class ArrayFacts(FrozenModel):
     key : str
         Name of the matrix in the npz file.
     radar : mapping
-        Parameters of a :class:`~doppelgait.radar.parameters.Radar`, or ``preset`` and what differs from it.
-    notes, noise_power_v2, snr_frame_db, seed
-        As in :class:`~doppelgait.radar.recording.Recording`.
+        Parameters of the radar, or ``preset`` and what differs from it (:class:`~doppelgait.radar.parameters.Radar`).
+    notes : list of str
+        Remarks on the recording, which commands print.
+    noise_power_v2 : float
+        Noise power of a sample.
+    snr_frame_db : float
+        SNR of the frame: time mean of the strongest bin's power over the noise power.
+    seed : int
+        Seed of a simulated recording.
     attributes : mapping
         Further facts about the baseband, for example ``burst_pulses``.
     """

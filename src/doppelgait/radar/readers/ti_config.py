@@ -31,25 +31,35 @@ class ChirpConfig(FrozenModel):
     Parameters
     ----------
     device : str
-        Family, which decides on the order of the samples.
+        Device family; it determines the order of the samples.
     output : {"complex1x", "complex2x", "real"}
-        What the converter puts out; complex1x has all its frequencies above 0, the others half of them.
+        Output of the converter: complex1x has all its frequencies above 0, the others half of them.
     q_first : bool
         Whether the imaginary part comes first (TI's sample swap).
     receivers : tuple of int
-        Receivers that are on, from 0.
+        Active receivers, counted from 0.
     n_samples : int
-        Samples of a chirp; even.
+        Samples of a chirp; an even number.
     sample_rate_hz : float
         Samples per second within a chirp.
-    start_hz, slope_hz_per_s : float
-        Frequency at the start of a chirp, and by how much it rises a second.
-    idle_s, adc_start_s, ramp_s : float
-        Time before a chirp; from its start to the first sample, and to its end.
-    chirps_per_loop, loops, frames : int
-        Chirps of a loop (transmitters in turn), loops of a frame, and frames: 0 for as many as there are.
+    start_hz : float
+        Frequency at the start of a chirp.
+    slope_hz_per_s : float
+        Rise of the frequency per second.
+    idle_s : float
+        Idle time before a chirp.
+    adc_start_s : float
+        Time from the start of a chirp to its first sample.
+    ramp_s : float
+        Time from the start of a chirp to its end.
+    chirps_per_loop : int
+        Chirps of a loop, one per transmitter in turn.
+    loops : int
+        Loops of a frame.
+    frames : int
+        Number of frames; 0 for all that the file holds.
     frame_period_s : float
-        From the start of a frame to that of the next.
+        Time from the start of a frame to that of the next.
     """
 
     device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx"]

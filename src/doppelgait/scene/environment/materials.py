@@ -70,7 +70,7 @@ class Dielectric(FrozenModel):
     permittivity : float
         Real part of the relative permittivity, 1 to 1000.
     conductivity_s_per_m : float
-        0 (no loss) to 1e8 S/m.
+        Conductivity, 0 (no loss) to 1e8 S/m.
     """
 
     permittivity: float = Field(ge=1, le=1000)

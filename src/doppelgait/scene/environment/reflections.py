@@ -262,7 +262,7 @@ class GroundBounce(FrozenModel):
     roughness_m : float
         Standard deviation of the floor's height, 0 (smooth) to 1 m.
     polarisation : {"vertical", "horizontal"}
-        Of the radar's field.
+        Polarisation of the radar's field.
     """
 
     kind: Literal["ground_bounce"] = "ground_bounce"
@@ -348,17 +348,18 @@ class WallGhost(FrozenModel):
     material : str or table
         Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``.
     thickness_m : float
-        Above 0, up to 5 m.
+        Thickness of the wall, above 0, up to 5 m.
     side_m : float, optional
-        Distance of a wall along the boresight from the radar ...
+        Distance from the radar of a wall parallel to the boresight. Give this, or ``position_m`` and
+        ``normal_azimuth_deg``.
     side : {"left", "right"}
-        ... and the side on which it is, looking along the boresight.
+        Side of the wall at ``side_m``, looking along the boresight.
     position_m : (float, float), optional
-        Ground position of any point of the wall ...
+        Ground position of any point of the wall.
     normal_azimuth_deg : float, optional
-        ... and azimuth of its normal, from +x towards +y; which of the two normals does not matter.
+        Azimuth of either normal of the wall at ``position_m``, from +x towards +y.
     polarisation : {"vertical", "horizontal"}
-        Of the radar's field.
+        Polarisation of the radar's field.
     """
 
     kind: Literal["wall_ghost"] = "wall_ghost"

@@ -24,12 +24,14 @@ class Screen(FrozenModel):
 
     Parameters
     ----------
-    from_m, to_m : [x, y]
-        Its two ends on the floor, at least 1 cm apart.
+    from_m : [x, y]
+        One end on the floor.
+    to_m : [x, y]
+        The other end on the floor, at least 1 cm from the first.
     height_m : float
-        Above the floor, above 0, up to 20 m.
+        Height above the floor, above 0, up to 20 m.
     loss_db : float
-        Of one crossing through it, 0 to 300 dB; at 7 GHz a wooden board takes 2 to 3 dB, metal everything.
+        Loss of one crossing, 0 to 300 dB; at 7 GHz a wooden board takes 2 to 3 dB, metal everything.
     """
 
     kind: Literal["screen"] = "screen"

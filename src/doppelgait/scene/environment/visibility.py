@@ -24,9 +24,9 @@ class Visibility(FrozenModel):
     Parameters
     ----------
     gain_db : list of [range_m, gain_db]
-        One or more pairs in order of rising range (0 to 1e6 m): two-way power gain of echoes from there, -300 to
-        300 dB. Between two pairs the gain in dB goes straight with range, beyond the ends it stays. An edge is two
-        pairs close to each other: ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone up to 0.4 m.
+        One or more pairs of range (m, rising, 0 to 1e6) and two-way power gain of echoes from there (dB, -300 to 300).
+        The gain is interpolated in dB between two pairs and constant beyond the ends. An edge is two pairs close to
+        each other: ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone up to 0.4 m.
     """
 
     kind: Literal["visibility"] = "visibility"

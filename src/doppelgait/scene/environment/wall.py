@@ -41,19 +41,20 @@ class Wall(FrozenModel):
     Parameters
     ----------
     material : str or table, optional
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }`` ...
+        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``; needs
+        ``thickness_m``.
     thickness_m : float, optional
-        ... and its thickness, above 0, up to 5 m.
+        Thickness of the material, above 0, up to 5 m.
     loss_db : float, optional
-        Instead: measured loss of one crossing, 0 to 300 dB, whatever the angle ...
+        Measured loss of one crossing at any angle, 0 to 300 dB, instead of material and thickness.
     delay_m : float, optional
-        ... and by how much one crossing lengthens the path, 0 (default) to 20 m.
+        Increase of the path length by one crossing, 0 (default) to 20 m; only with ``loss_db``.
     range_m : float, optional
         Distance of the wall from the radar along its normal; by default it is between the radar and everything.
     normal_azimuth_deg : float, optional
         Azimuth of the normal, from +x towards +y; by default that of the boresight.
     polarisation : {"vertical", "horizontal"}
-        Of the radar's field.
+        Polarisation of the radar's field.
     """
 
     kind: Literal["wall"] = "wall"
