@@ -33,6 +33,7 @@ duration_s = 1.6
 [target]
 range_m = { uniform = [2, 7] }
 aspect_deg = { uniform = [-180, 180] }
+rcs = { total_m2 = 0.5 }
 
 [radar]
 preset = "x4"

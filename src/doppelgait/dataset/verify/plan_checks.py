@@ -1,4 +1,4 @@
-"""What is wrong with a plan, found before anything is built."""
+"""Find faults of a plan before anything is built."""
 
 from __future__ import annotations
 
