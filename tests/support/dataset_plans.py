@@ -29,7 +29,7 @@ def tiny_plan(**changes):
             {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot"}},
         ],
         "scene": {"duration_s": 1.0},
-        "target": {"range_m": {"uniform": [4, 5]}},
+        "target": {"range_m": {"uniform": [4, 5]}, "rcs": {"total_m2": 0.5}},
         "noise": {"kind": "snr", "snr_db": {"uniform": [10, 20]}},
     }
     dataset = {**table["dataset"], **changes.pop("dataset", {})}
