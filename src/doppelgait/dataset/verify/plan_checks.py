@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.core.config import format_canonical_json
-from doppelgait.core.errors import DatasetError, DoppelgaitError, warn_caller
+from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.leakage import (
     RCS_FIX,
@@ -88,7 +89,9 @@ def warn_of_default_rcs(
         if all(target.background or target.rcs.total_m2 is not None for target in example.run.scene.targets):
             continue
         try:
-            observed = place(example.run.scene, example.run.streams, folder=folder).observed
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # the example gets them when it is built
+                observed = place(example.run.scene, example.run.streams, folder=folder).observed
         except DoppelgaitError:  # the build leaves it out, too, and says why
             continue
         for row, one in zip(example.rows, observed, strict=True):
