@@ -1,4 +1,4 @@
-"""Interleaved timing: every round runs every piece of work once, so that a slow spell of the machine hits all."""
+"""Interleaved timing: every round runs every measured function once, so that a slow spell of the machine hits all."""
 
 from __future__ import annotations
 

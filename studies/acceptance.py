@@ -330,7 +330,7 @@ def main() -> None:
         kept.append(rows)
         if options.out:
             pd.concat(kept).to_csv(options.out, index=False)
-    print("\nGate IoU and misses: see studies/detection.py; segmentation: see studies/pieces.py (docs/tracking.md).")
+    print("\nGate IoU and misses: see studies/detection.py; segmentation: see studies/track_segments.py (docs/tracking.md).")
     print(f"{time.perf_counter() - start:.0f} s")
 
 

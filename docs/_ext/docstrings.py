@@ -27,8 +27,8 @@ def clean(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: li
 
 def escape_bars(line: str) -> str:
     """``|x|`` would be a substitution."""
-    pieces = QUOTED.split(line)
-    return "".join(piece if number % 2 else piece.replace("|", r"\|") for number, piece in enumerate(pieces))
+    parts = QUOTED.split(line)
+    return "".join(part if number % 2 else part.replace("|", r"\|") for number, part in enumerate(parts))
 
 
 def words_of_constant(name: str, value: Any) -> list[str]:

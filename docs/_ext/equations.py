@@ -68,17 +68,17 @@ def _inside(node: nodes.Node, kinds: tuple[type, ...]) -> bool:
 
 
 def _linked(text: str, docname: str) -> list[nodes.Node]:
-    pieces: list[nodes.Node] = []
+    parts: list[nodes.Node] = []
     end = 0
     for found in LABEL.finditer(text):
-        pieces.append(nodes.Text(text[end : found.start()]))
+        parts.append(nodes.Text(text[end : found.start()]))
         link = addnodes.pending_xref(
             "", nodes.inline("", found.group()), refdomain="math", reftype="eq", reftarget=found.group(),
             refdoc=docname, refwarn=True, refexplicit=False,
         )  # fmt: skip
-        pieces.append(link)
+        parts.append(link)
         end = found.end()
-    return [*pieces, nodes.Text(text[end:])]
+    return [*parts, nodes.Text(text[end:])]
 
 
 def _mathml(node: nodes.Element, *, as_block: bool) -> str:

@@ -70,7 +70,7 @@ def test_shows_every_panel_and_the_features_of_the_analysis(page: Any, url: str,
     (truth,) = read_recording(walk).truth
     cell = page.inner_text("#features tbody tr >> nth=0").split("\t")[4]
     (true_mps, off) = re.findall(r"^([\d.]+) \((.*) %\)$", cell)[0]
-    assert float(true_mps) == pytest.approx(float(np.mean(truth.centre_velocity_mps)), rel=0.02)  # of a piece, not all
+    assert float(true_mps) == pytest.approx(float(np.mean(truth.centre_velocity_mps)), rel=0.02)  # of a segment, not all
     assert abs(float(off.replace("\N{MINUS SIGN}", "-"))) < 5
 
 
@@ -277,7 +277,7 @@ def test_fits_a_narrow_window(page: Any, url: str) -> None:
     assert page.locator("#canvas-signature").bounding_box()["width"] > 350
 
 
-PIECES = [[0.0, 1.0], [1.2, 2.4]]
+SEGMENTS = [[0.0, 1.0], [1.2, 2.4]]
 FLAGS = {
     "harmonic_ratio_2:no_peak_6_db_above_its_surroundings": "harmonic ratio 2: no peak 6 dB above its surroundings",
     "torso_velocity_mps:uncertain_by_more_than_25_per_cent": "torso velocity: uncertain by more than 25 per cent",
@@ -286,20 +286,20 @@ FLAGS = {
 }
 
 
-def test_says_which_piece_and_which_doppler_axis_it_shows(page: Any, url: str) -> None:
-    def of_pieces(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
+def test_says_which_segment_and_which_doppler_axis_it_shows(page: Any, url: str) -> None:
+    def with_segments(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
         (target,) = facts["targets"]
-        chosen = int(query.get("piece", ["0:1"])[0].split(":")[1])
-        target.update(pieces=PIECES, piece=chosen, aligned=True, cadence_band_hz=[-40.0, 60.0], flags=list(FLAGS))
+        chosen = int(query.get("segment", ["0:1"])[0].split(":")[1])
+        target.update(segments=SEGMENTS, segment=chosen, aligned=True, cadence_band_hz=[-40.0, 60.0], flags=list(FLAGS))
         higher = json.loads(json.dumps({**target, "number": 1}))
         higher["signature"]["y"]["first"] += 300  # a second target, in another band
         facts["targets"].append(higher)
 
-    altered(page, "targets", of_pieces)
+    altered(page, "targets", with_segments)
     opened(page, url)
     assert text(page, ".panel-signature h2") == "Micro-Doppler signature, segment 2 of 2, 1.2–2.4 s"
     assert text(page, ".panel-features h2").endswith("target, 1.2–2.4 s")
-    assert page.input_value("#piece") == "0:1"
+    assert page.input_value("#segment") == "0:1"
     assert page.locator(".flags li").all_text_contents() == list(FLAGS.values())
     body = page.locator(".feature-body")
     assert body.evaluate("node => node.scrollHeight - node.clientHeight") <= 1, "flags are cut off"
@@ -310,11 +310,11 @@ def test_says_which_piece_and_which_doppler_axis_it_shows(page: Any, url: str) -
         assert float(shown.group(1)) == pytest.approx(-40 + 100 * share, abs=4)
     tops = [read_at(page, name, 0.5, 0.99)[0]["Hz"] for name in ("range-doppler", "signature")]
     assert tops[0] > tops[1] + 100, "not every target's Doppler is in the range-Doppler picture"
-    page.select_option("#piece", "0:0")
-    until(lambda: "segment 1 of 2, 0.0–1.0 s" in text(page, ".panel-signature h2"), "the piece is not shown")
-    assert "piece=0%3A0" in address(page)
+    page.select_option("#segment", "0:0")
+    until(lambda: "segment 1 of 2, 0.0–1.0 s" in text(page, ".panel-signature h2"), "the segment is not shown")
+    assert "segment=0%3A0" in address(page)
     page.select_option("#gate", "truth")
-    until(lambda: page.evaluate("location.search") == "?gate=truth", "another gate has other pieces")
+    until(lambda: page.evaluate("location.search") == "?gate=truth", "another gate has other segments")
     page.wait_for_selector(READY)
 
 

@@ -96,7 +96,7 @@ def test_an_error_stands_in_one_line_next_to_its_control(page: Any, url: str) ->
 
 def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, url: str) -> None:
     def with_segments(facts: dict[str, Any], query: dict[str, list[str]]) -> None:
-        facts["targets"][0].update(pieces=SEGMENTS, piece=int(query.get("piece", ["0:1"])[0].split(":")[1]))
+        facts["targets"][0].update(segments=SEGMENTS, segment=int(query.get("segment", ["0:1"])[0].split(":")[1]))
 
     altered(page, "targets", with_segments)
     opened(page, url)
@@ -115,7 +115,7 @@ def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, u
     own, other, none = bar(1.5), bar(0.5), bar(1.1)
     assert own[0] > 240 > 200 < own[1]
     assert own[0] > other[0] > none[0] + 40, "the segments are not marked"
-    page.select_option("#piece", "0:0")
+    page.select_option("#segment", "0:0")
     until(lambda: bar(0.5)[0] > 240, "the other segment is not marked as the one shown")
     page.uncheck("#parts input[value=segments]")
     until(lambda: bar(0.5)[0] < 200, "the marks cannot be switched off")

@@ -110,11 +110,11 @@ def test_gate_and_target_of_a_recording_stay_with_it(browser, serve):
     asked = []
     page.on("request", lambda request: asked.append(request.url))
     page.route("**/api/session", lambda route: route.fulfill(json={**route.fetch().json(), "kind": "recording"}))
-    page.goto(serve() + START + "&gate=4:6&target=1&t=0.5&clutter=none&piece=0")
+    page.goto(serve() + START + "&gate=4:6&target=1&t=0.5&clutter=none&segment=0")
     expect(page.locator("#tab-recording")).to_have_attribute("aria-selected", "true")
     page.click("#tab-try")
     expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)
-    names = {"gate", "target", "t", "clutter", "piece"}
+    names = {"gate", "target", "t", "clutter", "segment"}
     assert not names & set(parse_qs(urlsplit(page.url).query))
     runs = [parse_qs(urlsplit(url).query) for url in asked if "try=1" in url and "/api/targets" in url]
     assert runs

@@ -75,7 +75,7 @@ def test_half_a_character_is_refused() -> None:
 
 def test_random_text_raises_nothing_else() -> None:
     rng = random.Random(3)
-    pieces = [
+    fragments = [
         "{",
         "}",
         "[",
@@ -96,7 +96,7 @@ def test_random_text_raises_nothing_else() -> None:
         "'''",
     ]
     for _ in range(3000):
-        text = "".join(rng.choices(pieces, k=rng.randrange(1, 30)))
+        text = "".join(rng.choices(fragments, k=rng.randrange(1, 30)))
         for parse in (parse_json, parse_toml):
             with suppress(ValueError):
                 parse(text)

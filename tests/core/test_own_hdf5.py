@@ -75,11 +75,11 @@ def endless(content: bytes) -> Iterator[int]:
     return _find_endless_heaps(content, (at for at, _ in _find(io.BytesIO(content), HEAP)))  # type: ignore[arg-type]
 
 
-def test_heaps_are_found_across_the_pieces_that_a_file_is_read_in(monkeypatch) -> None:
+def test_heaps_are_found_across_the_blocks_that_a_file_is_read_in(monkeypatch) -> None:
     content = b"".join(HEAP + bytes(gap) for gap in range(40)) + HEAP[:4]
     wanted = [match.start() for match in re.finditer(re.escape(HEAP), content)]
-    for piece in (1, 7, 8, 9, 100):
-        monkeypatch.setattr(own_hdf5, "PIECE", piece)
+    for size in (1, 7, 8, 9, 100):
+        monkeypatch.setattr(own_hdf5, "READ_SIZE", size)
         assert [at for at, _ in _find(io.BytesIO(content), HEAP)] == wanted
 
 

@@ -159,7 +159,7 @@ def test_an_empty_list_says_that_frames_are_too_few():
     assert found.reason == ("moving bodies were not looked for at 17 frames/s; no bin breathes steadily for 12 s")
 
 
-def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece(monkeypatch):
+def test_one_who_stops_and_goes_on_is_analysed_segment_by_segment(monkeypatch):
     path = {"kind": "stop_and_go", "stops": [{"at_m": 3.0, "pause_s": 3.0}]}
     walk = boulic_walk(speed_mps=1.0, height_m=1.75, duration_s=20.0)
     target = Target(walk, start_position_m=(9.0, 0.0), heading_deg=180.0, path=path)
@@ -170,15 +170,15 @@ def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece(monkeypatch):
         tracking, "measure_share_removed", lambda *given, **more: measured.append(given) or share(*given, **more)
     )
     found = analyze(made)
-    assert len(measured) == 1  # of the track, not of every piece: time goes with the length of the recording
+    assert len(measured) == 1  # of the track, not of every segment: time goes with the length of the recording
     assert len(found) == 1
-    pieces = found[0].segments
-    assert len(pieces) == 2
-    assert all(piece.features.torso_velocity_mps == pytest.approx(1.0, abs=0.12) for piece in pieces)
+    segments = found[0].segments
+    assert len(segments) == 2
+    assert all(segment.features.torso_velocity_mps == pytest.approx(1.0, abs=0.12) for segment in segments)
     speed_mps = np.abs(made.truth[0].centre_velocity_mps)
-    for piece in pieces:  # the pause is in neither
+    for segment in segments:  # the pause is in neither
         times = made.baseband.slow_time.values
-        inside = (times >= piece.quality["start_s"]) & (times <= piece.quality["stop_s"])
+        inside = (times >= segment.quality["start_s"]) & (times <= segment.quality["stop_s"])
         assert speed_mps[inside].min() > 0.3
     assert found[0].quality["n_pieces"] == 2
 

@@ -90,13 +90,13 @@ def test_a_quiet_simulation_shows_40_db():
 def test_short_and_long_recordings():
     short, long = levels(of_body(seconds=0.8)), levels(of_body(seconds=9.0))
     assert short.shape[1] == 25
-    pieces = cut_pictures(short, SPEC)
-    assert pieces.shape == (1, 64, 64)
-    assert not pieces[0, :, :19].any()
-    pieces = cut_pictures(long, SPEC)
-    assert len(pieces) == 1 + -(-2 * (288 - 64) // 64)
-    assert np.array_equal(pieces[0], long[:, :64])
-    assert np.array_equal(pieces[-1], long[:, -64:])
+    patches = cut_pictures(short, SPEC)
+    assert patches.shape == (1, 64, 64)
+    assert not patches[0, :, :19].any()
+    patches = cut_pictures(long, SPEC)
+    assert len(patches) == 1 + -(-2 * (288 - 64) // 64)
+    assert np.array_equal(patches[0], long[:, :64])
+    assert np.array_equal(patches[-1], long[:, -64:])
     assert np.array_equal(cut(long, 100, SPEC), long[:, 100:164])
 
 

@@ -219,7 +219,7 @@ class Zigzag(Path):
     [
         (lambda path: Layout((CurveElement(2.0, 0.5), CurveElement(2.0, -0.5), CurveElement(np.inf))), None),
         (lambda path: Layout((CurveElement(np.inf), CurveElement(2.0))), "endless"),
-        (lambda path: Layout(()), "needs pieces"),
+        (lambda path: Layout(()), "needs elements"),
         (lambda path: Layout((CurveElement(-1.0),)), "positive length"),
     ],
 )

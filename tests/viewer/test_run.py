@@ -1,4 +1,4 @@
-"""Which body a target is compared with, over which times, and how pieces and bursts are shown."""
+"""Which body a target is compared with, over which times, and how segments and bursts are shown."""
 
 from __future__ import annotations
 
@@ -125,18 +125,18 @@ def run(recording):
     return Run("turns", "recording", load=lambda: recording)
 
 
-def test_each_piece_can_be_shown(run, recording):
+def test_each_segment_can_be_shown(run, recording):
     (result,) = analyze(recording, gate="track")
     assert len(result.segments) > 1
     times_s = recording.baseband["slow_time"].values
     shown = unpack(make_targets_payload(run, None))[0]["targets"][0]
-    for number, piece in enumerate(result.segments):
-        facts, _ = unpack(make_targets_payload(run, None, piece=(0, number)))
+    for number, segment in enumerate(result.segments):
+        facts, _ = unpack(make_targets_payload(run, None, segment=(0, number)))
         target = facts["targets"][0]
-        span = piece.quality["start_s"], piece.quality["stop_s"]
-        assert target["pieces"][number] == list(span)
-        assert target["piece"] == number
-        assert target["features"]["torso_velocity_mps"] == piece.features.torso_velocity_mps
+        span = segment.quality["start_s"], segment.quality["stop_s"]
+        assert target["segments"][number] == list(span)
+        assert target["segment"] == number
+        assert target["features"]["torso_velocity_mps"] == segment.features.torso_velocity_mps
         assert target["quality"]["n_pieces"] == len(result.segments)
         columns = target["signature"]["x"]  # of the whole track, with the main line of every segment
         start_s, stop_s = columns["first"], columns["first"] + (columns["n"] - 1) * columns["step"]
@@ -144,35 +144,35 @@ def test_each_piece_can_be_shown(run, recording):
         assert start_s < result.segments[0].quality["start_s"] + 0.2
         assert stop_s > result.segments[-1].quality["stop_s"] - 0.2
         assert len(target["main_lines"]) == len(result.segments)
-        for line, (first_s, last_s) in zip(target["main_lines"], target["pieces"], strict=True):
+        for line, (first_s, last_s) in zip(target["main_lines"], target["segments"], strict=True):
             axis = line["x"]
             assert first_s <= axis["first"] < axis["first"] + (axis["n"] - 1) * axis["step"] <= last_s + 1e-9
         inside = (times_s >= span[0]) & (times_s <= span[1])
         expected_mps = recording.truth[0].centre_velocity_mps[inside].mean()
         assert target["truth"]["torso_velocity_mps"] == pytest.approx(expected_mps, abs=1e-5)
-        longest = span[1] - span[0] == max(stop - start for start, stop in target["pieces"])
-        assert (shown["piece"] == number) == longest
+        longest = span[1] - span[0] == max(stop - start for start, stop in target["segments"])
+        assert (shown["segment"] == number) == longest
         assert (shown["features"] == target["features"]) == longest
-    with pytest.raises(ConfigError, match=f"pieces 0 to {len(result.segments) - 1}"):
-        make_targets_payload(run, None, piece=(0, len(result.segments)))
+    with pytest.raises(ConfigError, match=f"segments 0 to {len(result.segments) - 1}"):
+        make_targets_payload(run, None, segment=(0, len(result.segments)))
 
 
 def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
     write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"))
     (stored,) = read_results(tmp_path / "r.h5").targets
     view = make_view(stored, lambda start_s, stop_s: None)
-    assert view.piece is not None
+    assert view.segment is not None
     assert is_aligned(view, "standard") == bool(stored.cadence_map.attrs["aligned"])
-    for number, piece in enumerate(stored.segments):
+    for number, segment in enumerate(stored.segments):
         (shown,) = select_segment([view], 0, number)
-        assert (shown.piece, shown.features) == (number, piece.features.as_dict())
-        assert shown.signature.identical(piece.signature)
+        assert (shown.segment, shown.features) == (number, segment.features.as_dict())
+        assert shown.signature.identical(segment.signature)
 
 
 def test_map_of_moved_columns_says_so(run):
-    """The line of the walker drifts in the second piece, where he walks past the radar, and not in the first."""
+    """The line of the walker drifts in the second segment, where he walks past the radar, and not in the first."""
     for number in range(2):
-        facts, arrays = unpack(make_targets_payload(run, None, piece=(0, number)))
+        facts, arrays = unpack(make_targets_payload(run, None, segment=(0, number)))
         target = facts["targets"][0]
         line_hz = arrays[target["main_lines"][number]["values"]]
         drifts = abs(line_hz[-1] - line_hz[0]) > 10.0

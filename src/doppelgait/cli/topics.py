@@ -75,7 +75,7 @@ def _analysis_models() -> list[tuple[str, type[BaseModel]]]:
         "doppelgait.pipeline:Tracking",
         "doppelgait.processing.detect.config:Detector",
         "doppelgait.processing.track.live:Tracker",
-        "doppelgait.processing.pieces:SegmentationSettings",
+        "doppelgait.processing.track_segments:SegmentationSettings",
         "doppelgait.processing.breathing:BreathingSettings",
     )
 

@@ -52,7 +52,8 @@ TEXT = re.compile(
 """An attribute that is a text, from its size to the length that it declares."""
 TEXT_AFTER = 32
 """Bytes of the longest match after its mark."""
-PIECE = 1 << 20
+READ_SIZE = 1 << 20
+"""Bytes read at once."""
 
 FAULTS = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
 """What h5py raises at damaged bytes."""
@@ -309,7 +310,7 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
         _, packed = dataset.id.read_direct_chunk(place)
         unpacker, size = zlib.decompressobj(), 0
         while packed and size <= chunk_bytes + 4:  # fletcher32 adds 4 bytes
-            size += len(unpacker.decompress(packed, PIECE))
+            size += len(unpacker.decompress(packed, READ_SIZE))
             packed = unpacker.unconsumed_tail
         if size > chunk_bytes + 4:
             raise ValueError(f"a chunk of {name[:80]!r} unpacks to more than its {chunk_bytes:,} bytes")
@@ -350,21 +351,21 @@ def _find_signature(head: bytes) -> int | None:
 def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
     """Yield the positions of a mark and its following bytes.
 
-    The file is read in pieces: of a map that is searched every page stays in memory.
+    The file is read in blocks: of a memory map every searched page stays in memory.
     """
     window, kept, first = len(mark) + after, b"", 0
     file.seek(0)
     while True:
-        read = file.read(PIECE)
-        piece = kept + read
-        n_starts = max(len(piece) - (window if read else len(mark)) + 1, 0)
-        at = piece.find(mark, 0, n_starts + len(mark) - 1)
+        read = file.read(READ_SIZE)
+        block = kept + read
+        n_starts = max(len(block) - (window if read else len(mark)) + 1, 0)
+        at = block.find(mark, 0, n_starts + len(mark) - 1)
         while at >= 0:
-            yield first + at, piece[at : at + window]
-            at = piece.find(mark, at + 1, n_starts + len(mark) - 1)
+            yield first + at, block[at : at + window]
+            at = block.find(mark, at + 1, n_starts + len(mark) - 1)
         if not read:
             return
-        kept = piece[n_starts:]
+        kept = block[n_starts:]
         first += n_starts
 
 

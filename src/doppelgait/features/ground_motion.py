@@ -180,7 +180,7 @@ def estimate_segment_motion(
 
     Returns
     -------
-    PieceMotion
+    GroundMotion
 
     Raises
     ------

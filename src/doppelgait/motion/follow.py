@@ -162,14 +162,14 @@ def follow(
     pace = _find_pace(gait, path, layout)
     # the curve in the world frame; a turn on the spot divides its line where the body comes to rest
     start_heading_rad = math.radians(heading_deg)
-    pieces = list(layout.pieces)
+    elements = list(layout.elements)
     if any(stop.turn_rad for stop in pace.stops):
         stop = pace.stops[0]
-        pieces = [CurveElement(stop.at_m), CurveElement(math.inf, turn_rad=stop.turn_rad)]
+        elements = [CurveElement(stop.at_m), CurveElement(math.inf, turn_rad=stop.turn_rad)]
     x, y = layout.start_m
     cosine, sine = math.cos(start_heading_rad), math.sin(start_heading_rad)
     start_m = (start_position_m[0] + x * cosine - y * sine, start_position_m[1] + x * sine + y * cosine)
-    curve = join(pieces, start_m=start_m, heading_rad=start_heading_rad + layout.heading_rad)
+    curve = join(elements, start_m=start_m, heading_rad=start_heading_rad + layout.heading_rad)
     for bend in curve.curvature_per_m:
         if bend * path.side_m != 0:
             what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"

@@ -35,7 +35,7 @@ class CurveElement:
     Parameters
     ----------
     length_m : float
-        Positive; infinite only in the last piece.
+        Positive; infinite only in the last element.
     curvature_per_m : float
         1 / radius, positive to the left; 0 for a line.
     turn_rad : float
@@ -49,12 +49,12 @@ class CurveElement:
 
 @dataclass(frozen=True)
 class Curve:
-    """Joined lines and arcs, an array entry per piece.
+    """Joined lines and arcs, an array entry per element.
 
     Parameters
     ----------
     start_m : ndarray, shape (n,)
-        Distance at which each piece starts; the first is 0.
+        Distance at which each element starts; the first is 0.
     point_m : ndarray, shape (n, 2)
         Where it starts.
     heading_rad : ndarray, shape (n,)
@@ -62,7 +62,7 @@ class Curve:
     curvature_per_m, spot_rad : ndarray, shape (n,)
         Curvature, and the sum of all turns on the spot so far.
     length_m : float
-        Length of all pieces, perhaps infinite.
+        Length of all elements, perhaps infinite.
     """
 
     start_m: FloatArray
@@ -73,22 +73,22 @@ class Curve:
     length_m: float
 
     def locate_elements(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Return the piece at each distance, and the remainder.
+        """Return the element at each distance, and the remainder.
 
-        The first and the last piece continue without end.
+        The first and the last element continue without end.
         """
         number = np.clip(np.searchsorted(self.start_m, distance_m, side="right") - 1, 0, None)
         return number, distance_m - self.start_m[number]
 
 
-def join(pieces: Sequence[CurveElement], *, start_m: tuple[float, float], heading_rad: float) -> Curve:
-    """Join pieces to a curve from a start and heading."""
-    lengths = np.array([piece.length_m for piece in pieces])
-    bends = np.array([piece.curvature_per_m for piece in pieces])
-    spots = np.cumsum([piece.turn_rad for piece in pieces])
+def join(elements: Sequence[CurveElement], *, start_m: tuple[float, float], heading_rad: float) -> Curve:
+    """Join elements to a curve from a start and heading."""
+    lengths = np.array([element.length_m for element in elements])
+    bends = np.array([element.curvature_per_m for element in elements])
+    spots = np.cumsum([element.turn_rad for element in elements])
     headings = heading_rad + np.concatenate([[0.0], np.cumsum(lengths[:-1] * bends[:-1])])
     points = [np.array(start_m, dtype=float)]
-    for number in range(len(pieces) - 1):
+    for number in range(len(elements) - 1):
         points.append(points[-1] + _chord_m(lengths[number], headings[number] + spots[number], bends[number]))
     return Curve(
         start_m=np.concatenate([[0.0], np.cumsum(lengths[:-1])]),
@@ -124,7 +124,7 @@ def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
     Turns on the spot are left out.
 
     The tangent is piecewise linear in the distance, so its mean is exact, has a continuous rate and is the tangent
-    itself wherever the window lies in one piece.
+    itself wherever the window lies in one element.
     """
     half_m = HEADING_WINDOW_M / 2
     whole = _integrate_heading(curve, distance_m + half_m) - _integrate_heading(curve, distance_m - half_m)
@@ -133,8 +133,8 @@ def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
 
 def _integrate_heading(curve: Curve, distance_m: FloatArray) -> FloatArray:
     lengths = np.diff(curve.start_m)
-    per_piece = curve.heading_rad[:-1] * lengths + curve.curvature_per_m[:-1] * lengths**2 / 2
-    before = np.concatenate([[0.0], np.cumsum(per_piece)])
+    per_element = curve.heading_rad[:-1] * lengths + curve.curvature_per_m[:-1] * lengths**2 / 2
+    before = np.concatenate([[0.0], np.cumsum(per_element)])
     number, gone_m = curve.locate_elements(distance_m)
     return np.asarray(
         before[number] + curve.heading_rad[number] * gone_m + curve.curvature_per_m[number] * gone_m**2 / 2
@@ -267,9 +267,9 @@ ENDLESS = CurveElement(math.inf)
 
 @dataclass(frozen=True)
 class Layout:
-    """Geometry of a path: pieces, stops, acceleration and start."""
+    """Geometry of a path: elements, stops, acceleration and start."""
 
-    pieces: tuple[CurveElement, ...]
+    elements: tuple[CurveElement, ...]
     stops: tuple[Stop, ...] = ()
     acceleration_mps2: float = ACCELERATION_MPS2
     start_m: tuple[float, float] = (0.0, 0.0)
@@ -472,12 +472,12 @@ def lay_out_polyline(path: PolylinePath) -> Layout:
             f"points_m: the corners at {number} and {number + 1} take {cut[number] + cut[number + 1]:.3g} m of the "
             f"{lengths[number]:.3g} m between them; lower corner_radius_m = {path.corner_radius_m:g} or move them apart"
         )
-    pieces = []
+    elements = []
     for number, length in enumerate(left):
-        pieces += [CurveElement(float(length))] if length > 1e-9 else []
+        elements += [CurveElement(float(length))] if length > 1e-9 else []
         bends = number < turns.size and abs(turns[number]) > 1e-9
-        pieces += [make_arc(path.corner_radius_m, float(turns[number]))] if bends else []
-    return Layout(tuple(pieces), start_m=path.points_m[0], heading_rad=float(headings[0]))
+        elements += [make_arc(path.corner_radius_m, float(turns[number]))] if bends else []
+    return Layout(tuple(elements), start_m=path.points_m[0], heading_rad=float(headings[0]))
 
 
 PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.motion.paths",))

@@ -14,7 +14,7 @@ from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, burst_signature, get_burst_pulses, noise_floor_v2
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
-from doppelgait.processing.pieces import SegmentationSettings, TrackSegment, find_track_segments
+from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
 from doppelgait.processing.track import Tracker
 
 FloatArray = npt.NDArray[np.float64]
@@ -175,7 +175,7 @@ def analyze_motion(
     times : list of (float, float)
         Of :func:`find_motion`, one or more.
     analysis : Analysis
-    settings : PieceSettings
+    settings : SegmentationSettings
     wavelength_m : float
 
     Returns
@@ -183,14 +183,16 @@ def analyze_motion(
     Result
         Of the longest steady segment, with all of them. ``more_than_one_body`` where some approach while others recede.
     """
-    pieces = [piece for start_s, stop_s in times for piece in find_steady_segments(motion, start_s, stop_s, settings)]
-    usable = [piece for piece in pieces if piece.usable]
+    segments = [
+        segment for start_s, stop_s in times for segment in find_steady_segments(motion, start_s, stop_s, settings)
+    ]
+    usable = [segment for segment in segments if segment.usable]
     flags: tuple[str, ...] = ()
     if any(has_both_directions(motion, *span) for span in times):
         flags = ("more_than_one_body:some_approach_while_others_recede",)
-    spans = [(piece.start_s, piece.stop_s) for piece in usable]
+    spans = [(segment.start_s, segment.stop_s) for segment in usable]
     if not usable:
-        reasons = sorted({piece.reason for piece in pieces}) or ["too_short"]
+        reasons = sorted({segment.reason for segment in segments}) or ["too_short"]
         flags += tuple(f"no_steady_piece:{reason}" for reason in reasons)
         spans = [max(times, key=lambda span: span[1] - span[0])]
     gate = _make_whole_gate(clean, times[0][0], times[-1][1])

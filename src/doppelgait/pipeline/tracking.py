@@ -36,7 +36,7 @@ from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
 from doppelgait.processing.detections import Scan
-from doppelgait.processing.pieces import SegmentationSettings, find_track_segments
+from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.radar.recording import Recording
 
@@ -72,7 +72,7 @@ class Tracking(FrozenModel):
         Clutter, thresholds and clusters of one scan.
     tracker : Tracker
         Association of detections with tracks from scan to scan.
-    pieces : PieceSettings
+    pieces : SegmentationSettings
         How a track is divided into segments of steady motion.
     breathing : BreathingSettings
         Detection of people who keep still, by their breathing.

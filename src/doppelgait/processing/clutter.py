@@ -320,7 +320,7 @@ def clutter_gain(
 
 def measure_share_removed(
     before: xr.DataArray, after: xr.DataArray, gate: Gate, *, total: npt.NDArray[np.complex128] | None = None,
-    piece_s: float = 0.1, reference_share: float = 0.2,
+    block_s: float = 0.1, reference_share: float = 0.2,
 ) -> xr.DataArray:  # fmt: skip
     r"""Measure the power share of a body lost to clutter removal.
 
@@ -344,7 +344,7 @@ def measure_share_removed(
     gate : Gate
     total : ndarray, shape (range,), optional
         Sum of ``before`` over all pulses, where it is known: the work is then that of the gate's own pulses.
-    piece_s : float
+    block_s : float
         Length of a time block.
     reference_share : float
         Share of the recording that the gate must be elsewhere for a bin to be used; 0 to 1.
@@ -390,7 +390,7 @@ def measure_share_removed(
         elsewhere = elsewhere - np.einsum("in,in->n", values, inside, dtype=np.complex128)
         count -= inside.sum(axis=0)
     clutter, usual = elsewhere / np.maximum(count, 1), count >= reference_share * n_pulses
-    length = min(max(1, round(piece_s * sampling_rate_hz(times))), times.size)
+    length = min(max(1, round(block_s * sampling_rate_hz(times))), times.size)
     # of every pulse: the power that is left, that of the body, bins with a reference, bins of the gate
     sums = np.empty((4, times.size))
     for (first, values), (_, cleaned) in zip(read_tiles(before), read_tiles(after), strict=True):
@@ -403,14 +403,14 @@ def measure_share_removed(
             inside.sum(axis=1),
         )
 
-    def per_piece(values: npt.NDArray[Any]) -> FloatArray:
+    def sum_blocks(values: npt.NDArray[Any]) -> FloatArray:
         whole = times.size // length
         return np.asarray(values[: whole * length].reshape(whole, length).sum(axis=1), dtype=np.float64)
 
-    left, body, n_known, n_inside = (per_piece(values) for values in sums)
+    left, body, n_known, n_inside = (sum_blocks(values) for values in sums)
     usable = (n_known >= 0.5 * n_inside) & (body > 0)
     share = np.where(usable, np.maximum(1.0 - left / np.where(usable, body, 1.0), 0.0), np.nan)
-    return make_array(SHARE_REMOVED, share, {"time": per_piece(times) / length})
+    return make_array(SHARE_REMOVED, share, {"time": sum_blocks(times) / length})
 
 
 def sum_pulses(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:

@@ -270,20 +270,20 @@ def make_directions(material: Material) -> EntryResult:
     recording, report, ours = to_and_fro(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure = viz.signature(report.normalised_signature, db_range=25.0, title="A person who walks to and fro")
-    pieces = tabulate_segments(ours)
-    for start_s, stop_s in zip(pieces["from (s)"], pieces["to (s)"], strict=True):
+    segments = tabulate_segments(ours)
+    for start_s, stop_s in zip(segments["from (s)"], segments["to (s)"], strict=True):
         figure.axes[0].axvspan(start_s, stop_s, ymin=0.97, color=LINE_COLOURS[0], lw=0)
     still_hz = STILL_MPS * 2.0 / recording.radar.wavelength_m
     line_hz = torso_line_hz(report.normalised_signature, reach_hz=VIEWS_PRF_HZ)
     changes = sign_changes(line_hz, still_hz)
-    report_hz, error = format_number(report.gait_frequency_hz), (pieces["f_m (Hz)"] / true_hz - 1.0).abs().max()
+    report_hz, error = format_number(report.gait_frequency_hz), (segments["f_m (Hz)"] / true_hz - 1.0).abs().max()
     readings = [
         Reading("changes of direction that the main line shows", float(changes), "1",
                 note=f"true {sign_changes(recording.truth[0].centre_velocity_mps, STILL_MPS)}"),
         Reading("main line changes sign (1: yes)", float(changes > 0), "1", 1.0),
         Reading("f_m of the whole by the report's method", report_hz, "Hz", note=f"true {true_hz:.2f} Hz"),
-        Reading("pieces of steady motion found by ours", float(len(pieces)), "1", note=f"{LEGS} lanes are walked"),
-        Reading("pieces whose f_m is known", float(pieces["f_m (Hz)"].notna().sum()), "1"),
+        Reading("segments of steady motion found by ours", float(len(segments)), "1", note=f"{LEGS} lanes are walked"),
+        Reading("segments with a known f_m", float(segments["f_m (Hz)"].notna().sum()), "1"),
         Reading("largest relative error of f_m in them", float(error), "1"),
     ]  # fmt: skip
     wrong = not abs(report_hz / true_hz - 1.0) < WRONG
@@ -296,7 +296,7 @@ def make_directions(material: Material) -> EntryResult:
             f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by "
             "itself (bars at the top), as the report proposes, and without any truth.",
         ),
-        pieces,
+        segments,
     )
 
 
@@ -304,12 +304,12 @@ def tabulate_segments(result: Result) -> pd.DataFrame:
     """Tabulate the segments of steady motion of a track."""
     return pd.DataFrame(
         {
-            "from (s)": float(read_axis(piece.signature, "time")[0]),
-            "to (s)": float(read_axis(piece.signature, "time")[-1]),
-            "v_m (m/s)": format_number(piece.features.torso_velocity_mps),
-            "f_m (Hz)": format_number(piece.gait_frequency_hz),
+            "from (s)": float(read_axis(segment.signature, "time")[0]),
+            "to (s)": float(read_axis(segment.signature, "time")[-1]),
+            "v_m (m/s)": format_number(segment.features.torso_velocity_mps),
+            "f_m (Hz)": format_number(segment.gait_frequency_hz),
         }
-        for piece in result.segments or (result,)
+        for segment in result.segments or (result,)
     )
 
 

@@ -208,7 +208,7 @@ def make_app(
     shelf, lock = RunCache(opened), anyio.Lock()
     table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
         "recording": (_encode_recording, CHANGEABLE, PAYLOAD),
-        "targets": (_encode_targets, (*CHANGEABLE, "piece"), PAYLOAD),
+        "targets": (_encode_targets, (*CHANGEABLE, "segment"), PAYLOAD),
         "range-doppler": (_encode_range_doppler, (*CHANGEABLE, "from", "count", "target"), PAYLOAD),
         "sound": (_encode_sound, (*CHANGEABLE, "target", "pitch", "channels"), WAV),
         "scene": (_encode_scene, (), JSON),
@@ -244,7 +244,7 @@ def _encode_recording(run: Run, reference: Reference) -> bytes:
 
 
 def _encode_targets(run: Run, reference: Reference) -> bytes:
-    return make_targets_payload(run, reference.gate, reference.changes, piece=reference.piece)
+    return make_targets_payload(run, reference.gate, reference.changes, segment=reference.segment)
 
 
 def _encode_range_doppler(run: Run, reference: Reference) -> bytes:

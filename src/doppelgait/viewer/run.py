@@ -158,7 +158,7 @@ Kind = Literal["recording", "result", "example", "try"]
 TRACK_FACTS = (
     "track_start_s", "track_stop_s", "track_confirmed_at_s", "track_confidence", "track_range_m", "n_pieces",
 )  # fmt: skip
-"""Quality of the whole track, said of each of its pieces."""
+"""Quality of the whole track, repeated for each of its segments."""
 MOST_ANALYSES = 2
 """Analyses of one run, by gate and settings, that are kept: those of a minute at 1 kHz take 150 MB each."""
 MOST_KEPT = 20
@@ -188,12 +188,12 @@ class TargetView:
     gate_limits : Gate, optional
     truth : mapping, optional
         What is true of the features and frequencies, by their names.
-    pieces : tuple of (float, float)
-        Start and stop of the pieces of steady motion, s.
-    piece : int, optional
-        The piece that this is about, None where it is about the whole recording.
-    piece_views : tuple of TargetView
-        What is shown of each piece.
+    segments : tuple of (float, float)
+        Start and stop of the segments of steady motion, s.
+    segment : int, optional
+        The segment that is shown, None where the whole recording is.
+    segment_views : tuple of TargetView
+        The view of each segment.
     track_picture : (dict, ndarray of uint16), optional
         Encoded signature of the whole track.
     """
@@ -214,9 +214,9 @@ class TargetView:
     main_line_hz: npt.NDArray[np.float64] | None = None
     gate_limits: Gate | None = None
     truth: Mapping[str, Any] | None = None
-    pieces: tuple[Span, ...] = ()
-    piece: int | None = None
-    piece_views: tuple[TargetView, ...] = ()
+    segments: tuple[Span, ...] = ()
+    segment: int | None = None
+    segment_views: tuple[TargetView, ...] = ()
     track_picture: Picture | None = None
 
 
@@ -408,19 +408,19 @@ def make_view(result: Result, truths: Truths) -> TargetView:
     truths : callable
         Gives what is true of the target from a start to a stop; None where nothing is known.
     """
-    spans = tuple(find_span(piece) for piece in result.segments)
-    shown = replace(_view(result, truths), pieces=spans)
+    spans = tuple(find_span(segment) for segment in result.segments)
+    shown = replace(_view(result, truths), segments=spans)
     if not spans:
         return shown
     facts = {key: value for key, value in result.quality.items() if key in TRACK_FACTS}
     views = tuple(
         replace(
-            _view(piece, truths), pieces=spans, piece=number, gate_limits=result.gate,
-            quality={**piece.quality, **facts},
+            _view(segment, truths), segments=spans, segment=number, gate_limits=result.gate,
+            quality={**segment.quality, **facts},
         )
-        for number, piece in enumerate(result.segments)
+        for number, segment in enumerate(result.segments)
     )  # fmt: skip
-    return replace(shown, piece=spans.index(find_span(result)), piece_views=views)
+    return replace(shown, segment=spans.index(find_span(result)), segment_views=views)
 
 
 def _view(result: Result, truths: Truths) -> TargetView:

@@ -172,15 +172,15 @@ class Reference:
         Parameters of the endpoint itself.
     changes : tuple of (name, value)
         Analysis parameters in place of those of the run.
-    piece : (int, int), optional
-        Number of a target and of its piece to show.
+    segment : (int, int), optional
+        Number of a target, and of its segment to show.
     """
 
     key: tuple[str | tuple[str, str], ...]
     gate: GateChoice | None
     further: dict[str, str]
     changes: Changes = ()
-    piece: tuple[int, int] | None = None
+    segment: tuple[int, int] | None = None
 
 
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
@@ -219,13 +219,13 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     if trying:
         key = ("try", *sorted((name, value) for name, value in found.items() if name in own))
     changes = parse_changes({key: further.pop(key) for key in CHANGEABLE if key in further})
-    piece: tuple[int, int] | None = None
-    if (text := further.pop("piece", None)) is not None:
+    segment: tuple[int, int] | None = None
+    if (text := further.pop("segment", None)) is not None:
         target, colon, number = text.partition(":")
         if not colon or not all(part.isascii() and part.isdigit() and len(part) <= 6 for part in (target, number)):
-            raise ConfigError(f"piece: {text!r} is not allowed; it must be TARGET:PIECE, for example 0:2")
-        piece = int(target), int(number)
-    return Reference(key, gate, further, changes=changes, piece=piece)
+            raise ConfigError(f"segment: {text!r} is not allowed; it must be TARGET:SEGMENT, for example 0:2")
+        segment = int(target), int(number)
+    return Reference(key, gate, further, changes=changes, segment=segment)
 
 
 class RunCache:

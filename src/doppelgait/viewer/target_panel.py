@@ -34,7 +34,7 @@ NO_TARGET = "no target was found: nothing moves steadily or breathes in this rec
 
 
 def make_targets_payload(
-    run: Run, gate: GateChoice | None, changes: Changes = (), *, piece: tuple[int, int] | None = None
+    run: Run, gate: GateChoice | None, changes: Changes = (), *, segment: tuple[int, int] | None = None
 ) -> bytes:
     """Make the payload of ``api/targets``.
 
@@ -45,13 +45,13 @@ def make_targets_payload(
     run : Run
     gate : str, (float, float) or None
     changes : tuple of (name, value)
-    piece : (int, int), optional
-        Number of a target, and of the piece of steady motion to show of it instead of its longest.
+    segment : (int, int), optional
+        Number of a target, and of the segment of steady motion to show instead of its longest.
 
     Raises
     ------
     ConfigError
-        If there is no such target, or no such piece of it.
+        If there is no such target, or no such segment of it.
     """
     arrays: Arrays = {}
     # What was stored is as it was stored, whatever is asked for.
@@ -62,22 +62,22 @@ def make_targets_payload(
         targets, notes = run.targets(gate, changes), run.warnings(gate, changes)
     except AnalysisError as error:
         return pack({**facts, "targets": [], "reason": str(error), "notes": [], "failed": True}, {})
-    views = targets if piece is None else select_segment(targets, *piece)
+    views = targets if segment is None else select_segment(targets, *segment)
     shown = [_describe_target(number, view, done.method, arrays) for number, view in enumerate(views)]
     reason = None if shown else NO_TARGET
     return pack({**facts, "targets": shown, "reason": reason, "notes": notes}, arrays)
 
 
-def select_segment(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:
+def select_segment(targets: Sequence[TargetView], number: int, segment: int) -> list[TargetView]:
     """Replace a target's view by that of another segment."""
     if number >= len(targets):
         known = f"there are targets 0 to {len(targets) - 1}" if targets else "there is no target"
-        raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
-    views = targets[number].piece_views
-    if piece >= len(views):
-        known = f"target {number} has pieces 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
-        raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
-    shown = replace(views[piece], piece_views=views, track_picture=targets[number].track_picture)
+        raise ConfigError(f"segment: {number}:{segment} is not allowed; {known}")
+    views = targets[number].segment_views
+    if segment >= len(views):
+        known = f"target {number} has segments 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
+        raise ConfigError(f"segment: {number}:{segment} is not allowed; {known}")
+    shown = replace(views[segment], segment_views=views, track_picture=targets[number].track_picture)
     return [*targets[:number], shown, *targets[number + 1 :]]
 
 
@@ -93,7 +93,7 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         pictures["signature"] = {**facts, "array": f"{prefix}signature"}
     elif signature is not None:
         pictures["signature"], arrays[f"{prefix}signature"] = signature_picture(signature, f"{prefix}signature")
-    lines = view.piece_views if view.track_picture is not None else (view,)
+    lines = view.segment_views if view.track_picture is not None else (view,)
     main_lines = [_main_line(one, f"{prefix}main_line_{n}", arrays) for n, one in enumerate(lines)]
     power = None
     if cadence_map is not None:
@@ -137,8 +137,8 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         "cadence_map": pictures["cadence_map"],
         "cadence_spectrum": spectrum,
         "gate_limits": gate_limits,
-        "pieces": view.pieces,
-        "piece": view.piece,
+        "segments": view.segments,
+        "segment": view.segment,
     }
 
 

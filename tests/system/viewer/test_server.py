@@ -140,9 +140,9 @@ def test_parameters_of_a_run_are_checked(walk, path):
      ("range-doppler?from=999999", "from"), ("range-doppler?from=9999999999999999", "from"),
      ("range-doppler?count=0", "count"), ("range-doppler?count=257", "count"), ("range-doppler?count=", "count"),
      ("sound?target=1", "target"), ("sound?pitch=nan", "pitch"), ("sound?pitch=-1", "pitch"),
-     ("sound?channels=mono", "channels"), ("sound?from=1", "from"), ("sound?piece=0:0", "piece"),
-     ("targets?piece=0", "piece"), ("targets?piece=0:x", "piece"), ("targets?piece=5:0", "targets 0 to 0"),
-     ("targets?piece=0:0", "shown as a whole")],
+     ("sound?channels=mono", "channels"), ("sound?from=1", "from"), ("sound?segment=0:0", "segment"),
+     ("targets?segment=0", "segment"), ("targets?segment=0:x", "segment"), ("targets?segment=5:0", "targets 0 to 0"),
+     ("targets?segment=0:0", "shown as a whole")],
 )  # fmt: skip
 def test_parameters_of_an_address_are_checked(walk, path, named):
     assert named in walk.fault(path)

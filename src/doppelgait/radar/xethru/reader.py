@@ -205,7 +205,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
                 )
             return _join(file, [_DataContent(kind, stream)], ())
         chain = _list_chain(place)
-        pieces = []
+        contents = []
         for meta_path, meta in chain:
             shift_ms = meta.start_ms - chain[0][1].start_ms
             if abs(shift_ms) > LONGEST_MS:
@@ -213,8 +213,8 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
                     f"{meta_path}: starts {shift_ms / 8.64e7:,.0f} days after {chain[0][0]}; one is damaged"
                 )
             for number, name in enumerate(meta.file_names):
-                pieces.append(_read_listed(meta_path.parent / name, meta, number, shift_ms))
-        return _join(Path(path), pieces, tuple(meta for _, meta in chain))
+                contents.append(_read_listed(meta_path.parent / name, meta, number, shift_ms))
+        return _join(Path(path), contents, tuple(meta for _, meta in chain))
     except OSError as error:
         raise RecordingError(f"{place}: cannot be read: {error.strerror or error}") from None
 
@@ -342,13 +342,13 @@ def _find_listing_meta(file: Path) -> tuple[Meta | None, str]:
     return (meta, "") if file.name in meta.file_names else (None, f"the {META_NAME} in its folder does not list it")
 
 
-def _join(path: Path, pieces: Sequence[_DataContent], metas: tuple[Meta, ...]) -> XethruRecording:
+def _join(path: Path, contents: Sequence[_DataContent], metas: tuple[Meta, ...]) -> XethruRecording:
     streams: dict[str, list[XethruStream]] = {}
     headers: dict[str, bytes] = {}
-    for piece in pieces:
-        streams.setdefault(piece.kind.name, []).append(piece.stream)
-        if piece.user_header:
-            headers.setdefault(piece.kind.name, piece.user_header)
+    for content in contents:
+        streams.setdefault(content.kind.name, []).append(content.stream)
+        if content.user_header:
+            headers.setdefault(content.kind.name, content.user_header)
     joined = {name: _join_streams(parts) for name, parts in streams.items()}
     if not any(len(stream) for stream in joined.values()):
         raise RecordingError(f"{path}: holds no whole record")

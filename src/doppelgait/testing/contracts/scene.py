@@ -155,7 +155,7 @@ def check_path(path: FrozenModel) -> None:
     ------
     AssertionError
         If a rule is broken: a model derived from :class:`doppelgait.motion.paths.Path` that comes back from JSON,
-        pieces of positive length with at most the last one endless, stops in order, a walk that follows it.
+        elements of positive length with at most the last one endless, stops in order, a walk that follows it.
 
     Examples
     --------
@@ -172,9 +172,9 @@ def check_path(path: FrozenModel) -> None:
         raise AssertionError(f"{name}: its model must be derived from doppelgait.motion.paths.Path")
     require(PATHS.parse(path.model_dump(mode="json")) == path, f"{name}: its parameters are others after JSON")
     layout = lay_out(path)
-    lengths = [piece.length_m for piece in layout.pieces]
-    require(lengths and min(lengths) > 0, f"{name}: needs pieces of positive length, has {lengths}")
-    require(all(math.isfinite(length) for length in lengths[:-1]), f"{name}: only its last piece may be endless")
+    lengths = [element.length_m for element in layout.elements]
+    require(lengths and min(lengths) > 0, f"{name}: needs elements of positive length, has {lengths}")
+    require(all(math.isfinite(length) for length in lengths[:-1]), f"{name}: only its last element may be endless")
     stops = [stop.at_m for stop in layout.stops]
     require(stops == sorted(stops), f"{name}: its stops are out of order: {stops}")
     walk = boulic_walk(speed_mps=1.2, duration_s=12.0, rate_hz=100.0)

@@ -30,14 +30,14 @@ export function makeControls(session) {
   const clutter = element("select", { id: "clutter", onchange: () => edit("clutter", clutter.value) });
   const numbers = NUMBERS.map(makeNumber);
   const gate = makeGate(session, { edit, refuse: (words) => say("gate", words) });
-  const piece = element("select", { id: "piece", onchange: () => state.set({ piece: piece.value }) });
-  const pieces = field("segment", piece, "Segment of steady motion that the cadence-velocity diagram and the features come from");
-  pieces.hidden = true;
+  const segment = element("select", { id: "segment", onchange: () => state.set({ segment: segment.value }) });
+  const segments = field("segment", segment, "Segment of steady motion that the cadence-velocity diagram and the features come from");
+  segments.hidden = true;
   const node = element(
     "div",
     { class: "controls", role: "group", "aria-label": "What to show" },
     field("target", target),
-    pieces,
+    segments,
     withFault("gate", gate.node),
     withFault("clutter", field("static clutter", clutter, "Echoes of what stands still: in all pictures, the features and the sound")),
     ...numbers.map((number) => withFault(number.name, number.node)),
@@ -48,7 +48,7 @@ export function makeControls(session) {
   );
   const stop = state.subscribe(restore);
   restore();
-  return { node, fillTargets, fillPieces, fillGates: gate.fill, fillAnalysis, fault, clearFaults, destroy: stop };
+  return { node, fillTargets, fillSegments, fillGates: gate.fill, fillAnalysis, fault, clearFaults, destroy: stop };
 
   /** Place for the error of a control, in one line after it. */
   function withFault(name, control) {
@@ -97,14 +97,14 @@ export function makeControls(session) {
     target.disabled = choices.length < 2;
   }
 
-  /** Pieces of the chosen target; nothing to choose where there is one. */
-  function fillPieces(chosen) {
-    const list = chosen?.pieces ?? [];
-    pieces.hidden = list.length < 2 || !Number.isInteger(chosen.piece);
-    if (pieces.hidden) return;
+  /** Segments of the chosen target; hidden where there is only one. */
+  function fillSegments(chosen) {
+    const list = chosen?.segments ?? [];
+    segments.hidden = list.length < 2 || !Number.isInteger(chosen.segment);
+    if (segments.hidden) return;
     const name = (number) => `${chosen.number}:${number}`;
     const choices = list.map((ends, number) => [name(number), `${number + 1} of ${list.length}: ${span(ends)}`]);
-    fillSelect(piece, choices, name(chosen.piece));
+    fillSelect(segment, choices, name(chosen.segment));
   }
 
   /** Parameters in use; results are as they were stored, and there is nothing to choose. */

@@ -42,7 +42,7 @@ export async function show(container, session) {
   function onOpen(id, place = null) {
     // the targets of a scene are one run; the number of a companion stands at the end of its id
     const companion = facts.origin === "simulated" ? /-c(\d+)$/.exec(id) : null;
-    state.set({ example: id, at: place, target: companion?.[1] ?? null, piece: null, t: null }, { push: true });
+    state.set({ example: id, at: place, target: companion?.[1] ?? null, segment: null, t: null }, { push: true });
   }
 
   /** Leave out of the address what this dataset does not know, and say so. */
@@ -90,7 +90,7 @@ export async function show(container, session) {
   }
 
   function onBack() {
-    state.set({ example: null, at: null, target: null, piece: null, gate: null, t: null }, { push: true });
+    state.set({ example: null, at: null, target: null, segment: null, gate: null, t: null }, { push: true });
   }
 
   async function refresh() {

@@ -1,6 +1,6 @@
 // Table of a target's features with deviation, unit and truth; its flags in words; quality and further features.
 
-import { element, fixed, flagWords, makePanel, shownPiece, significant, span, words } from "./ui.js";
+import { element, fixed, flagWords, makePanel, shownSegment, significant, span, words } from "./ui.js";
 
 /** What is farther from the truth than this share of it stands out. */
 const FAR = 0.2;
@@ -25,7 +25,7 @@ export function makeFeatures({ session }, { id = "features", before = "" } = {})
 
   function show(target) {
     const title = target ? `Features of ${target.label || "the target"}` : "Features";
-    panel.heading.textContent = before + [title, span(shownPiece(target))].filter(Boolean).join(", ");
+    panel.heading.textContent = before + [title, span(shownSegment(target))].filter(Boolean).join(", ");
     panel.body.replaceChildren(...(target ? contents(target) : []).filter(Boolean));
   }
 

@@ -13,7 +13,7 @@ const TABS = {
   try: { words: "Try it", show: async (...given) => (await import("./try_page.js")).show(...given) },
 };
 /** Choices that mean something else, or nothing, in another tab. */
-const OF_ONE_RUN = ["gate", "target", "piece", "clutter", "cpi_s", "window_steepness", "hop", "time", "doppler", "t"];
+const OF_ONE_RUN = ["gate", "target", "segment", "clutter", "cpi_s", "window_steepness", "hop", "time", "doppler", "t"];
 let shown = null; // {name, page} of the open tab
 let opening = 0;
 

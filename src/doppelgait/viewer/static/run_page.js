@@ -68,7 +68,7 @@ export function showRun(container, reference, session) {
 
   function update(next) {
     reference = next;
-    state.set({ piece: null }, { quiet: true }); // one of another run
+    state.set({ segment: null }, { quiet: true }); // one of another run
     return load();
   }
 
@@ -131,7 +131,7 @@ export function showRun(container, reference, session) {
 
   async function loadTargets(mine) {
     try {
-      const answer = await getPayload("api/targets", { ...named(), piece: state.get("piece") });
+      const answer = await getPayload("api/targets", { ...named(), segment: state.get("segment") });
       if (mine !== job) return false;
       if (answer.facts.failed && controls.fault(answer.facts.reason) && targets.targets.length) return false;
       showTargets(answer);
@@ -208,7 +208,7 @@ export function showRun(container, reference, session) {
     const target = targets.targets[targets.selected] ?? null;
     const { arrays } = targets;
     controls.fillTargets(targets.targets, targets.selected);
-    controls.fillPieces(target);
+    controls.fillSegments(target);
     bands = targets.targets.map(({ signature }) => (signature ? occupied(signature, arrays[signature.array]) : null));
     showOrSay(panels.signature, target?.signature, "The signature of this target was not kept.", target, arrays);
     showOrSay(panels.cadence, target?.cadence_map, "The cadence-velocity diagram of this target was not kept.", target, arrays);
@@ -267,10 +267,10 @@ export function showRun(container, reference, session) {
 
   function changed(names) {
     if (names.has("gate") || names.has("clutter")) {
-      if (!names.has("piece")) state.set({ piece: null }, { quiet: true }); // there may be others now
+      if (!names.has("segment")) state.set({ segment: null }, { quiet: true }); // there may be others now
       load();
     } else if (ANALYSIS.some((name) => names.has(name))) analyseAgain();
-    else if (names.has("piece")) busy(loadTargets(job));
+    else if (names.has("segment")) busy(loadTargets(job));
     else if (names.has("target")) select();
     if (["map", "lo", "hi", "band", "time", "doppler", "lines"].some((name) => names.has(name))) redraw();
     if (names.has("t")) clock.seek(state.getNumber("t", clock.start));

@@ -1,7 +1,7 @@
 // What is shown, as files: the panels as a picture (PNG), the features as a table (CSV).
 
 import { featuresOf } from "./features.js";
-import { shownPiece } from "./ui.js";
+import { shownSegment } from "./ui.js";
 
 const TEXTS = "h2, .colour-bar span, th, td, .flags li, .empty, .parts label:has(:checked)";
 
@@ -59,7 +59,7 @@ export function tableOf(runs, session) {
   const rows = [["recording", "target", "class", "gate", "start_s", "stop_s", "feature", "value", "standard_deviation", "unit", "truth"]];
   for (const { name, targets } of runs) {
     for (const target of targets) {
-      const [start, stop] = shownPiece(target) ?? ["", ""];
+      const [start, stop] = shownSegment(target) ?? ["", ""];
       for (const { key, value, deviation, unit, truth } of featuresOf(target, session)) {
         rows.push([name, target.number + 1, target.label, target.gate, start, stop, key, value, deviation, unit, truth]);
       }

@@ -6,13 +6,13 @@ import { makeBar, makeTones } from "./levels.js";
 import { cellAt, levelDb, paint, valueAt } from "./picture.js";
 import * as state from "./state.js";
 import { bodyOf } from "./truth.js";
-import { element, fixed, makePanel, shownPiece, span } from "./ui.js";
+import { element, fixed, makePanel, shownSegment, span } from "./ui.js";
 
 const MAIN_LINE = "#56b4e9";
-const PIECE = "#ffe14d";
+const SEGMENT_COLOUR = "#ffe14d";
 const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
 const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target
-const EXTRAS = [["main-line", "main line", MAIN_LINE], ["segments", "segments", PIECE]];
+const EXTRAS = [["main-line", "main line", MAIN_LINE], ["segments", "segments", SEGMENT_COLOUR]];
 
 export function makeSignature(page, { id = "signature", before = "" } = {}) {
   const { session, clock, band, zoom, scales } = page;
@@ -57,10 +57,10 @@ export function makeSignature(page, { id = "signature", before = "" } = {}) {
 
   /** The picture is that of the whole track where it is known, or that of one segment. */
   function title(target) {
-    const piece = shownPiece(target);
-    if (!piece) return "Micro-Doppler signature";
-    const which = target.pieces.length > 1 ? `segment ${target.piece + 1} of ${target.pieces.length}, ` : "segment ";
-    return `Micro-Doppler signature, ${which}${span(piece)}`;
+    const segment = shownSegment(target);
+    if (!segment) return "Micro-Doppler signature";
+    const which = target.segments.length > 1 ? `segment ${target.segment + 1} of ${target.segments.length}, ` : "segment ";
+    return `Micro-Doppler signature, ${which}${span(segment)}`;
   }
 
   function redraw() {
@@ -123,7 +123,7 @@ export function makeSignature(page, { id = "signature", before = "" } = {}) {
       if (one.doppler) drawTruth(context, one.doppler, number, keys);
     }
     context.globalAlpha = 1;
-    if (keys.has("segments") && shown.target.pieces?.length) drawSegments(context, shown.target);
+    if (keys.has("segments") && shown.target.segments?.length) drawSegments(context, shown.target);
     if (keys.has("main-line")) for (const one of shown.target.main_lines ?? []) drawMainLine(context, one);
   }
 
@@ -148,25 +148,25 @@ export function makeSignature(page, { id = "signature", before = "" } = {}) {
   }
 
   /** A bar with a number above every segment; the one that the features come from is bright and has its ends drawn. */
-  function drawSegments(context, { pieces, piece }) {
+  function drawSegments(context, { segments, segment }) {
     const { top, bottom } = chart.box;
     context.font = FONT;
     context.textAlign = "center";
     context.textBaseline = "top";
-    for (const [number, ends] of pieces.entries()) {
+    for (const [number, ends] of segments.entries()) {
       const [from, to] = ends.map(chart.x);
-      const own = number === (piece ?? number);
+      const own = number === (segment ?? number);
       context.globalAlpha = own ? 1 : 0.55;
       const bar = () => drawPath(context, [[from + 1, top + 3], [to - 1, top + 3]]);
-      withEdge(context, PIECE, own ? 4 : 2.5, bar);
+      withEdge(context, SEGMENT_COLOUR, own ? 4 : 2.5, bar);
       if (own) {
-        for (const at of [from, to]) withEdge(context, PIECE, 1, () => drawPath(context, [[at, top], [at, bottom]]));
+        for (const at of [from, to]) withEdge(context, SEGMENT_COLOUR, 1, () => drawPath(context, [[at, top], [at, bottom]]));
       }
-      if (pieces.length > 1) {
+      if (segments.length > 1) {
         context.lineWidth = 3;
         context.strokeStyle = "rgba(0, 0, 0, 0.7)";
         context.strokeText(String(number + 1), (from + to) / 2, top + 7);
-        context.fillStyle = PIECE;
+        context.fillStyle = SEGMENT_COLOUR;
         context.fillText(String(number + 1), (from + to) / 2, top + 7);
       }
     }

@@ -1,4 +1,4 @@
-// Small pieces of the page. Text from data always goes in as text, never as HTML.
+// Small parts of the page. Text from data always goes in as text, never as HTML.
 
 /** `element("p", {class: "x", onclick: f}, "text", child)`. */
 export function element(tag, attributes = {}, ...children) {
@@ -98,7 +98,7 @@ export function span(ends) {
   return ends ? `${fixed(ends[0], 1)}–${fixed(ends[1], 1)} s` : "";
 }
 
-/** Span in s of the piece that a target's pictures and numbers come from; null for the whole recording. */
-export function shownPiece(target) {
-  return target?.pieces?.[target.piece ?? -1] ?? null;
+/** Span in s of the segment that a target's pictures and numbers come from; null for the whole recording. */
+export function shownSegment(target) {
+  return target?.segments?.[target.segment ?? -1] ?? null;
 }

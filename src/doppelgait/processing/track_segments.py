@@ -37,11 +37,11 @@ def find_best_knots(
     range_sd_m: float,
     smooth_mps2: float,
     penalty: float,
-    min_piece_s: float,
+    min_segment_s: float,
 ) -> tuple[list[int], float]:
     r"""Find the change points of minimum cost.
 
-    The cost is that of :func:`doppelgait.processing.find_pieces`; returns indices of the inner points.
+    The cost is that of :func:`doppelgait.processing.find_track_segments`; returns indices of the inner points.
 
     Everything is in s = R^2 (E-34b). Within a segment the state is (s, s', s''), s'' constant but for the departures
     :math:`2 R a`; at a change point s stays and s', s'' begin anew. For segments from i to j the least cost, given the
@@ -58,7 +58,8 @@ def find_best_knots(
         Standard deviation of a over 0.1 s.
     penalty : float
         Cost of a change point in units of sd^2.
-    min_piece_s : float
+    min_segment_s : float
+        Shortest time between change points.
 
     Returns
     -------
@@ -73,8 +74,8 @@ def find_best_knots(
     for j in range(1, n):
         filters.start(j - 1, value[j - 1], noise[j - 1], range_m[j - 1])
         filters.step(time_s[j] - time_s[j - 1], value[j], noise[j], 2.0 * range_m[j] * smooth_mps2)
-        last_start = int(np.searchsorted(time_s, time_s[j] - min_piece_s + 1e-9, side="right")) - 1
-        room_left = j == n - 1 or time_s[-1] - time_s[j] >= min_piece_s - 1e-9
+        last_start = int(np.searchsorted(time_s, time_s[j] - min_segment_s + 1e-9, side="right")) - 1
+        room_left = j == n - 1 or time_s[-1] - time_s[j] >= min_segment_s - 1e-9
         if last_start >= 0 and room_left:
             histories.extend(j, last_start, filters, penalty, (value[j], noise[j]))
             if j % GIVE_UP_EVERY == 0:
@@ -355,11 +356,11 @@ def find_track_segments(
         Ranges of one body, above 0.
     range_sd_m : float
         Standard deviation of a range, above 0: of a tracker's smoothed one for its track.
-    settings : PieceSettings, optional
+    settings : SegmentationSettings, optional
 
     Returns
     -------
-    tuple of Piece
+    tuple of TrackSegment
         All segments in order, also unusable ones; the dropped parts about change points lie between them. Empty for
         a track of fewer than three ranges.
 
@@ -392,12 +393,12 @@ def find_track_segments(
             part_s, part_m = times[start:stop], ranges[start:stop]
             inner, _ = find_best_knots(
                 part_s, part_m, range_sd_m=range_sd_m, smooth_mps2=options.smooth_mps2, penalty=penalty,
-                min_piece_s=options.min_piece_s,
+                min_segment_s=options.min_piece_s,
             )  # fmt: skip
             knots = _merge_similar([0, *inner, part_s.size - 1], part_s, part_m, options)
             knots = _split_bent(knots, part_s, part_m, range_sd_m, options)
             found += [
-                _make_piece(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), range_sd_m, options)
+                _make_segment(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), range_sd_m, options)
                 for number, (low, high) in enumerate(pairwise(knots))
             ]
     return tuple(found)
@@ -452,7 +453,7 @@ def _split_bent(
     return kept
 
 
-def _make_piece(
+def _make_segment(
     times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], range_sd_m: float,
     settings: SegmentationSettings,
 ) -> TrackSegment:  # fmt: skip

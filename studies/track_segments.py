@@ -1,6 +1,6 @@
 """Segmentation of range tracks, and detection limit of breathing.
 
-    python studies/pieces.py [--trials 50] [--seed 1]
+    python studies/track_segments.py [--trials 50] [--seed 1]
 
 Prints three tables. Tracks are made here, at 10 Hz: legs back and forth at 0.8 to 1.6 m/s with sudden turns,
 speeds that swing or jump, straight walks past the radar. Their errors are Gaussian, of a standard deviation and a
@@ -21,7 +21,7 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.processing.breathing import find_breathing
-from doppelgait.processing.pieces import TrackSegment, find_track_segments
+from doppelgait.processing.track_segments import TrackSegment, find_track_segments
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -49,9 +49,9 @@ def legs(source: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArra
     return times, np.interp(times, LEG_S * np.arange(5), corners), LEG_S * np.arange(1, 4)
 
 
-def change_points_s(pieces: tuple[TrackSegment, ...]) -> list[float]:
+def change_points_s(segments: tuple[TrackSegment, ...]) -> list[float]:
     """Return the middles between segments."""
-    return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(pieces)]
+    return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(segments)]
 
 
 def offsets_s(found: list[float], true: FloatArray) -> list[float]:

@@ -1,4 +1,4 @@
-"""Pieces of a range track: change points, what is not cut, motion over ground."""
+"""Segments of a range track: change points, what is not cut, motion over ground."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features.ground_motion import estimate_segment_motion
-from doppelgait.processing import pieces
-from doppelgait.processing.pieces import SegmentationSettings, find_best_knots, find_track_segments
+from doppelgait.processing import track_segments
+from doppelgait.processing.track_segments import SegmentationSettings, find_best_knots, find_track_segments
 
 SD_M = 0.065
 
 
-def change_points(pieces):
-    return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(pieces)]
+def change_points(segments):
+    return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(segments)]
 
 
 def legs(source, *, n=4, leg_s=2.8, sd_m=SD_M):
@@ -50,19 +50,19 @@ def test_turns_of_four_legs_are_found(sd_m):
     assert 2 * hits / (found_all + true_all) >= 0.95
 
 
-def test_a_piece_tells_velocity_and_leaves_out_what_lies_beside_a_turn():
+def test_a_segment_has_the_velocity_and_leaves_out_the_time_about_a_turn():
     times, track, true, speeds = legs(np.random.default_rng(3), sd_m=1e-4)
-    pieces = find_track_segments(times, track)
-    assert len(pieces) == 4
-    for piece, speed in zip(pieces, speeds, strict=True):
-        assert piece.radial_velocity_mps == pytest.approx(speed, abs=2e-3)
-        assert piece.curvature_mps2 == pytest.approx(0, abs=5e-3)
-        assert piece.residual_m < 5e-4
-    for left, right, turn_s in zip(pieces[:-1], pieces[1:], true, strict=True):
+    segments = find_track_segments(times, track)
+    assert len(segments) == 4
+    for segment, speed in zip(segments, speeds, strict=True):
+        assert segment.radial_velocity_mps == pytest.approx(speed, abs=2e-3)
+        assert segment.curvature_mps2 == pytest.approx(0, abs=5e-3)
+        assert segment.residual_m < 5e-4
+    for left, right, turn_s in zip(segments[:-1], segments[1:], true, strict=True):
         assert left.stop_s == pytest.approx(turn_s - 0.25, abs=0.051)
         assert right.start_s == pytest.approx(turn_s + 0.25, abs=0.051)
-    assert (pieces[0].start_s, pieces[-1].stop_s) == (times[0], times[-1])
-    assert [piece.usable for piece in pieces] == [True, True, True, True]
+    assert (segments[0].start_s, segments[-1].stop_s) == (times[0], times[-1])
+    assert [segment.usable for segment in segments] == [True, True, True, True]
 
 
 @pytest.mark.parametrize("period_s", [3, 5, 8])
@@ -82,20 +82,20 @@ def test_a_sinusoidal_speed_is_not_cut(period_s):
 
 @pytest.mark.parametrize("aspect_deg", [0, 30, 60, 90, 150])
 @pytest.mark.parametrize("range_m", [1.5, 4.0])
-def test_a_straight_walk_past_the_radar_is_one_piece(aspect_deg, range_m):
+def test_a_straight_walk_past_the_radar_is_one_segment(aspect_deg, range_m):
     """Constant velocity over ground, whatever the radial velocity does: R^2 is a parabola."""
     times = np.linspace(-2.5, 2.5, 51)
     along, across = 1.4 * np.cos(np.radians(aspect_deg)) * times, 1.4 * np.sin(np.radians(aspect_deg)) * times
     near = range_m if aspect_deg > 30 and aspect_deg < 150 else range_m + 3.0
     clean = np.sqrt((near - along) ** 2 + across**2 + 0.09)
     for seed in range(4):
-        (piece,) = find_track_segments(times, clean + np.random.default_rng(seed).normal(0, SD_M, times.size))
-        assert piece.usable
-    (piece,) = find_track_segments(times, clean)
+        (segment,) = find_track_segments(times, clean + np.random.default_rng(seed).normal(0, SD_M, times.size))
+        assert segment.usable
+    (segment,) = find_track_segments(times, clean)
     velocity = 1.4 * np.cos(np.radians(aspect_deg)) * near / np.hypot(near, 0.3)
-    assert piece.radial_velocity_mps == pytest.approx(velocity, abs=1e-6)
-    assert piece.curvature_mps2 == pytest.approx((1.4**2 - velocity**2) / np.hypot(near, 0.3), abs=1e-6)
-    assert piece.residual_m < 1e-6
+    assert segment.radial_velocity_mps == pytest.approx(velocity, abs=1e-6)
+    assert segment.curvature_mps2 == pytest.approx((1.4**2 - velocity**2) / np.hypot(near, 0.3), abs=1e-6)
+    assert segment.residual_m < 1e-6
 
 
 def test_a_line_model_would_cut_the_walk_past_the_radar():
@@ -145,13 +145,13 @@ def test_usable_segments_hold_one_velocity(name):
     found = 0
     for seed in range(12):
         track = np.interp(times, fine_s, smooth) + lasting_errors(np.random.default_rng(seed), times.size)
-        used = [piece for piece in find_track_segments(times, track, range_sd_m=0.02) if piece.usable]
+        used = [segment for segment in find_track_segments(times, track, range_sd_m=0.02) if segment.usable]
         found += bool(used)
-        for piece in used:
-            (leg,) = [leg for leg in legs_s if leg[0] <= (piece.start_s + piece.stop_s) / 2 <= leg[1]]
-            assert leg[0] - 0.35 <= piece.start_s < piece.stop_s <= leg[1] + 0.35
+        for segment in used:
+            (leg,) = [leg for leg in legs_s if leg[0] <= (segment.start_s + segment.stop_s) / 2 <= leg[1]]
+            assert leg[0] - 0.35 <= segment.start_s < segment.stop_s <= leg[1] + 0.35
             slope = np.diff(np.interp(leg, corners_s, corners_m))[0] / (leg[1] - leg[0])
-            assert piece.radial_velocity_mps == pytest.approx(-slope, abs=0.12)
+            assert segment.radial_velocity_mps == pytest.approx(-slope, abs=0.12)
     assert found >= 9
 
 
@@ -162,9 +162,9 @@ def test_a_path_that_the_partition_takes_for_one_is_cut_by_the_goodness_of_fit()
         clean = 5 + 0.5 * np.sin(0.9 * times + seed)
         track = clean + lasting_errors(np.random.default_rng(seed), times.size)
         whole = find_track_segments(times, track, range_sd_m=0.02, settings=loose)
-        pieces = find_track_segments(times, track, range_sd_m=0.02)
-        cut += len(whole) == 1 and (len(pieces) > 1 or not pieces[0].usable)
-        assert all(piece.straight_probability >= 1e-3 for piece in pieces if piece.usable)
+        segments = find_track_segments(times, track, range_sd_m=0.02)
+        cut += len(whole) == 1 and (len(segments) > 1 or not segments[0].usable)
+        assert all(segment.straight_probability >= 1e-3 for segment in segments if segment.usable)
     assert cut >= 10
 
 
@@ -190,24 +190,24 @@ def test_neighbours_of_nearly_one_speed_are_joined():
 def test_who_stops_stands_still_and_a_short_rest_is_too_short():
     times = np.arange(0, 9, 0.1)
     track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + np.random.default_rng(1).normal(0, 0.03, times.size)
-    assert [piece.reason for piece in find_track_segments(times, track)] == ["", "stands_still", ""]
+    assert [segment.reason for segment in find_track_segments(times, track)] == ["", "stands_still", ""]
     track = np.interp(times, [0, 4, 5.2, 9], [8.0, 3.2, 3.2, 7.0])
-    assert [piece.reason for piece in find_track_segments(times, track)] == ["", "too_short", ""]
+    assert [segment.reason for segment in find_track_segments(times, track)] == ["", "too_short", ""]
 
 
-def test_no_piece_reaches_across_a_gap_and_uneven_times_do_not_matter():
+def test_no_segment_reaches_across_a_gap_and_uneven_times_do_not_matter():
     times = np.concatenate([np.arange(0, 3, 0.1), np.arange(4, 7, 0.1)])
-    pieces = find_track_segments(times, 10 - 1.2 * times)
-    assert [(round(p.start_s, 3), round(p.stop_s, 3)) for p in pieces] == [(0, 2.9), (4, 6.9)]
+    segments = find_track_segments(times, 10 - 1.2 * times)
+    assert [(round(p.start_s, 3), round(p.stop_s, 3)) for p in segments] == [(0, 2.9), (4, 6.9)]
     uneven = np.sort(np.random.default_rng(2).uniform(0, 6, 60))
     track = np.interp(uneven, [0, 3, 6], [6.0, 2.4, 6.0])
     assert change_points(find_track_segments(uneven, track)) == [pytest.approx(3.0, abs=0.3)]
 
 
-def test_faulty_tracks_are_refused_and_short_ones_have_no_pieces():
+def test_faulty_tracks_are_refused_and_short_ones_have_no_segments():
     assert find_track_segments([], []) == ()
     assert find_track_segments([0.0, 0.1], [3.0, 3.0]) == ()
-    assert [piece.reason for piece in find_track_segments([0.0, 0.1, 0.2], [3.0, 2.9, 2.8])] == ["too_short"]
+    assert [segment.reason for segment in find_track_segments([0.0, 0.1, 0.2], [3.0, 2.9, 2.8])] == ["too_short"]
     with pytest.raises(AnalysisError, match="as many times as ranges"):
         find_track_segments([0, 1, 2], [3, 3])
     with pytest.raises(AnalysisError, match="rising times"):
@@ -219,10 +219,10 @@ def test_faulty_tracks_are_refused_and_short_ones_have_no_pieces():
 
 
 def path_cost(times, ranges, knots, *, sd_m, smooth_mps2, penalty):
-    """Least cost of one partition by dense least squares over start value, piece velocities and all departures."""
+    """Least cost of one partition by dense least squares over start value, segment velocities and all departures."""
     n, value, noise = times.size, ranges**2, 2 * ranges * sd_m
     starts = [0, *knots]
-    size = 1 + 2 * len(starts) + n - 1  # s_0; s' and s'' of every piece; a departure a step
+    size = 1 + 2 * len(starts) + n - 1  # s_0; s' and s'' of every segment; a departure a step
     place, speed = np.zeros((n, size)), np.zeros(size)
     place[0, 0] = 1
     rows, wanted = [place[0] / noise[0]], [value[0] / noise[0]]
@@ -266,7 +266,7 @@ def test_no_other_partition_costs_less(seed):
 
     all_knots = [k for size in range(4) for k in combinations(range(1, 13), size) if allowed(k)]
     costs = {k: path_cost(times, track, k, sd_m=0.05, **COSTS) for k in all_knots}
-    found, cost = find_best_knots(times, track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)
+    found, cost = find_best_knots(times, track, range_sd_m=0.05, min_segment_s=0.3, **COSTS)
     assert tuple(found) == min(costs, key=costs.get)
     assert cost == pytest.approx(min(costs.values()), rel=1e-4)
 
@@ -274,7 +274,7 @@ def test_no_other_partition_costs_less(seed):
 def test_the_oracle_meets_tracks_with_and_without_change_points():
     """So that agreement with it says something."""
     tracks = [short_track(seed) for seed in range(9)]
-    counts = {len(find_best_knots(*track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)[0]) for track in tracks}
+    counts = {len(find_best_knots(*track, range_sd_m=0.05, min_segment_s=0.3, **COSTS)[0]) for track in tracks}
     assert {0, 1, 2} <= counts
 
 
@@ -282,8 +282,8 @@ def test_the_oracle_meets_tracks_with_and_without_change_points():
     ("aspect_deg", "visibility"),
     [(10, "clear"), (50, "clear"), (60, "limbs_only"), (120, "limbs_only"), (85, "hidden")],
 )
-def test_motion_over_ground_of_a_piece(aspect_deg, visibility):
-    """The piece is straight motion; the track before it is not."""
+def test_motion_over_ground_of_a_segment(aspect_deg, visibility):
+    """The segment is straight motion; the track before it is not."""
     times = np.arange(0, 8, 0.1)
     t = np.maximum(times, 3.0) - 5.45  # middle of 3.0 to 7.9 s
     angle = np.radians(aspect_deg)
@@ -294,7 +294,7 @@ def test_motion_over_ground_of_a_piece(aspect_deg, visibility):
     assert found.visibility == visibility
 
 
-def test_a_short_piece_has_no_aspect_and_an_empty_one_is_refused():
+def test_a_short_segment_has_no_aspect_and_an_empty_one_is_refused():
     times = np.arange(0, 5, 0.1)
     found = estimate_segment_motion(times, 8 - times, start_s=0, stop_s=2)
     assert (found.ground_speed_mps, found.aspect_deg, found.visibility) == (None, None, "unknown")
@@ -309,16 +309,16 @@ def test_hopeless_starts_are_given_up_and_the_change_points_stay(monkeypatch):
     speed = rng.choice([-2.0, -1.0, 0.0, 1.0, 1.5], 60)[(times / 2.5).astype(int)]
     ranges = np.abs(np.cumsum(speed * 0.1) % 14 - 7) + 1.0 + 0.02 * rng.normal(size=times.size)
     ranges[rng.random(times.size) < 0.01] += 1.0
-    settings = {"range_sd_m": 0.02, "smooth_mps2": 0.45, "penalty": 20.0, "min_piece_s": 0.8}
-    most, keep = [], pieces._Filters.keep
+    settings = {"range_sd_m": 0.02, "smooth_mps2": 0.45, "penalty": 20.0, "min_segment_s": 0.8}
+    most, keep = [], track_segments._Filters.keep
 
     def counted(filters, starts):
         keep(filters, starts)
         most.append(filters.count)
 
-    monkeypatch.setattr(pieces._Filters, "keep", counted)
+    monkeypatch.setattr(track_segments._Filters, "keep", counted)
     found = find_best_knots(times, ranges, **settings)
     assert len(found[0]) > 20
     assert max(most) < times.size / 3
-    monkeypatch.setattr(pieces, "HOPELESS", np.inf)
+    monkeypatch.setattr(track_segments, "HOPELESS", np.inf)
     assert find_best_knots(times, ranges, **settings) == found
