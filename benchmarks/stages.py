@@ -41,7 +41,7 @@ ROOMS_PLAN = Path(__file__).parents[1] / "examples" / "rooms-plan.toml"
 N_ROOMS = 6
 """Examples of the plan that a call makes: they differ, so the stage is their mean."""
 PERSON, DOG, BOULIC = "motion of a sampled person", "motion of a sampled dog", "motion, Boulic's walk"
-N_MOVERS, MOTION_S = 4, 2.5
+N_TARGETS, MOTION_S = 4, 2.5
 """Sampled persons and dogs likewise, and how long they walk: the window of a dataset's example."""
 
 
@@ -60,7 +60,7 @@ def measure_stages(rounds: int) -> dict[str, Any]:
         **floor_work(planes, full_planes),
     }
     seconds = measure(work, rounds)
-    for name, count in ((ROOM, N_ROOMS), (PERSON, N_MOVERS), (DOG, N_MOVERS)):
+    for name, count in ((ROOM, N_ROOMS), (PERSON, N_TARGETS), (DOG, N_TARGETS)):
         seconds[name] = combine(lambda s, count=count: s / count, seconds[name])
     n_transforms = sharp_gate(case)[0].size * sharp_gate(case)[1]
     return {
@@ -163,8 +163,8 @@ def room_work() -> Work:
 
 def motion_work() -> dict[str, Work]:
     """Motions with everything that is sampled of a person and of a dog, and the plain walk beside them."""
-    people = [sample_person(np.random.default_rng(seed)).parameters() for seed in range(N_MOVERS)]
-    dogs = [sample_dog(np.random.default_rng(seed)).parameters() for seed in range(N_MOVERS)]
+    people = [sample_person(np.random.default_rng(seed)).parameters() for seed in range(N_TARGETS)]
+    dogs = [sample_dog(np.random.default_rng(seed)).parameters() for seed in range(N_TARGETS)]
     return {
         PERSON: lambda: [human_gait(duration_s=MOTION_S, rng=rng(1), **person) for person in people],
         DOG: lambda: [quadruped_gait(duration_s=MOTION_S, rng=rng(1), **dog) for dog in dogs],

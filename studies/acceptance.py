@@ -65,7 +65,7 @@ class Trial:
     ----------
     part : str
     example : Example
-        ``aspect_deg`` may be that of a receding mover; ``label`` and ``mover`` as in the study of gait frequency.
+        ``aspect_deg`` may be that of a receding target; ``label`` and ``target`` as in the study of gait frequency.
     cell_deg : float
         Aspect of the cell, 0 to 90.
     levels_db : tuple of float
@@ -81,7 +81,7 @@ class Trial:
     occluded: bool = False
 
 
-def mover_of(gait: str, rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
+def target_of(gait: str, rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
     """Sample model and parameters of one target of a gait.
 
     From the ranges of the reference measurements.
@@ -136,8 +136,8 @@ def model_trials(part: str, trials: int) -> list[Trial]:
             rng = np.random.default_rng([23, number])
             gait = GAITS[n % len(GAITS)]
             aspect_deg = 180.0 - psi if rng.random() < RECEDING_SHARE else psi
-            mover = mover_of(gait, rng)
-            example = Example(number, "model", gait.split()[0], "", mover, aspect_deg, seconds)
+            body = target_of(gait, rng)
+            example = Example(number, "model", gait.split()[0], "", body, aspect_deg, seconds)
             found.append(Trial(part, example, psi, levels_db, occluded))
     return found
 
@@ -174,12 +174,12 @@ def motion_of(example: Example) -> Motion:
     It is as long as the example or longer.
     """
     if example.source == "model":
-        kind, parameters = example.mover
+        kind, parameters = example.body
         rng = np.random.default_rng([24, example.number])
         make: Any = MODELS[kind]
         motion: Motion = make(**parameters, duration_s=example.seconds + 0.1, rng=rng)
         return motion
-    path, stretch = example.mover
+    path, stretch = example.body
     return looped(path, stretch) if example.source == "looped" else stretches(Path(path))[stretch]
 
 
@@ -205,7 +205,7 @@ def run_trial(trial: Trial) -> list[dict[str, Any]]:
         run = {"table": compared, "tracked": tracked, "labels": relabelled}.get(trial.part, measured)
         return [{**facts(trial, recording), **row} for row in run(trial, recording)]
     except DoppelgaitError as error:
-        print(f"{trial.example.mover}: {error}", file=sys.stderr)
+        print(f"{trial.example.body}: {error}", file=sys.stderr)
         return []
 
 
@@ -216,7 +216,7 @@ def facts(trial: Trial, recording: Recording) -> dict[str, Any]:
     doppler_hz = truth.doppler_hz(recording.radar.wavelength_m)
     return {
         "part": trial.part, "number": example.number, "source": example.source, "gait": f"{example.label} {gait}",
-        "mover": str(example.mover), "psi_deg": trial.cell_deg, "seconds": example.seconds,
+        "mover": str(example.body), "psi_deg": trial.cell_deg, "seconds": example.seconds,
         "occluded": trial.occluded, "truth_hz": truth.gait_frequency_hz,
         "periods": truth.gait_frequency_hz * example.seconds, "true_mps": float(truth.centre_velocity_mps.mean()),
         "ground_mps": truth.ground_speed_mps, "span_hz": float(np.ptp(doppler_hz)),
@@ -304,8 +304,8 @@ def relabelled(trial: Trial, recording: Recording, analysis: Analysis = EXTENDED
 
 def report(part: str, rows: pd.DataFrame) -> None:
     """Print the tables of one part."""
-    movers = rows["mover"].nunique()
-    print(f"\n## {part}: {rows['number'].nunique()} recordings of {movers} movers, {len(rows)} rows\n")
+    bodies = rows["mover"].nunique()
+    print(f"\n## {part}: {rows['number'].nunique()} recordings of {bodies} targets, {len(rows)} rows\n")
     if part == "table":
         print(markdown(report_table(rows)), "\n")
         print(markdown(report_demands(rows)))
@@ -330,7 +330,7 @@ def main() -> None:
         kept.append(rows)
         if options.out:
             pd.concat(kept).to_csv(options.out, index=False)
-    print("\nGate IoU and misses: see studies/detection.py; segmentation: see studies/track_segments.py (docs/tracking.md).")
+    print("\nGate IoU and misses: see studies/detection.py; segments: studies/track_segments.py (docs/tracking.md).")
     print(f"{time.perf_counter() - start:.0f} s")
 
 

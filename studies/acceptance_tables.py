@@ -31,7 +31,7 @@ FREQUENCY_RMS = {20.0: 1.0, 5.0: 2.0}
 GROUND_RMS = {3.0: 7.0, 5.0: 2.0}
 LEAST_CORRELATION = 0.85
 LEAST_CORRELATED = 5
-"""Fewer movers say nothing of a correlation."""
+"""Fewer targets say nothing of a correlation."""
 RATIO_LIMITS = (
     ("K 128 -> 512", ("standard", 60.0), ("K 512", 60.0), 2.0),
     ("SNR_mu 60 -> 5 dB", ("standard", 60.0), ("standard", 5.0), 10.0),

@@ -246,8 +246,8 @@ def ablation(folder: Path, out: Path, tested: Dataset, *, share: float) -> list[
     """Tabulate what each variant of the plan is worth: balanced accuracy and recalls."""
     lines = []
     for variant in VARIANTS:
-        learnt = dataset("models", MAIN_S, folder, out, share=share, variant=variant)
-        rows = with_half(joined(evaluate(learnt, other=tested, models=ABLATION_MODELS), tested), folder)
+        trained = dataset("models", MAIN_S, folder, out, share=share, variant=variant)
+        rows = with_half(joined(evaluate(trained, other=tested, models=ABLATION_MODELS), tested), folder)
         rows = rows[easy(rows)]
         parts = {half: rows[rows["half"] == half] for half in HALVES}
         head, rule, *cells = main_table(parts, ABLATION_MODELS)
@@ -319,20 +319,20 @@ def errors_in_common(index: pd.DataFrame, name: str) -> list[str]:
 def report(folder: Path, out: Path, *, share: float, ablated: bool = False) -> list[str]:
     """Build, train and test; return the lines of the report."""
     began = time.monotonic()
-    learnt = {s: dataset("models", s, folder, out, share=share) for s in DURATIONS_S}
+    trained = {s: dataset("models", s, folder, out, share=share) for s in DURATIONS_S}
     tested = {s: dataset("mocap", s, folder, out, share=share) for s in DURATIONS_S}
     clean = dataset("mocap", MAIN_S, folder, out, share=share, clean=True)
     built = time.monotonic()
     models = (*FEATURE_MODELS, "ensemble")
-    found = {s: evaluate(learnt[s], other=tested[s], models=models) for s in DURATIONS_S}
+    found = {s: evaluate(trained[s], other=tested[s], models=models) for s in DURATIONS_S}
     by_time = {s: joined(found[s], tested[s]) for s in DURATIONS_S}
-    silent = joined(evaluate(learnt[MAIN_S], other=clean, models=models), clean)
+    silent = joined(evaluate(trained[MAIN_S], other=clean, models=models), clean)
     apart_found = evaluate(tested[MAIN_S], models=ABLATION_MODELS, left_out="subject")
     apart = joined(apart_found, tested[MAIN_S])
     main, names = with_half(by_time[MAIN_S], folder), list(found[MAIN_S].document["models"])
     shown = [name for name in MODELS_ON_AXES if name in names]
     draw_curves(main, by_time, shown).savefig(out / "classification-curves.png", dpi=110)
-    lines = ["# People and dogs told apart", "", f"{len(main)} rows tested, of {main['subject'].nunique()} movers.", ""]
+    lines = ["# People or dog", "", f"{len(main)} rows tested, of {main['subject'].nunique()} targets.", ""]
     lines += ["## Trained on models, tested on motion capture", ""]
     under = main[easy(main)]
     halves = {f"{half} half, charter's conditions": under[under["half"] == half] for half in HALVES}
@@ -341,7 +341,7 @@ def report(folder: Path, out: Path, *, share: float, ablated: bool = False) -> l
     lines += by_recording(under, ["half", "label", "truth_gait"], shown)
     lines += ["", "Rows by gait and speed there:", ""]
     lines += by_column(speed_bins(under), ["half", "label", "truth_gait", "speed"], shown)
-    lines += ["", "Rows by mover there:", "", *by_column(under, ["label", "half", "subject"], shown)]
+    lines += ["", "Rows by target there:", "", *by_column(under, ["label", "half", "subject"], shown)]
     if ablated:
         lines += ["", "## Ablation (a third of the examples, charter's conditions)", ""]
         lines += ablation(folder, out, tested[MAIN_S], share=share)

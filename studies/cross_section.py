@@ -7,7 +7,7 @@ Of people, dogs and cats; the features are v_m and rho.
 Three tables. **Cross section**: the sum over the scatterers with occlusion and the trunk's share, every 5 degrees all
 round, in the mean over one gait cycle, of an unscaled total of 0.01 m^2/kg. **v_m**: dogs and cats of ellipsoids with
 occlusion in every gait, up to 45 degrees off the line of sight, coming and going, SNR 20 dB in the true gate: the
-measured torso velocity over the mean radial velocity of the body's centre. **rho**: the same movers and walking people
+measured torso velocity over the mean radial velocity of the body's centre. **rho**: the same targets and walking people
 seen through each kind of cross section. Only public functions are used, so that the script runs with earlier versions.
 """
 
@@ -83,11 +83,11 @@ def seen_m2(motion: Motion, aspect_deg: float, *, occlusion: bool) -> dict[str, 
     return mean.groupby("part").sum().to_series().to_dict()
 
 
-def aspect_table(movers: dict[str, Motion]) -> pd.DataFrame:
+def aspect_table(bodies: dict[str, Motion]) -> pd.DataFrame:
     """Tabulate mean and spread over aspect, dBsm, and the trunk's part."""
     aspects = np.arange(0.0, 360.0, STEP_DEG)
     rows = []
-    for name, motion in movers.items():
+    for name, motion in bodies.items():
         for occlusion in (False, True):
             parts = pd.DataFrame([seen_m2(motion, aspect, occlusion=occlusion) for aspect in aspects]).fillna(0.0)
             total, trunk = parts.sum(axis=1).to_numpy(), parts[[p for p in parts if p in TRUNKS]].sum(axis=1).to_numpy()
@@ -111,7 +111,7 @@ def aspect_table(movers: dict[str, Motion]) -> pd.DataFrame:
 
 
 def measured(make: Make, label: str, rcs: RcsSpec, aspect_deg: float, seed: int) -> dict[str, Any]:
-    """Simulate one mover and measure it in its true gate."""
+    """Simulate one target and measure it in its true gate."""
     motion = make(np.random.default_rng(seed))
     middle_m = 4.0 + travel_speed_mps(motion) * SECONDS / 2.0
     target = Target(motion, label=label, rcs=rcs, range_m=middle_m, aspect_deg=aspect_deg)
@@ -127,7 +127,7 @@ def measured(make: Make, label: str, rcs: RcsSpec, aspect_deg: float, seed: int)
 
 
 def runs(trials: int) -> pd.DataFrame:
-    """Measure all movers through all kinds of cross section."""
+    """Measure all targets through all kinds of cross section."""
     makers: list[tuple[str, str, str, Make]] = [("human", "walk", "human", walker)]
     makers += [(name, gait, "dog", animal(name, gait)) for name in ANIMALS for gait in GAITS_SHOWN]
     rows = []
@@ -167,13 +167,13 @@ def rho_table(rows: pd.DataFrame) -> pd.DataFrame:
 def main() -> None:
     """Run the study and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--trials", type=int, default=4, help="movers of every gait at every aspect")
+    parser.add_argument("--trials", type=int, default=4, help="targets of every gait at every aspect")
     parser.add_argument("--out", type=Path, help="file for the tables")
     arguments = parser.parse_args()
     rng = np.random.default_rng(1)
-    movers = {"person": walker(rng), "dog": animal("dog", "walk")(rng), "cat": animal("cat", "walk")(rng)}
+    bodies = {"person": walker(rng), "dog": animal("dog", "walk")(rng), "cat": animal("cat", "walk")(rng)}
     rows = runs(arguments.trials)
-    text = "\n\n".join(markdown(t) for t in (aspect_table(movers), velocity_table(rows), rho_table(rows)))
+    text = "\n\n".join(markdown(t) for t in (aspect_table(bodies), velocity_table(rows), rho_table(rows)))
     print(text)
     if arguments.out is not None:
         arguments.out.write_text(text + "\n", encoding="utf-8")

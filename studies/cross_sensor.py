@@ -1,19 +1,20 @@
-"""Train on one radar, test on another that sees the same movers.
+"""Train on one radar, test on another that sees the same targets.
 
     python studies/cross_sensor.py OUT_FOLDER [--real RADAR_DATA] [--seeds 3] [--share 1]
 
 Protocol, written down before any score:
 
-1. Movers, places, cross sections and noise are those of the built-in plan ``home-alarm-wide`` without its varied
-   motion, rooms and impairments, for 4 s at 9 m. Every mover is seen by four radars (:data:`SENSORS`); truth and labels
-   are the same in all of them, which is checked. All radars see the same span of velocities; their bands are their own.
+1. Targets, places, cross sections and noise are those of the built-in plan ``home-alarm-wide`` without its varied
+   motion, rooms and impairments, for 4 s at 9 m. Every target is seen by four radars (:data:`SENSORS`); truth and
+   labels are the same in all of them, which is checked. All radars see the same span of
+   velocities; their bands are their own.
 2. One picture for all: cells of m/s and seconds (:class:`doppelgait.classify.Patch`); features in physical units.
-3. Trained on one radar, or on the three others together with the same number of movers, a third of them by each; tested
-   on movers that no training has. A fifth of the training movers stops the training and calibrates.
+3. Trained on one radar, or on the three others together with the same number of targets, a third of them by each;
+   tested on targets that no training has. A fifth of the training targets stops the training and calibrates.
 4. With the recipe: the default ensemble, its network with stretched velocities, gain and noise on a widening
    curriculum. Without: the same with a plain network that has none of the three; between them one that has the stretch
    alone. Single members are reported.
-5. Every seed draws other movers and trains again. Tables show the mean over seeds and the range.
+5. Every seed draws other targets and trains again. Tables show the mean over seeds and the range.
 6. RADAR_DATA holds the real X-band images of :mod:`sim_to_real_xband`. They are asked once by models of each radar, in
    that study's picture and with its network settings. They choose nothing.
 
@@ -77,7 +78,7 @@ SPAN_MPS = 8.0
 """Unambiguous velocity of all radars."""
 CPI_S = 0.1
 TRAINED, TESTED = 120, 60
-"""Movers of a class."""
+"""Targets of a class."""
 HELD_OF = 5
 PLAIN = Training(stretch=1.0, gain_db=0.0, noise_db=0.0)
 SETTINGS = {"recipe": Training(), "stretch alone": Training(gain_db=0.0, noise_db=0.0), "plain": PLAIN}
@@ -109,12 +110,12 @@ def plan_of(sensor: str, seed: int) -> tuple[PlanConfig, Path]:
     return validate(PlanConfig, table, where=sensor), base
 
 
-def examples(sensor: str, seed: int, n_movers: int, out: Path) -> pd.DataFrame:
-    """Simulate movers, or take them from OUT_FOLDER.
+def examples(sensor: str, seed: int, n_targets: int, out: Path) -> pd.DataFrame:
+    """Simulate targets, or take them from OUT_FOLDER.
 
     Rows with ``number``, ``levels`` and ``xband`` (levels); classes alternate.
     """
-    target = out / f"rows-{sensor}-{n_movers}-{seed}.pkl"
+    target = out / f"rows-{sensor}-{n_targets}-{seed}.pkl"
     if target.is_file():
         return pd.read_pickle(target)
     plan, base = plan_of(sensor, seed)
@@ -122,7 +123,7 @@ def examples(sensor: str, seed: int, n_movers: int, out: Path) -> pd.DataFrame:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # aliasing is counted from the rows
         stream = stream_examples(plan, folder=base).iterate_numbered()
-        while len(rows) < 2 * n_movers:
+        while len(rows) < 2 * n_targets:
             number, example = next(stream)
             signature = example.arrays["signature"]
             pictures = {"levels": levels(signature), "xband": levels(signature, images.PATCH)}
@@ -133,7 +134,7 @@ def examples(sensor: str, seed: int, n_movers: int, out: Path) -> pd.DataFrame:
 
 
 def check_same(parts: Mapping[str, pd.DataFrame]) -> None:
-    """Refuse radars that do not see the same movers (ValueError)."""
+    """Refuse radars that do not see the same targets (ValueError)."""
     first, *others = parts.values()
     for name, part in zip(list(parts)[1:], others, strict=True):
         for column in ("number", *SAME):
@@ -205,7 +206,7 @@ def train(
 ) -> Trained:  # fmt: skip
     """Train the members and one ensemble per network.
 
-    Every fifth pair of movers is held back.
+    Every fifth pair of targets is held back.
     """
     values = features_of(rows)
     names = tuple(name for name, column in values.items() if np.unique(column[np.isfinite(column)]).size > 1)
@@ -228,7 +229,7 @@ def train(
 
 
 def shared_out(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Give every pair of movers to one radar in turn."""
+    """Give every pair of targets to one radar in turn."""
     turns = [part[part["number"] // 2 % len(parts) == turn] for turn, part in enumerate(parts)]
     return pd.concat(turns, ignore_index=True)
 
@@ -247,21 +248,21 @@ def results_of(seed: int, out: Path, real: pd.DataFrame | None, *, share: float)
         return pd.read_pickle(target)
     began = time.process_time()
     n_trained, n_tested = (max(int(share * size), 10) for size in (TRAINED, TESTED))
-    learnt = {sensor: examples(sensor, 100 + seed, n_trained, out) for sensor in SENSORS}
+    trained = {sensor: examples(sensor, 100 + seed, n_trained, out) for sensor in SENSORS}
     tested = {sensor: examples(sensor, 900 + seed, n_tested, out) for sensor in SENSORS}
-    check_same(learnt)
+    check_same(trained)
     check_same(tested)
     print(f"seed {seed}: simulated in {time.process_time() - began:.0f} s of processor time", flush=True)
     lines, shown = [], []
     for source, goal in [(sensor, "") for sensor in SENSORS] + [(OTHERS, sensor) for sensor in SENSORS]:
-        rows = learnt[source] if not goal else shared_out([part for name, part in learnt.items() if name != goal])
+        rows = trained[source] if not goal else shared_out([part for name, part in trained.items() if name != goal])
         models = train(rows, {name: SETTINGS[name] for name in ("recipe", "plain")} if goal else SETTINGS, seed)
         for sensor, rows in tested.items():
             if goal in ("", sensor):
                 facts = {"trained": source, "tested": sensor, "label": rows["label"]}
                 lines += [pd.DataFrame({**facts, "model": name, "p": p}) for name, p in models.of_person(rows).items()]
     for source in (*SENSORS, "all four") if real is not None else ():
-        rows = shared_out(list(learnt.values())) if source == "all four" else learnt[source]
+        rows = shared_out(list(trained.values())) if source == "all four" else trained[source]
         settings = {"recipe": real_models.SETTINGS.model_copy(update={"stretch": 1.4, "widening": 0.5})}
         models = train(rows, settings, seed, pictures="xband", spec=images.PATCH)
         facts = {"trained": source, "image": real["image"], "label": real["label"]}
@@ -368,7 +369,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--real", type=Path, help="folder with fmcw_xband_manga")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--share", type=float, default=1.0, help="share of the movers, 0.05 to 1")
+    parser.add_argument("--share", type=float, default=1.0, help="share of the targets, 0.05 to 1")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     real = None if options.real is None else real_rows(options.real)

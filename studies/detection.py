@@ -45,13 +45,13 @@ SWEEP_DB = tuple(np.arange(14.0, -3.0, -1.0))
 
 
 @dataclass(frozen=True)
-class Mover:
+class Observation:
     """One noise-free recording.
 
     Parameters
     ----------
     label : str
-        Kind of mover in the tables.
+        Kind of target in the tables.
     recording : Recording
         Noise-free, without clutter.
     signature_v2 : float
@@ -70,7 +70,7 @@ class Mover:
         return self.signature_v2 / self.cell_noise / float(10.0 ** (snr_mu_db / 10.0))
 
 
-def movers(*, quick: bool) -> Iterator[Mover]:
+def observe_all(*, quick: bool) -> Iterator[Observation]:
     """Make targets: people and dogs, head-on, at 45 degrees, turning round."""
     for aspect_deg in (0.0,) if quick else (0.0, 45.0):
         for speed_mps in (1.2,) if quick else (0.8, 1.2, 1.6):
@@ -85,20 +85,20 @@ def movers(*, quick: bool) -> Iterator[Mover]:
         yield observe("person turns", Target(motion, path=path, start_position_m=(6.0, 0.5), heading_deg=180.0))
 
 
-def observe(label: str, target: Target) -> Mover:
+def observe(label: str, target: Target) -> Observation:
     """Simulate one target without noise; return the level of its signature."""
     recording = simulate(Scene([target], duration_s=OBSERVATION_S), RADAR, angles=False)
     gate = Gate.around(recording.slow_time_s, recording.truth[0].centre_range_m, span_m=1.0, source="truth")
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=RADAR.wavelength_m)
     n_bins = float(mu.attrs["n_gate_bins"]) / recording.independent_bin_share  # the attribute counts independent bins
     cell_noise = float(mu.attrs["window_energy"]) * n_bins
-    return Mover(label, recording, float(np.median(mu.values.max(axis=1))), cell_noise)
+    return Observation(label, recording, float(np.median(mu.values.max(axis=1))), cell_noise)
 
 
-def spoilt(mover: Mover, snr_mu_db: float, generator: np.random.Generator) -> xr.DataArray:
+def spoilt(observation: Observation, snr_mu_db: float, generator: np.random.Generator) -> xr.DataArray:
     """Add noise of a level and static clutter to a baseband."""
-    noisy = add_noise(mover.recording.baseband, noise_power_v2=mover.noise_v2(snr_mu_db), rng=generator)
-    values = mover.recording.baseband.values
+    noisy = add_noise(observation.recording.baseband, noise_power_v2=observation.noise_v2(snr_mu_db), rng=generator)
+    values = observation.recording.baseband.values
     echo_v2 = float((np.abs(values) ** 2).max(axis=1).mean()) * 10.0 ** (CLUTTER_OVER_ECHO_DB / 10.0)
     real, imaginary = generator.standard_normal((2, values.shape[1])) * np.sqrt(echo_v2 / 2.0)
     return noisy.copy(data=(noisy.values + real + 1j * imaginary).astype(np.complex64))
@@ -142,17 +142,17 @@ class Score:
 NOTHING = Score((np.nan,) * 3, np.nan, np.nan, np.nan, np.nan, found=False, extra=0)
 
 
-def score_scans(mover: Mover, scans: list[Scan]) -> list[Score]:
+def score_scans(observation: Observation, scans: list[Scan]) -> list[Score]:
     """Compare the scans of a recording with the truth.
 
     Scans in which the body is wholly in the frame.
     """
     times_s = np.array([scan.time_s for scan in scans])
-    ranges_m, velocities_mps = true_boxes(mover.recording, times_s, 0.1)
-    pulses, truth = mover.recording.slow_time_s, mover.recording.truth[0]
+    ranges_m, velocities_mps = true_boxes(observation.recording, times_s, 0.1)
+    pulses, truth = observation.recording.slow_time_s, observation.recording.truth[0]
     centre_m = np.interp(times_s, pulses, truth.centre_range_m)
     centre_mps = np.interp(times_s, pulses, truth.centre_velocity_mps)
-    frame_m = mover.recording.range_m[[0, -1]]
+    frame_m = observation.recording.range_m[[0, -1]]
     return [
         score_scan(scan, ranges_m[n], velocities_mps[n], centre_m[n], centre_mps[n])
         for n, scan in enumerate(scans)
@@ -211,23 +211,23 @@ def spread(values: FloatArray, digits: int) -> str:
     return f"{values.mean():.{digits}f} +- {values.std():.{digits}f}" if values.size else "-"
 
 
-def print_boxes(all_movers: list[Mover], methods: list[Threshold]) -> None:
+def print_boxes(observations: list[Observation], methods: list[Threshold]) -> None:
     """Tabulate IoU, misses, further detections and errors.
 
     By method, kind and level.
     """
-    print("| method | mover | SNR_mu dB | IoU range / Doppler / both | misses % | extra per scan |", end="")
+    print("| method | target | SNR_mu dB | IoU range / Doppler / both | misses % | extra per scan |", end="")
     print(" range error m | velocity error m/s | range NEES (bias taken off) | velocity NEES | scans |")
     print("|---" * 11 + "|")
     for method in methods:
-        for label in sorted({m.label for m in all_movers}):
+        for label in sorted({m.label for m in observations}):
             for level_db in LEVELS_DB:
                 scores = [
                     score
-                    for n, mover in enumerate(all_movers)
-                    if mover.label == label
+                    for n, observation in enumerate(observations)
+                    if observation.label == label
                     for score in score_scans(
-                        mover, found_in(spoilt(mover, level_db, np.random.default_rng(SEED + n)), method)
+                        observation, found_in(spoilt(observation, level_db, np.random.default_rng(SEED + n)), method)
                     )
                 ]
                 print(f"| {method} | {label} | {level_db:.0f} | {summary(scores)} |")
@@ -238,13 +238,13 @@ def found_in(baseband: xr.DataArray, method: Threshold) -> list[Scan]:
     return find_scans(baseband, Detector(method=method), wavelength_m=RADAR.wavelength_m)
 
 
-def print_weakest(all_movers: list[Mover], methods: list[Threshold]) -> None:
+def print_weakest(observations: list[Observation], methods: list[Threshold]) -> None:
     """Return the SNR_mu above which 90 % of scans detect the target."""
-    print("\n| method | mover | lowest SNR_mu dB for 90 % of scans | SNR_frame dB there |")
+    print("\n| method | target | lowest SNR_mu dB for 90 % of scans | SNR_frame dB there |")
     print("|---" * 4 + "|")
     for method in methods:
-        for label in sorted({m.label for m in all_movers}):
-            chosen = [m for m in all_movers if m.label == label]
+        for label in sorted({m.label for m in observations}):
+            chosen = [m for m in observations if m.label == label]
             lowest = float("nan")
             for level_db in SWEEP_DB:
                 scores = [
@@ -257,7 +257,7 @@ def print_weakest(all_movers: list[Mover], methods: list[Threshold]) -> None:
             print(f"| {method} | {label} | {lowest:.0f} | {frame_level_db(chosen, lowest):.1f} |")
 
 
-def frame_level_db(chosen: list[Mover], snr_mu_db: float) -> float:
+def frame_level_db(chosen: list[Observation], snr_mu_db: float) -> float:
     """Return the median SNR_frame of targets at an SNR_mu."""
     levels = [
         10.0 * np.log10((np.abs(m.recording.baseband.values) ** 2).max(axis=1).mean() / m.noise_v2(snr_mu_db))
@@ -317,12 +317,12 @@ def print_false(methods: list[Threshold], seconds: float) -> None:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="three movers, 10 s of empty rooms")
+    parser.add_argument("--quick", action="store_true", help="three targets, 10 s of empty rooms")
     parser.add_argument("--method", nargs="+", default=["noise_map", "os_cfar", "ca_cfar"])
     arguments = parser.parse_args()
-    all_movers = list(movers(quick=arguments.quick))
-    print_boxes(all_movers, arguments.method)
-    print_weakest(all_movers, arguments.method)
+    observations = list(observe_all(quick=arguments.quick))
+    print_boxes(observations, arguments.method)
+    print_weakest(observations, arguments.method)
     print_false(arguments.method, 10.0 if arguments.quick else 60.0)
 
 

@@ -228,14 +228,14 @@ def state(quantity: str, found: float | None, truths: Sequence[Mapping[str, floa
     return ("cautious" if flagged else "right") if right else ("flagged" if flagged else "silent")
 
 
-def number_state(distance_m: FloatArray, n_movers: int, flagged: bool) -> tuple[str, dict[str, int]]:
+def number_state(distance_m: FloatArray, n_targets: int, flagged: bool) -> tuple[str, dict[str, int]]:
     """Return the state of the number of targets, and what is wrong.
 
     Parameters
     ----------
-    distance_m : ndarray, shape (results, movers)
+    distance_m : ndarray, shape (results, targets)
         Median distance of gate and body.
-    n_movers : int
+    n_targets : int
     flagged : bool
         Whether a flag says that the number may be wrong.
     """
@@ -246,7 +246,7 @@ def number_state(distance_m: FloatArray, n_movers: int, flagged: bool) -> tuple[
         n_matched = int(near[rows, columns].sum())
     n_false = int((~near.any(axis=1)).sum()) if near.size else distance_m.shape[0]
     wrong = {
-        "missing": n_movers - n_matched, "false": n_false, "twice": distance_m.shape[0] - n_false - n_matched,
+        "missing": n_targets - n_matched, "false": n_false, "twice": distance_m.shape[0] - n_false - n_matched,
     }  # fmt: skip
     if not any(wrong.values()):
         return ("cautious" if flagged else "right"), wrong
@@ -273,18 +273,18 @@ def score(recording: Recording, results: Sequence[Result], bodies: Sequence[Body
 
     Returns plain values for a JSON line.
     """
-    movers = [body for body in bodies if body.moves(recording.radar)]
+    targets = [body for body in bodies if body.moves(recording.radar)]
     counted = [one for one in results if not any(flag.startswith(NOT_COUNTED) for flag in one.flags)]
-    distance_m = np.zeros((len(counted), len(movers)))
+    distance_m = np.zeros((len(counted), len(targets)))
     for row, result in enumerate(counted if recording.n_range_bins > 1 else ()):
         times_s = np.linspace(*interval_of(result), 50)
         gate_m = result.gate.centre_at(times_s)
-        distance_m[row] = [np.median(np.abs(gate_m - body.range_m(times_s))) for body in movers]
+        distance_m[row] = [np.median(np.abs(gate_m - body.range_m(times_s))) for body in targets]
     doubt = any("number" in concerns(flag) for one in results for flag in one.flags) or (bool(warned) and not counted)
-    number, wrong = number_state(distance_m, len(movers), doubt)
+    number, wrong = number_state(distance_m, len(targets), doubt)
     rows = []
     for result, distances_m in zip(counted, distance_m, strict=True):
-        near = [body for body, apart_m in zip(movers, distances_m, strict=True) if apart_m < NEAR_M]
+        near = [body for body, apart_m in zip(targets, distances_m, strict=True) if apart_m < NEAR_M]
         found = values_of(result)
         row: dict[str, Any] = {
             "interval_s": [round(t, 3) for t in interval_of(result)], "flags": list(result.flags),
@@ -300,7 +300,7 @@ def score(recording: Recording, results: Sequence[Result], bodies: Sequence[Body
             row["state"] = {name: state(name, found[name], truths, flags) for name in QUANTITIES}
         rows.append(row)
     return {
-        "n_true": len(movers), "n_found": len(counted), "n_still_true": len(bodies) - len(movers),
+        "n_true": len(targets), "n_found": len(counted), "n_still_true": len(bodies) - len(targets),
         "n_still": len(results) - len(counted), "number": number,
         "wrong": wrong, "warned": list(warned), "results": rows,
     }  # fmt: skip

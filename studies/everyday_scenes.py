@@ -101,10 +101,10 @@ def person(rng: Rng, seconds: float = LONGEST_S, *, speed_mps: tuple[float, floa
 def dog(rng: Rng, seconds: float = LONGEST_S, *, gait: str | None = None, speed_mps: float | None = None) -> Motion:
     """Sample a dog in a gait, or at a speed."""
     while True:
-        drawn = sample_dog(rng, gait=gait)
+        sampled = sample_dog(rng, gait=gait)
         changes = {} if speed_mps is None else {"speed_mps": speed_mps, "gait": "auto"}
         try:
-            return quadruped_gait(duration_s=SPARE * seconds, rng=rng, **drawn.parameters(**changes))
+            return quadruped_gait(duration_s=SPARE * seconds, rng=rng, **sampled.parameters(**changes))
         except ConfigError:
             continue
 
@@ -328,9 +328,9 @@ def two(rng: Rng, *, first: str, second: str, places: str, radar: Radar = X4, th
 def circling(rng: Rng) -> Setup:
     """Draw a dog that circles a sitter."""
     radius_m = float(rng.uniform(0.7, 1.2))
-    mover = dog(rng, speed_mps=float(rng.uniform(0.8, 1.2)))
+    body = dog(rng, speed_mps=float(rng.uniform(0.8, 1.2)))
     path = {"kind": "arc", "radius_m": radius_m, "turn_deg": 3600.0}
-    circler = seen(rng, mover, "dog", start_position_m=(4.0, -radius_m), heading_deg=0.0, path=path)
+    circler = seen(rng, body, "dog", start_position_m=(4.0, -radius_m), heading_deg=0.0, path=path)
     return Setup(room([breather(rng, 4.0), circler], LONGEST_S, rng))
 
 

@@ -4,7 +4,7 @@ Over the examples of the gait frequency study.
 
     python studies/feature_errors.py [--mocap FOLDER] [--trials N] [--processes P] [--out TABLE.csv]
 
-N examples of the models and all recorded movers of FOLDER (as recorded and looped, at four aspects), the same as in
+N examples of the models and all recorded targets of FOLDER (as recorded and looped, at four aspects), the same as in
 ``studies/gait_frequency.py``, in the truth gate at SNR_mu infinite, 20, 10, 5 and 0 dB; the report's method at infinite
 and 10 dB. Truths: v_m is the mean radial velocity of the body's centre; the step length |that| over the true f_mu; the
 bandwidth either the span of all scatterers' Doppler over the whole time (what the report's gate is set by), or that of

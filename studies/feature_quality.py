@@ -4,13 +4,13 @@ Their errors over the stated standard deviations.
 
     python studies/feature_quality.py [--movers N] [--repeats N] [--processes P] [--out TABLE.csv]
 
-Every mover (models of walking and running people and of dogs in seven gaits) is observed several times by the preset
+Every target (models of walking and running people and of dogs in seven gaits) is observed several times by the preset
 ``x4-long`` in the truth gate, each time with another phase, other strides and other noise: 2 to 6 s, SNR_frame 5, 10,
 20 and 30 dB, up to 30 degrees from the line of sight. Velocity, gait frequency and step length are compared with the
 truth. Bandwidth and limb-torso ratio have no truth of their own: they are compared with their mean over the repeats at
 the same SNR. Harmonic ratios are compared with the whole number. Examples whose gait frequency is off by more than 10 %
-count as failures and are left out: no uncertainty covers a wrong octave. The movers are not those that the constants of
-``doppelgait.features.uncertainty`` were chosen with.
+count as failures and are left out: no uncertainty covers a wrong octave. The targets are not those that the constants
+of ``doppelgait.features.uncertainty`` were chosen with.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _extract_and_keep(evidence: Any, **settings: Any) -> Any:
     return extraction
 
 
-def mover(number: int) -> tuple[str, dict[str, Any], float, float]:
+def sample_target(number: int) -> tuple[str, dict[str, Any], float, float]:
     """Sample model, parameters, seconds and aspect of a target."""
     rng = np.random.default_rng([SEED, number])
     seconds, aspect_deg = float(rng.uniform(2, 6)), float(rng.uniform(0, 30))
@@ -107,7 +107,7 @@ def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
     """
     warnings.simplefilter("ignore")
     feature_layer.extract = _extract_and_keep
-    kind, parameters, seconds, aspect_deg = mover(number)
+    kind, parameters, seconds, aspect_deg = sample_target(number)
     rng = np.random.default_rng([SEED + 1, number, repeat, round(snr_db)])
     phase = float(rng.random())
     reach_m = parameters["speed_mps"] * seconds
@@ -142,9 +142,9 @@ def _true_values(truth: Any) -> dict[str, float]:
     }  # fmt: skip
 
 
-def run_all(n_movers: int, n_repeats: int, processes: int) -> pd.DataFrame:
+def run_all(n_targets: int, n_repeats: int, processes: int) -> pd.DataFrame:
     """Run all observations."""
-    jobs = [(number, repeat, snr_db) for number in range(n_movers) for snr_db in SNR_DB for repeat in range(n_repeats)]
+    jobs = [(number, repeat, snr_db) for number in range(n_targets) for snr_db in SNR_DB for repeat in range(n_repeats)]
     if processes == 1:
         return pd.DataFrame([observe(*job) for job in jobs])
     with ProcessPoolExecutor(processes) as pool:

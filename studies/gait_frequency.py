@@ -5,9 +5,9 @@ Over many aspects, times and noise levels.
     python studies/gait_frequency.py [--mocap FOLDER] [--examples N] [--processes P] [--out TABLE.csv]
     python studies/gait_frequency.py --fit --mocap FOLDER
 
-Every example is one mover on a straight way, seen by the preset ``x4-long`` in the truth gate. Receiver noise is set so
-that the signature has the wanted SNR_mu: the median over time of the strongest clean cell of a column, over the mean
-noise floor. Recorded movers are all straight stretches of the folder's recordings in which the footfalls give a gait,
+Every example is one target on a straight way, seen by the preset ``x4-long`` in the truth gate. Receiver noise is set
+so that the signature has the wanted SNR_mu: the median over time of the strongest clean cell of a column, over the mean
+noise floor. Recorded targets are all straight stretches of the folder's recordings in which the footfalls give a gait,
 once as recorded and once looped to 5 s. Half A (the first 650 models, every second file in the order of names) sets the
 weights of the posterior, half B reports. The list of terms and the signs allowed to their weights were chosen with both
 halves and the real X-band images in view. Truth is the mean over the observed time, from the feet; where the time
@@ -84,7 +84,7 @@ class Example:
     label : str
     half : str
         ``A`` (tuning) or ``B`` (held out).
-    mover : tuple
+    body : tuple
         Model and parameters, or file and number of the segment.
     aspect_deg, seconds : float
     """
@@ -93,7 +93,7 @@ class Example:
     source: str
     label: str
     half: str
-    mover: tuple[Any, ...]
+    body: tuple[Any, ...]
     aspect_deg: float
     seconds: float
 
@@ -115,9 +115,9 @@ def _model_example(number: int) -> Example:
         aspect_deg = 180.0 - aspect_deg
     seconds = float(rng.uniform(2.0, 8.0))
     make = {"human": _person, "boulic": _plain_walker, "dog": _dog}[kind]
-    mover = make(rng, number)
+    body = make(rng, number)
     half = "A" if number < MODELS_OF_HALF_A else "B"
-    return Example(number, "model", "dog" if kind == "dog" else "human", half, mover, aspect_deg, seconds)
+    return Example(number, "model", "dog" if kind == "dog" else "human", half, body, aspect_deg, seconds)
 
 
 def _person(rng: np.random.Generator, number: int) -> tuple[Any, ...]:
@@ -169,8 +169,8 @@ def recorded_examples(folder: Path, *, first: int, aspects_deg: tuple[float, ...
             for source, seconds in (("recorded", math.inf), ("looped", LOOPED_S)):
                 long_enough = min(motion.duration_s, seconds) * motion.facts.gait_frequency_hz >= MIN_PERIODS
                 for aspect_deg in aspects_deg if long_enough else ():
-                    mover = (str(path), stretch)
-                    examples.append(Example(first + len(examples), source, label, half, mover, aspect_deg, seconds))
+                    body = (str(path), stretch)
+                    examples.append(Example(first + len(examples), source, label, half, body, aspect_deg, seconds))
     return examples
 
 
@@ -196,9 +196,9 @@ def _gait_is_known(motion: Motion) -> bool:
 def motion_of(example: Example) -> Motion:
     """Return the motion of the target."""
     if example.source == "model":
-        model, parameters = example.mover
+        model, parameters = example.body
         return MODELS[model](**parameters, duration_s=example.seconds + 0.1, rng=np.random.default_rng(example.number))
-    path, stretch = example.mover
+    path, stretch = example.body
     motion = stretches(Path(path))[stretch]
     return motion if example.source == "recorded" else loop(motion, duration_s=LOOPED_S, variation=0.0)
 

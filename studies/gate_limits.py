@@ -2,7 +2,7 @@
 
     python studies/gate_limits.py [--part weakest false torso] [--draws 3] [--minutes 4]
 
-Every run draws its mover with its own seed. SNR_frame: mean power of the strongest bin over that of the noise. The
+Every run draws its target with its own seed. SNR_frame: mean power of the strongest bin over that of the noise. The
 truth is used only to judge. Prints markdown.
 """
 
@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from gates import MOVERS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, truth_of, walk_past
+from gates import MODELS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, truth_of, walk_past
 
 from doppelgait.core.labels import read_axis
 from doppelgait.core.rng import Streams
@@ -48,10 +48,10 @@ def print_weakest(draws: int) -> None:
     Runs in which one track covers 90 % of the walk.
     """
     print("\n### Tracks kept against SNR_frame (x4, static clutter 20 dB above the echo)\n")
-    print("| mover | n | " + " | ".join(f"{level_db:g} dB" for level_db in SWEEP_DB) + " | 90 % of runs from |")
+    print("| target | n | " + " | ".join(f"{level_db:g} dB" for level_db in SWEEP_DB) + " | 90 % of runs from |")
     print("|---" * (len(SWEEP_DB) + 3) + "|")
     runs = 8 * draws
-    for kind_number, kind in enumerate(list(MOVERS)[:4]):
+    for kind_number, kind in enumerate(list(MODELS)[:4]):
         covered = np.zeros((runs, len(SWEEP_DB)))
         for run in range(runs):
             rng = np.random.default_rng([SEED, 3, kind_number, run])
@@ -118,18 +118,18 @@ def print_false(minutes: int) -> None:
         end="",
     )
     print("| tracks/min by the mean, phases as they are |\n" + "|---" * 6 + "|")
-    for number, (name, (movers, impairments)) in enumerate(rooms().items()):
+    for number, (name, (bodies, impairments)) in enumerate(rooms().items()):
         count, found, before = 0, [], 0
         for minute in range(minutes):
             rng = Streams(int(np.random.default_rng([SEED, 4, number, minute]).integers(2**31)))
-            made = simulate(Scene(movers, duration_s=60.0), X4, rng=rng, angles=False,
+            made = simulate(Scene(bodies, duration_s=60.0), X4, rng=rng, angles=False,
                             conditions=Conditions(impairments=impairments))  # fmt: skip
             scans = find_scans(made.baseband, wavelength_m=X4.wavelength_m)
             count += sum(len(scan.detections) for scan in scans)
             found += track(scans, velocity_span_mps=X4.wavelength_m * X4.prf_hz / 2)
             still = remove_static_clutter(made.baseband, kind="mean")
             before += len(tracks_in(still, X4, Detector(clutter="none")))
-        at_fan = sum(bool(movers) and abs(float(np.median(one.range_m)) - FAN_M) < 0.8 for one in found)
+        at_fan = sum(bool(bodies) and abs(float(np.median(one.range_m)) - FAN_M) < 0.8 for one in found)
         print(
             f"| {name} | {minutes} | {count / minutes:.0f} | {len(found) / minutes:.2f} | {at_fan} "
             f"| {before / minutes:.2f} |", flush=True,

@@ -2,7 +2,7 @@
 
     python studies/gates.py [--part features energy] [--draws 3] [--figures FOLDER]
 
-Every run draws its mover with its own seed; static clutter lies 20 dB above the mean echo unless a table says
+Every run draws its target with its own seed; static clutter lies 20 dB above the mean echo unless a table says
 otherwise. SNR_frame: mean power of the strongest bin over that of the noise. The truth is used only to judge. Prints
 markdown.
 """
@@ -49,7 +49,7 @@ CLUTTER_OVER_ECHO_DB = 20.0
 X4, X4_LONG = Radar.preset("x4"), Radar.preset("x4-long")
 FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator
-MOVERS: dict[str, tuple[Callable[..., Motion], dict[str, object]]] = {
+MODELS: dict[str, tuple[Callable[..., Motion], dict[str, object]]] = {
     "person walks": (human_gait, {"gait": "walk", "speed_mps": (0.8, 1.6), "height_m": (1.55, 1.95)}),
     "person runs": (human_gait, {"gait": "run", "speed_mps": (2.4, 3.4), "height_m": (1.55, 1.95)}),
     "dog walks": (quadruped_gait, {"gait": "walk", "froude": (0.15, 0.3), "withers_m": (0.35, 0.65)}),
@@ -58,11 +58,11 @@ MOVERS: dict[str, tuple[Callable[..., Motion], dict[str, object]]] = {
 }  # fmt: skip
 
 
-def mover(kind: str, rng: Rng, seconds: float) -> Motion:
+def make_motion(kind: str, rng: Rng, seconds: float) -> Motion:
     """Sample a motion of one kind."""
-    model, options = MOVERS[kind]
-    drawn = {name: rng.uniform(*v) if isinstance(v, tuple) else v for name, v in options.items()}
-    return model(**drawn, duration_s=seconds)
+    model, options = MODELS[kind]
+    sampled = {name: rng.uniform(*v) if isinstance(v, tuple) else v for name, v in options.items()}
+    return model(**sampled, duration_s=seconds)
 
 
 def walk_past(kind: str, radar: Radar, aspect_deg: float, rng: Rng) -> Recording:
@@ -70,12 +70,12 @@ def walk_past(kind: str, radar: Radar, aspect_deg: float, rng: Rng) -> Recording
 
     For as long as the frame holds it, 8 s at most.
     """
-    motion = mover(kind, rng, 9.0)
+    motion = make_motion(kind, rng, 9.0)
     speed_mps = travel_speed_mps(motion)
     first_m = radar.range_stop_m - 1.2
     depth_m = (first_m - 1.8) / max(np.cos(np.deg2rad(aspect_deg)), 0.3)
     seconds = float(min(8.0 if radar is X4_LONG else 5.0, depth_m / speed_mps))
-    target = Target(motion, label="mover", start_position_m=(min(first_m, 1.8 + speed_mps * seconds + 0.5), 0.0),
+    target = Target(motion, label="target", start_position_m=(min(first_m, 1.8 + speed_mps * seconds + 0.5), 0.0),
                     heading_deg=180.0 - aspect_deg)  # fmt: skip
     return simulate(Scene([target], duration_s=seconds), radar, angles=False)
 
@@ -176,7 +176,7 @@ def print_features(draws: int) -> None:
     """Tabulate the differences per feature, by level and target."""
     pairs: list[Pair] = []
     for radar_number, radar in enumerate((X4, X4_LONG)):
-        for kind_number, kind in enumerate(MOVERS):
+        for kind_number, kind in enumerate(MODELS):
             for aspect_deg in ASPECTS_DEG:
                 for draw in range(draws):
                     rng = np.random.default_rng([SEED, 1, radar_number, kind_number, int(aspect_deg), draw])
@@ -193,7 +193,7 @@ def print_features(draws: int) -> None:
             _print_rows(f"{level_db:g} dB", [p for p in chosen if p.level_db == level_db])
         for radar_name in ("x4", "x4-long"):
             _print_rows(radar_name, [p for p in chosen if p.radar == radar_name])
-        for kind in MOVERS:
+        for kind in MODELS:
             _print_rows(kind, [p for p in chosen if p.kind == kind])
 
 

@@ -3,7 +3,7 @@
     python studies/hybrid_motion.py MOTION_FOLDER [--draws 3] [--out ROWS.csv]
 
 People are split by subject; hybrids of one half are compared with recordings of the other half, next to plain loops of
-the first half. Dogs are one animal a data set: the recordings of each are split in turn. Every mover comes head-on to
+the first half. Dogs are one animal a data set: the recordings of each are split in turn. Every target comes head-on to
 the same radar without noise, as in ``motion_comparison.py``.
 """
 
@@ -40,7 +40,7 @@ SPREAD_FEATURES = (*FEATURES, "speed_mps")
 
 
 def read_clips(folder: Path) -> Iterator[tuple[str, str, str, Motion]]:
-    """Yield mover, half, subject and motion of every straight clip."""
+    """Yield target, half, subject and motion of every straight clip."""
     for clip in find_clips(folder):
         short = clip.start_s is not None and clip.stop_s is not None and clip.stop_s - clip.start_s < SHORTEST_S
         try:
@@ -87,8 +87,8 @@ def compare(folder: Path, draws: int) -> Iterator[dict[str, Any]]:
             motion.position_m.setflags(write=False)
         plain = [{"kind": "file", "path": str(number)} for number in range(len(mine))]
         tables = add_hybrids(plain, motions, [entry[2] for entry in mine], "blend")
-        for number, ((mover, _, _, motion), table) in enumerate(zip(mine, tables, strict=True)):
-            about = {"mover": mover, "half": half, "clip": f"{motion.label} {motion.facts.file_time_s:.2f}"}
+        for number, ((body, _, _, motion), table) in enumerate(zip(mine, tables, strict=True)):
+            about = {"mover": body, "half": half, "clip": f"{motion.label} {motion.facts.file_time_s:.2f}"}
             pairs = stiff_pairs(motion)
             for draw in range(-1, draws):
                 row: dict[str, Any] = {**about, "source": "recorded" if draw < 0 else "hybrid", "draw": draw}
@@ -99,29 +99,29 @@ def compare(folder: Path, draws: int) -> Iterator[dict[str, Any]]:
                         if "hybrid" not in table:
                             yield {**row, "refused": "clip"}
                             continue
-                        drawn = resolve(table["hybrid"], seed=1, example=number * 1000 + draw, key=half)
-                        hybrid = validate(Hybrid, drawn, where="hybrid")
+                        sampled = resolve(table["hybrid"], seed=1, example=number * 1000 + draw, key=half)
+                        hybrid = validate(Hybrid, sampled, where="hybrid")
                         made = make_hybrid(motion, hybrid, lambda other, all_of=motions: all_of[int(other["path"])])
                         row["blended"] = hybrid.other is not None
                     looped = loop(made, duration_s=OBSERVATION_S, rng=rng)
                     row |= {"slide": measure_foot_slide(looped), "clip_slide": measure_foot_slide(made)}
                     if made.markers == motion.markers and len(pairs):
                         row |= {"length": length_error(looped, pairs), "clip_length": length_error(made, pairs)}
-                    yield row | measure(looped, mover.partition(" ")[0] if mover.startswith("dog") else "human")
+                    yield row | measure(looped, body.partition(" ")[0] if body.startswith("dog") else "human")
                 except DoppelgaitError as error:
                     yield {**row, "refused": str(error)}
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return feet, lengths and refusals by mover and half."""
+    """Return feet, lengths and refusals by target and half."""
     found = []
-    for (mover, half), group in rows.groupby(["mover", "half"], sort=False):
+    for (body, half), group in rows.groupby(["mover", "half"], sort=False):
         for source, part in group.groupby("source", sort=False):
             refused = part["refused"].notna()
             good = part[~refused]
             found.append(
                 {
-                    "mover": mover, "half": half, "source": source, "n": len(good), "refused": refused.mean(),
+                    "mover": body, "half": half, "source": source, "n": len(good), "refused": refused.mean(),
                     "clip_refused": (part["refused"] == "clip").mean(),
                     "blended": good["blended"].astype(float).mean(), "slide": good["slide"].mean(),
                     "length_percent": 100 * good["length"].mean(),
@@ -136,7 +136,7 @@ def compare_spread(rows: pd.DataFrame) -> pd.DataFrame:
     """Return difference and spread of one half's loops and hybrids against the recordings of the other half."""
     found = []
     kept = rows[rows["refused"].isna()]
-    for mover, group in kept.groupby("mover", sort=False):
+    for body, group in kept.groupby("mover", sort=False):
         halves = list(dict.fromkeys(group["half"]))
         for half, other in [(a, b) for a in halves for b in halves if a != b]:
             target = group[(group["half"] == other) & (group["source"] == "recorded")]
@@ -149,7 +149,7 @@ def compare_spread(rows: pd.DataFrame) -> pd.DataFrame:
                     pooled = float(np.sqrt((real.var() + ours.var()) / 2))
                     found.append(
                         {
-                            "mover": mover, "of": half, "against": other, "source": source, "feature": name,
+                            "mover": body, "of": half, "against": other, "source": source, "feature": name,
                             "difference_sd": (real.mean() - ours.mean()) / pooled,
                             "spread_ratio": ours.std() / real.std(),
                             "covered": float(((real >= ours.min()) & (real <= ours.max())).mean()),

@@ -1,4 +1,4 @@
-"""Recorded movers against the models at equal speed and size: features in standard deviations.
+"""Recorded targets against the models at equal speed and size: features in standard deviations.
 
     python studies/motion_comparison.py MOTION_FOLDER [--out ROWS.csv]
 
@@ -41,7 +41,7 @@ SHORTEST_S = 1.1
 DRAWS = 3
 """Models of each recorded person and dog: chance of the drawn ones moves an entry of few clips by half a deviation."""
 MISREAD = 0.25
-"""A clip whose gait frequency is read further than this from the mover's own is counted and left out."""
+"""A clip whose gait frequency is read further than this from the target's own is counted and left out."""
 HORSE = "horse"
 HORSE_WITHERS_M = 1.28
 HORSE_POINTS = ("head", "withers", "rump", "left_fore_paw", "right_fore_paw", "left_hind_paw", "right_hind_paw")
@@ -56,7 +56,7 @@ OTHERS = ("duty_factor", "step_time_sd", "step_length_sd")
 
 
 def measure(motion: Motion, label: str) -> dict[str, Any]:
-    """Measure the features of a mover that comes head-on, speeds over its mean speed."""
+    """Measure the features of a target that comes head-on, speeds over its mean speed."""
     scene = Scene([Target(motion, label=label, range_m=14.0)], duration_s=OBSERVATION_S)
     recording = simulate(scene, RADAR, angles=False)
     result = analyze(recording, gate="truth")[0]
@@ -118,9 +118,9 @@ def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
             print(f"left out: {error}")
             continue
         half = "tuning" if is_tuning(clip, folder) else "held"
-        for source, values, mover in found:
-            variation = measure_variation(mover) if clip.gait == "walk" else {}  # runs are too short
-            variation["duty_factor"] = measure_gait(mover).duty_factor
+        for source, values, target in found:
+            variation = measure_variation(target) if clip.gait == "walk" else {}  # runs are too short
+            variation["duty_factor"] = measure_gait(target).duty_factor
             names = {"clip": f"{clip.file} {clip.start_s}", "mover": clip.gait, "half": half, "source": source}
             yield {**names, **values, **variation}
 
@@ -147,8 +147,8 @@ def compare_dogs(folder: Path) -> Iterator[dict[str, Any]]:
             print(f"left out: {error}")
             continue
         half = next(name for key, name in DOGS.items() if key in row["file"])
-        for source, values, mover in found:
-            clip, duty = f"{row['file']} {row['start_frame']}", measure_gait(mover).duty_factor
+        for source, values, target in found:
+            clip, duty = f"{row['file']} {row['start_frame']}", measure_gait(target).duty_factor
             names = {"clip": clip, "mover": "/".join(gaits), "half": half, "source": source}
             yield {**names, **values, "duty_factor": duty}
 
@@ -172,8 +172,8 @@ def compare_horse(folder: Path) -> Iterator[dict[str, Any]]:
         except DoppelgaitError as error:
             print(f"left out: {error}")
             continue
-        for source, values, mover in (("recorded", recorded, motion), ("model", compared, marked)):
-            duty = measure_gait(mover).duty_factor
+        for source, values, target in (("recorded", recorded, motion), ("model", compared, marked)):
+            duty = measure_gait(target).duty_factor
             names = {"clip": path.name, "mover": f"{HORSE} {gait}", "half": HORSE, "source": source}
             yield {**names, **values, "duty_factor": duty}
 
@@ -194,15 +194,15 @@ def make_dog(gaits: tuple[str, ...], speed_mps: float, withers_m: float, rng: np
 
 
 def is_misread(rows: pd.DataFrame) -> pd.Series:
-    """Return which rows have a gait frequency that is not the mover's own; False where either is unknown."""
+    """Return which rows have a gait frequency that is not the target's own; False where either is unknown."""
     off = rows["gait_frequency_hz"].astype(float) / rows["own_frequency_hz"].astype(float) - 1
     return off.abs() > MISREAD
 
 
 def summarise(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return means and differences in standard deviations, by mover, half and feature."""
+    """Return means and differences in standard deviations, by target, half and feature."""
     found = []
-    for (mover, half), group in rows.groupby(["mover", "half"], sort=False):
+    for (target, half), group in rows.groupby(["mover", "half"], sort=False):
         recorded, model = (group[group["source"] == source] for source in ("recorded", "model"))
         for name in FEATURES + OTHERS:
             if name not in group:
@@ -214,7 +214,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
             difference = real.mean() - ours.mean()
             found.append(
                 {
-                    "mover": mover, "half": half, "feature": name, "clips": real.size, "recorded": real.mean(),
+                    "mover": target, "half": half, "feature": name, "clips": real.size, "recorded": real.mean(),
                     "model": ours.mean(), "difference_sd": difference / pooled,
                     "difference_recorded_sd": difference / real.std(),
                 }
@@ -223,7 +223,7 @@ def summarise(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Compare all movers and print the table."""
+    """Compare all targets and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("motion_folder", type=Path)
     parser.add_argument("--out", type=Path, help="all rows, as CSV")
@@ -239,9 +239,9 @@ def main() -> None:
     digits = {"recorded": 3, "model": 3, "difference_sd": 2, "difference_recorded_sd": 2}
     print(table.round(digits).to_string(index=False))
     counted = table[table["feature"].isin(FEATURES) & (table["half"] != HORSE)]
-    for (mover, half), group in counted.groupby(["mover", "half"], sort=False):
+    for (target, half), group in counted.groupby(["mover", "half"], sort=False):
         pooled, alone = group["difference_sd"].abs(), group["difference_recorded_sd"].abs()
-        print(f"{mover}, {half}: mean {pooled.mean():.2f} pooled sd (largest {pooled.max():.2f}), "
+        print(f"{target}, {half}: mean {pooled.mean():.2f} pooled sd (largest {pooled.max():.2f}), "
               f"{alone.mean():.2f} recorded sd (largest {alone.max():.2f})")  # fmt: skip
 
 

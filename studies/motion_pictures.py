@@ -1,9 +1,9 @@
-"""Model and recorded distributions of every mover side by side: the figures of docs/motion.md.
+"""Model and recorded distributions of every target side by side: the figures of docs/motion.md.
 
     python studies/motion_pictures.py ROWS.csv FOLDER
 
 ROWS.csv is what ``motion_comparison.py --out`` writes. One figure of people (held half) and one of animals, of the
-movers that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles, of three
+targets that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles, of three
 clips or more. Clips whose gait frequency was misread are not drawn.
 """
 
@@ -37,22 +37,22 @@ LIMITS = {"alternate_steps": (-1.0, 2.0)}
 """Axes that a few clips would stretch; what lies beyond is counted in the panel."""
 WIDTH_INCHES, ROW_INCHES, DPI = 9.6, 2.3, 100
 WIDE = 4
-"""Movers from which a figure has two columns, not three."""
+"""Targets from which a figure has two columns, not three."""
 
 
-def draw(rows: pd.DataFrame, movers: list[tuple[str, str]]) -> Figure:
-    """Draw the distributions of some movers, each a half and a gait."""
+def draw(rows: pd.DataFrame, targets: list[tuple[str, str]]) -> Figure:
+    """Draw the distributions of some targets, each a half and a gait."""
     names = [name for name in LABELS if name in rows and rows[name].notna().any()]
-    columns = 2 if len(movers) >= WIDE else 3
+    columns = 2 if len(targets) >= WIDE else 3
     lines = -(-len(names) // columns)
     figure = Figure(figsize=(WIDTH_INCHES, ROW_INCHES * lines), dpi=DPI, layout="constrained")
     rng = np.random.default_rng(0)
     for number, name in enumerate(names):
         axes = figure.add_subplot(lines, columns, number + 1)
         axes.set_title(LABELS[name], fontsize=12)
-        for place, (half, mover) in enumerate(movers):
+        for place, (half, target) in enumerate(targets):
             for side, (source, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
-                chosen = (rows["mover"] == mover) & (rows["half"] == half) & (rows["source"] == source)
+                chosen = (rows["mover"] == target) & (rows["half"] == half) & (rows["source"] == source)
                 values = rows.loc[chosen, name].astype(float).dropna().to_numpy()
                 x = place + side + rng.uniform(-0.09, 0.09, values.size)
                 lowest, highest = LIMITS.get(name, (-np.inf, np.inf))
@@ -63,9 +63,9 @@ def draw(rows: pd.DataFrame, movers: list[tuple[str, str]]) -> Figure:
                 low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
                 axes.vlines(place + side, low, high, color=colour, linewidth=1.4)
                 axes.hlines(middle, place + side - 0.16, place + side + 0.16, color=colour, linewidth=2.4)
-        shown = [mover.removeprefix(f"{HORSE} ").replace("/", "/\n") for _, mover in movers]
-        axes.set_xticks(range(len(movers)), shown, fontsize=11)
-        axes.set_xlim(-0.5, len(movers) - 0.5)
+        shown = [target.removeprefix(f"{HORSE} ").replace("/", "/\n") for _, target in targets]
+        axes.set_xticks(range(len(targets)), shown, fontsize=11)
+        axes.set_xlim(-0.5, len(targets) - 0.5)
         axes.tick_params(axis="y", labelsize=10)
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         if name in LIMITS:
@@ -73,7 +73,7 @@ def draw(rows: pd.DataFrame, movers: list[tuple[str, str]]) -> Figure:
             axes.set_ylim(low, high)
             if beyond := int((~rows[name].astype(float).dropna().between(low, high)).sum()):
                 axes.text(0.98, 0.04, f"{beyond} beyond the axis", transform=axes.transAxes, ha="right", fontsize=10)
-        _name_groups(axes, [half for half, _ in movers])
+        _name_groups(axes, [half for half, _ in targets])
     for source, colour in COLOURS.items():
         figure.axes[0].plot([], [], ".", color=colour, label=source, markersize=10)
     figure.legend(fontsize=12, loc="outside upper center", ncols=2, frameon=False, handletextpad=0.1)
@@ -81,7 +81,7 @@ def draw(rows: pd.DataFrame, movers: list[tuple[str, str]]) -> Figure:
 
 
 def _name_groups(axes: Axes, halves: list[str]) -> None:
-    """Part the movers of different groups by lines and name the groups."""
+    """Part the targets of different groups by lines and name the groups."""
     edges = [0, *(k for k, (a, b) in enumerate(pairwise(halves), 1) if a != b), len(halves)]
     if len(edges) == 2:
         return
@@ -102,22 +102,22 @@ def select(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[tuple[str, 
     found = {}
     for title, part in parts.items():
         kinds = part[["half", "mover"]].drop_duplicates().itertuples(index=False)
-        movers = sorted(((kind.half, kind.mover) for kind in kinds), key=lambda kind: list(GROUPS).index(kind[0]))
-        if movers:
-            found[title] = (part, movers)
+        targets = sorted(((kind.half, kind.mover) for kind in kinds), key=lambda kind: list(GROUPS).index(kind[0]))
+        if targets:
+            found[title] = (part, targets)
     return found
 
 
 def main() -> None:
-    """Write one figure a kind of movers."""
+    """Write one figure a kind of targets."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rows", type=Path)
     parser.add_argument("folder", type=Path)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    for title, (part, movers) in select(pd.read_csv(arguments.rows)).items():
+    for title, (part, targets) in select(pd.read_csv(arguments.rows)).items():
         file = arguments.folder / f"motion-{title}.png"
-        draw(part, movers).savefig(file, metadata={"Software": None})
+        draw(part, targets).savefig(file, metadata={"Software": None})
         print(file)
 
 

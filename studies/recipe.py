@@ -96,8 +96,8 @@ def answers_of(
     if target.is_file():
         return pd.read_pickle(target)
     began = time.process_time()
-    learnt = models_of(variant, seed, out, n_examples)
-    found = evaluate(learnt, other=tested, models=(*MEMBERS, "ensemble", *networks), seed=seed)
+    trained = models_of(variant, seed, out, n_examples)
+    found = evaluate(trained, other=tested, models=(*MEMBERS, "ensemble", *networks), seed=seed)
     rows = with_half(joined(found, tested), folder)
     for name in (MEMBERS[2], *networks) if networks else ():  # ensembles with another network, not calibrated as one
         odds = [log_odds(rows[f"p:{each}"]) for each in (*MEMBERS[:2], name)]
@@ -136,7 +136,7 @@ def accuracy_table(found: Mapping[str, Sequence[pd.DataFrame]], names: Sequence[
 
 def recordings_wrong(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
     """Tabulate held recordings that are wrong in half their rows."""
-    lines = ["| mover | recordings | wrong by seed | which |", "| --- | ---: | --- | --- |"]
+    lines = ["| target | recordings | wrong by seed | which |", "| --- | ---: | --- | --- |"]
     held = [rows[easy(rows) & (rows["half"] == "held")] for rows in frames]
     for place in sorted(set(zip(held[0]["label"], held[0]["truth_gait"], strict=True))):
         wrong, count = [], 0
@@ -172,7 +172,7 @@ def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
         odds = log_odds(rows[f"p:{name}"])[:, None]
         curves.append(score_adaptation(model, own, odds, np.random.default_rng(seed)))
     columns = {
-        "same movers before": "before",
+        "same targets before": "before",
         "balanced accuracy": "balanced_accuracy",
         "without labels": "unlabelled",
         "ECE": "expected_calibration_error",
@@ -185,9 +185,9 @@ def adaptation_table(frames: Sequence[pd.DataFrame], name: str) -> list[str]:
 
 
 def domain_table(found: Mapping[str, Sequence[Dataset]], tested: Dataset, seed: int = 0) -> list[str]:
-    """Tabulate how well recorded movers are told from those of the models.
+    """Tabulate how well recorded targets are told from those of the models.
 
-    Area under the ROC curve of logistic regression on all features, movers of a fold never learnt from; rows under the
+    Area under the ROC curve of logistic regression on all features, targets of a fold never learnt from; rows under the
     charter's conditions, classes apart; 0.5 is not at all. It says nothing about the classes.
     """
     labels = ("human", "dog")
@@ -196,8 +196,8 @@ def domain_table(found: Mapping[str, Sequence[Dataset]], tested: Dataset, seed: 
         cells = []
         for label in labels:
             areas = []
-            for learnt in datasets:
-                rows = collect_rows(learnt, tested)
+            for trained in datasets:
+                rows = collect_rows(trained, tested)
                 part = np.flatnonzero((rows.index["label"] == label) & easy(rows.index))
                 values = collect_inputs(rows, "extended").values[part]
                 real = rows.origin[part] == 1
@@ -242,7 +242,7 @@ def report(folder: Path, out: Path, *, n_seeds: int, n_ablated: int, share: floa
     few = [n for n in CURVE_SIZES if n < size]
     curve = {f"{n}": [answers_of(PLAIN, s, tested, folder, out, n) for s in range(n_ablated)] for n in few}
     lines += accuracy_table(curve | {f"{size}": plain[:n_ablated]}, names)
-    lines += ["", f"## Recorded against synthetic movers ({n_ablated} seeds)", ""]
+    lines += ["", f"## Recorded against synthetic targets ({n_ablated} seeds)", ""]
     made = {variant: [models_of(variant, s, out, size) for s in range(n_ablated)] for variant in PLANS}
     lines += domain_table(made, tested)
     for variant, frames in ((PLAIN, plain[:n_ablated]), (BOTH, others[BOTH])):

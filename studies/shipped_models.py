@@ -1,4 +1,4 @@
-"""Test the models that ship with the package on recorded movers.
+"""Test the models that ship with the package on recorded targets.
 
     python studies/shipped_models.py MOTION_FOLDER OUT_FOLDER [--examples 300] [--write]
 

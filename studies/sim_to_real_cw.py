@@ -7,13 +7,13 @@ one about every 200 ms. Of the sessions of January 2022 person and motion of eve
 
 Protocol:
 
-1. Persons 0 and 3 are the development half: levels, speeds, noise and I/Q errors of the twin are theirs. Persons 1, 2
-   and 4 are the reported half; nothing is chosen on it.
+1. Persons 0 and 3 are the development half: levels, speeds, noise and I/Q errors of the sensor model are theirs.
+   Persons 1, 2 and 4 are the reported half; nothing is chosen on it.
 2. The Doppler profile is measured by one function, :func:`burst_profile`, of real and simulated recordings. No
-   constant of the twin is chosen by it.
-3. Every twin is made with several seeds; tables give mean and range over them. A domain classifier
-   (:func:`doppelgait.classify.domain.compare_recordings`) tells the reported half from each twin, tested on recordings
-   that it has not seen; 0.5 is not at all.
+   constant of the sensor model is chosen by it.
+3. Every simulated set is made with several seeds; tables give mean and range over them. A domain classifier
+   (:func:`doppelgait.classify.domain.compare_recordings`) separates the reported half from each simulated set, tested
+   on recordings that it has not seen; 0.5 is not at all.
 
 No class is recognised here: steps cannot be seen in columns at 5 Hz, and of a dog there are two recordings.
 """
@@ -27,9 +27,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import sim_to_real_cw_twin as twin
+import sim_to_real_cw_sensor as sensor
 import sim_to_real_tables as tables
-from sim_to_real_cw_twin import Plan
+from sim_to_real_cw_sensor import Plan
 from xband_gait import CW_FOLDER, MOTIONS
 from xband_measures import FloatArray
 
@@ -103,7 +103,7 @@ class Bursts:
 
 def measure(recording: Recording) -> Bursts:
     """Measure the bursts of a recording, real or simulated."""
-    samples = recording.samples.matrix.reshape(-1, twin.PULSES)
+    samples = recording.samples.matrix.reshape(-1, sensor.PULSES)
     mu = burst_signature(
         recording.baseband, None, Analysis(doppler_bins=1024), wavelength_m=recording.radar.wavelength_m
     )  # fmt: skip
@@ -113,7 +113,7 @@ def measure(recording: Recording) -> Bursts:
     approaching = np.where(velocity > SPEEDS_MPS[0] / 2.0, power, 0.0)
     torso_mps = velocity[approaching.argmax(axis=1)]
     full = np.maximum(np.abs(samples.real), np.abs(samples.imag)).max(axis=1)
-    clipped = full > CLIPPED * twin.FULL_SCALE_V
+    clipped = full > CLIPPED * sensor.FULL_SCALE_V
     seen = ~clipped & (torso_mps > SPEEDS_MPS[0]) & (torso_mps < SPEEDS_MPS[1])
     seen &= approaching.max(axis=1) > 10.0 ** (LEAST_SNR_DB / 10.0) * noise
     sums = np.concatenate([np.zeros((len(power), 1)), np.cumsum(power, axis=1)], axis=1)
@@ -123,7 +123,9 @@ def measure(recording: Recording) -> Bursts:
         below = sums[burst][np.searchsorted(velocity, edges)]
         energy = below[:, 1] - below[:, 0]
         profile[burst] = 10.0 * np.log10(energy[1:] / energy[0])
-    decibel = 10.0 * np.log10(np.stack([samples.var(axis=1), noise / mu.attrs["window_energy"]]) / twin.FULL_SCALE_V**2)
+    decibel = 10.0 * np.log10(
+        np.stack([samples.var(axis=1), noise / mu.attrs["window_energy"]]) / sensor.FULL_SCALE_V**2
+    )
     return Bursts(decibel[0], decibel[1], clipped, torso_mps, profile)
 
 
@@ -160,7 +162,7 @@ def real_people(data: Path, persons: Sequence[str], most: int | None = None) -> 
 def made_people(plan: Plan, seed: int, count: int, mocap: Path | None) -> list[Seen]:
     """Simulate recordings of a plan."""
     own = Plan(**{**plan.__dict__, "seed": seed})
-    return [Seen(*twin.recording_of(own, number, mocap)) for number in range(count)]
+    return [Seen(*sensor.recording_of(own, number, mocap)) for number in range(count)]
 
 
 def ranged(values: Sequence[float], digits: int = 1) -> str:
@@ -173,20 +175,20 @@ def conditions(seen: Sequence[Seen]) -> list[str]:
     """Return cells: noise, level by time, clipping, torso speeds by motion."""
     found = [measure(one.recording) for one in seen]
     noise_db = [np.median(one.noise_db[~one.clipped]) for one in found if not one.clipped.all()]
-    level_db = np.array([one.level_db[: twin.BURSTS] for one in found])
-    clipped = np.array([one.clipped[: twin.BURSTS] for one in found])
+    level_db = np.array([one.level_db[: sensor.BURSTS] for one in found])
+    clipped = np.array([one.clipped[: sensor.BURSTS] for one in found])
     cells = [f"{np.median(noise_db):.1f} ({np.percentile(noise_db, 10):.1f} to {np.percentile(noise_db, 90):.1f})"]
-    cells += [f"{np.median(level_db[:, round(at_s / twin.PERIOD_S)]):.0f}" for at_s in (0.0, 0.8, 1.6)]
+    cells += [f"{np.median(level_db[:, round(at_s / sensor.PERIOD_S)]):.0f}" for at_s in (0.0, 0.8, 1.6)]
     cells += [f"{100 * clipped.mean():.0f} %"]
-    for motion in twin.MOTIONS:
+    for motion in sensor.MOTIONS:
         known = [one for one, about in zip(found, seen, strict=True) if about.motion == motion]
         speeds = [np.median(one.torso_mps[np.isfinite(one.profile_db[:, 0])]) for one in known]
         cells.append(f"{np.nanmedian(speeds):.2f}" if speeds else "-")
     return cells
 
 
-def twin_row(name: str, real_db: FloatArray, profiles: FloatArray, judged: Sequence[Comparison]) -> list[str]:
-    """Return the cells of a twin's row.
+def format_row(name: str, real_db: FloatArray, profiles: FloatArray, judged: Sequence[Comparison]) -> list[str]:
+    """Return the cells of the row of a simulated set.
 
     Profile, farthest miss and domain classifiers, mean and range over seeds.
     """
@@ -198,7 +200,7 @@ def twin_row(name: str, real_db: FloatArray, profiles: FloatArray, judged: Seque
 def by_motion(groups: Mapping[str, Sequence[Seen]]) -> str:
     """Tabulate profiles by motion."""
     rows = []
-    for motion in twin.MOTIONS:
+    for motion in sensor.MOTIONS:
         for name, seen in groups.items():
             some = [one for one in seen if one.motion == motion]
             if some:
@@ -230,7 +232,7 @@ def main(
         several = ABLATION_SEEDS if name in ABLATIONS else SEEDS
         sets = [made_people(plan, seed, count, mocap) for seed in range(min(seeds, several))]
         judged = [compare_recordings([s.recording for s in held], [s.recording for s in made]) for made in sets]
-        rows.append(twin_row(name, real_db, np.array([profile_db(made) for made in sets]), judged))
+        rows.append(format_row(name, real_db, np.array([profile_db(made) for made in sets]), judged))
         if name in VARIANTS:
             groups[name] = [one for made in sets for one in made]
             far += [[name, key, *value] for key, value in list(judged[0].distances.items())[:5]]
@@ -239,14 +241,14 @@ def main(
     bursts = {name: quartiles_db(seen) for name, seen in groups.items()}
     spread = [[name, *(f"{low:.1f} to {high:.1f}" for low, high in found.T)] for name, found in bursts.items()]
     times = ("at rest", "0.8 s", "1.6 s")
-    place = ("noise, dB (10 to 90 %)", *(f"level, {at}" for at in times), "clipped bursts", *twin.MOTIONS)
+    place = ("noise, dB (10 to 90 %)", *(f"level, {at}" for at in times), "clipped bursts", *sensor.MOTIONS)
     parts = [
         "# Real and simulated people at 24 GHz",
         tables.markdown(head, rows),
         "Middle half of the bursts, dB:\n\n" + tables.markdown(("", *map(str, RATIOS)), spread),
         by_motion(groups),
         tables.markdown(("", *place), [[name, *conditions(seen)] for name, seen in groups.items()]),
-        tables.markdown(("twin", "statistic that differs most", "distance", "AUC of it alone"), far),
+        tables.markdown(("simulated set", "statistic that differs most", "distance", "AUC of it alone"), far),
     ]
     write(parts)
     return (out / REPORT).read_text(encoding="utf-8")

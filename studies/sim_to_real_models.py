@@ -1,6 +1,6 @@
 """Models of the X-band study, trained on synthetic examples alone.
 
-Learners, calibration, ensemble and exact intervals are those of :mod:`doppelgait.classify`. Of the synthetic movers a
+Learners, calibration, ensemble and exact intervals are those of :mod:`doppelgait.classify`. Of the synthetic targets a
 fifth is held back; they stop the network's training, calibrate the probabilities and set the novelty threshold.
 """
 
@@ -62,7 +62,7 @@ class Fitted:
     learned : Learned
     calibration : Calibration
     held_accuracy : float
-        Balanced, of the held movers.
+        Balanced, of the held targets.
     """
 
     features: str

@@ -9,7 +9,7 @@ otherwise (more images, motions of the models alone, no stretched axis) was sett
 
 1. Each of five seeds makes its own synthetic images, by :class:`sim_to_real_xband_images.Plan` as it stands, and
    trains on them. One law for all classes in speed, direction, range, cross section, noise and ground. A fifth of the
-   movers is held back. Scores are ranges over the seeds.
+   targets is held back. Scores are ranges over the seeds.
 2. A real image enters whole and as it is. Real and synthetic images pass the same functions.
 3. The model is the package's ensemble: the mean of the calibrated log-odds of extended-logistic, extended-boosting and
    the network. Its members, six features, speed alone and chance are reported next to it. The network's settings are
@@ -23,8 +23,9 @@ otherwise (more images, motions of the models alone, no stretched axis) was sett
    models that know people and dogs, large quadrupeds. They choose nothing here.
 7. The first scores stand.
 
-No protocol makes these images unseen: the twin's display, floor and fluctuation were once chosen while looking at eight
-of them (``xband_twin``), and whoever wrote the plan knew that figure and the scores of earlier plans.
+No protocol makes these images unseen: the display of the sensor model, floor and fluctuation were once chosen while
+looking at eight of them (``xband_sensor``), and whoever wrote the plan knew that figure and the scores of earlier
+plans.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ class Scored:
     Parameters
     ----------
     held_accuracy : dict
-        By model: balanced, of the held synthetic movers.
+        By model: balanced, of the held synthetic targets.
     probability : dict
         By model: of the real images, shape (n, n_classes).
     parts : dict

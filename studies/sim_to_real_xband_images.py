@@ -1,13 +1,13 @@
 """Synthetic X-band images of random targets, a training set.
 
-By the sensor model of :mod:`xband_twin`.
+By the sensor model of :mod:`xband_sensor`.
 
 The dataset builder has no place for this display (twenty bursts without their mean, one range bin of each, levels cut
 at -30 and -10 dB below the image's own maximum) nor for swaying ground, so that the images are made here, with the
-functions of the pipeline. Cheaper than the twin and the same picture: a sweep has 72 samples instead of 1008 (135 m of
-unambiguous range are enough), the ground is simulated by itself at 100 sweeps/s and interpolated (it moves at some
-cm/s), and noise is added to the range bin that is kept. Mover and ground are stored, so that noise, clipping and ground
-can be left out without simulating again.
+functions of the pipeline. Cheaper than the full sensor model and the same picture: a sweep has 72 samples instead of
+1008 (135 m of unambiguous range are enough), the ground is simulated by itself at 100 sweeps/s and interpolated (it
+moves at some cm/s), and noise is added to the range bin that is kept. Target and ground are stored, so that noise,
+clipping and ground can be left out without simulating again.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import sim_to_real_inputs as store
-import sim_to_real_movers as movers
+import sim_to_real_motions as motions
 import xband_gait
 import xband_measures as measures
-import xband_twin as twin
+import xband_sensor as sensor
 from scipy.interpolate import CubicSpline
 from xband_measures import FloatArray
 
@@ -39,7 +39,7 @@ from doppelgait.scene.rcs import RcsSpec
 
 ComplexArray = npt.NDArray[np.complex128]
 
-RADAR = twin.RADAR.model_copy(update={"sample_rate_hz": 50e3})
+RADAR = sensor.RADAR.model_copy(update={"sample_rate_hz": 50e3})
 GROUND_RADAR = RADAR.model_copy(update={"prf_hz": 100.0})
 SPEEDS_MPS = (0.6, 4.4)
 TYPICAL_M2 = 0.3
@@ -60,12 +60,12 @@ class Plan:
     gait_variation : bool
         Sizes, gaits, unevenness and changes of speed.
     motion_variation : bool
-        Motions of all classes are varied by one law (:func:`sim_to_real_movers.draw_variation`).
+        Motions of all classes are varied by one law (:func:`sim_to_real_motions.draw_variation`).
     rcs_random, speckle, bounce : bool
     seed : int
     """
 
-    kinds: tuple[str, ...] = (*movers.CLASSES, movers.LARGE)
+    kinds: tuple[str, ...] = (*motions.CLASSES, motions.LARGE)
     groups: float = 0.0
     gait_variation: bool = True
     motion_variation: bool = False
@@ -116,34 +116,34 @@ def draw_place(rng: np.random.Generator) -> Place:
     )  # fmt: skip
 
 
-def draw_mover(plan: Plan, label: str, speed_mps: float, rng: np.random.Generator) -> movers.Mover:
+def sample_motion(plan: Plan, label: str, speed_mps: float, rng: np.random.Generator) -> motions.LabelledMotion:
     """Sample a target with a drifting pace, as long as the images."""
-    seconds = twin.OBSERVATION_S + 0.1
-    pace = movers.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
+    seconds = sensor.OBSERVATION_S + 0.1
+    pace = motions.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
     varied, moved = plan.gait_variation, plan.motion_variation
-    found = movers.model_mover(label, speed_mps, seconds, rng, varied=varied, moved=moved)
-    return movers.Mover(movers.hurried(found.motion, seconds, pace), label)
+    found = motions.make_model_motion(label, speed_mps, seconds, rng, varied=varied, moved=moved)
+    return motions.LabelledMotion(motions.hurried(found.motion, seconds, pace), label)
 
 
-def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[list[movers.Mover], list[float]]:
+def draw_company(plan: Plan, number: int, rng: np.random.Generator) -> tuple[list[motions.LabelledMotion], list[float]]:
     """Sample the target of an example and its companions.
 
     Returns
     -------
-    movers : list of Mover
+    company : list of LabelledMotion
         The first is the one that the range gate follows.
     behind_m : list of float
         How far behind it they are.
     """
     label = plan.kinds[number % len(plan.kinds)]
-    speed_mps = movers.draw_speed_mps(rng, *SPEEDS_MPS)
+    speed_mps = motions.draw_speed_mps(rng, *SPEEDS_MPS)
     labels = ["human", "dog"] if label == "pair" else [label]
     if plan.groups and rng.random() < plan.groups:
         labels += [labels[0]] * int(rng.integers(1, 4))
     found, behind_m = [], []
     for place, one in enumerate(labels):
         like_mps = speed_mps if place == 0 else float(np.clip(speed_mps * rng.uniform(0.9, 1.1), *SPEEDS_MPS))
-        found.append(draw_mover(plan, one, like_mps, rng))
+        found.append(sample_motion(plan, one, like_mps, rng))
         behind_m.append(0.0 if place == 0 else float(rng.uniform(-2.0, 2.0)))
     return found, behind_m
 
@@ -162,33 +162,33 @@ def echoes_of(plan: Plan, number: int) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``mover`` and ``ground``, shape (5120,), V; ``noise_db``, ``label``, ``group``.
+        ``target`` and ``ground``, shape (5120,), V; ``noise_db``, ``label``, ``group``.
     """
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     place = draw_place(streams[0])
-    rcs = movers.draw_rcs(streams[1], random=plan.rcs_random, speckle=plan.speckle, total_m2=TYPICAL_M2)
+    rcs = motions.draw_rcs(streams[1], random=plan.rcs_random, speckle=plan.speckle, total_m2=TYPICAL_M2)
     company, behind_m = draw_company(plan, number, streams[2])
-    drawn = streams[3].spawn(2)
+    noise_streams = streams[3].spawn(2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
-        signal, bins = _mover_echo(company, behind_m, place, rcs, bounce=plan.bounce, rng=drawn[0])
-        ground = _ground_echo(place, bins, movers.speed_of(company[0], twin.OBSERVATION_S), drawn[1])
+        signal, bins = _target_echo(company, behind_m, place, rcs, bounce=plan.bounce, rng=noise_streams[0])
+        ground = _ground_echo(place, bins, motions.speed_of(company[0], sensor.OBSERVATION_S), noise_streams[1])
     return {
         "mover": signal, "ground": ground, "noise_db": place.noise_db, "label": plan.kinds[number % len(plan.kinds)],
         "group": f"model-{plan.seed}-{number}",
     }  # fmt: skip
 
 
-def _mover_echo(
-    company: list[movers.Mover], behind_m: list[float], place: Place, rcs: RcsSpec, *, bounce: bool,
+def _target_echo(
+    company: list[motions.LabelledMotion], behind_m: list[float], place: Place, rcs: RcsSpec, *, bounce: bool,
     rng: np.random.Generator,
 ) -> tuple[ComplexArray, list[int]]:  # fmt: skip
-    field = ({**twin.FIELD[0], "roughness_m": place.roughness_m},) if bounce and place.reflects else ()
+    field = ({**sensor.FIELD[0], "roughness_m": place.roughness_m},) if bounce and place.reflects else ()
     targets = [
-        Target(mover.motion, rcs=rcs, range_m=place.range_m + more_m, aspect_deg=place.aspect_deg)
-        for mover, more_m in zip(company, behind_m, strict=True)
+        Target(one.motion, rcs=rcs, range_m=place.range_m + more_m, aspect_deg=place.aspect_deg)
+        for one, more_m in zip(company, behind_m, strict=True)
     ]
-    scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
+    scene = Scene(targets, radar_position_m=(0.0, 0.0, place.height_m), duration_s=sensor.OBSERVATION_S)
     recording = simulate(
         scene,
         RADAR,
@@ -196,7 +196,7 @@ def _mover_echo(
         conditions=Conditions(noise={"kind": "none"}, environment=field),
         angles=False,
     )
-    bins = twin.burst_bins(recording, error_m=place.gate_error_m)
+    bins = sensor.burst_bins(recording, error_m=place.gate_error_m)
     return measures.stitched(recording.baseband.values, bins), bins
 
 
@@ -205,10 +205,10 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
 
     On the sweeps of the echo of the target.
     """
-    length_m = speed_mps * twin.OBSERVATION_S + 8.0
+    length_m = speed_mps * sensor.OBSERVATION_S + 8.0
     echo = RcsSpec(kind="equal", total_m2=place.ground_m2 * length_m)
-    around = Target(twin.ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
-    scene = Scene([around], radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
+    around = Target(sensor.ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
+    scene = Scene([around], radar_position_m=(0.0, 0.0, place.height_m), duration_s=sensor.OBSERVATION_S)
     recording = simulate(
         scene,
         GROUND_RADAR,
@@ -222,12 +222,12 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
     return measures.stitched(smooth, [used.index(one) for one in bins])
 
 
-def levels_of(mover: ComplexArray, ground: ComplexArray, noise_db: float, display: Display, number: int) -> FloatArray:
+def levels_of(target: ComplexArray, ground: ComplexArray, noise_db: float, display: Display, number: int) -> FloatArray:
     """Return displayed levels in dB, shape (256, 624).
 
     Relative to the maximum; the noise is relative to the maximum of the rest.
     """
-    signal = mover + ground if display.ground else mover
+    signal = target + ground if display.ground else target
     if display.noise:
         highest_v2 = measures.pixel_power(signal).max()
         noise_v2 = highest_v2 / measures.noise_gain() * 10.0 ** (noise_db / 10.0)

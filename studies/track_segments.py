@@ -34,10 +34,10 @@ LEG_S = 2.8
 def errors(source: np.random.Generator, n: int, *, sd_m: float, memory_s: float) -> FloatArray:
     """Sample first-order Markov errors."""
     keep = float(np.exp(-STEP_S / memory_s)) if memory_s > 0 else 0.0
-    drawn, found = source.normal(0.0, sd_m, n), np.empty(n)
-    found[0] = drawn[0]
+    noise, found = source.normal(0.0, sd_m, n), np.empty(n)
+    found[0] = noise[0]
     for k in range(1, n):
-        found[k] = keep * found[k - 1] + np.sqrt(1 - keep**2) * drawn[k]
+        found[k] = keep * found[k - 1] + np.sqrt(1 - keep**2) * noise[k]
     return found
 
 

@@ -235,8 +235,8 @@ def common_share(recording: Recording, fit: SensorFit) -> float:
     1 for a clock that all share, 0 for thermal noise.
     """
     still = np.ones(fit.range_m.size, dtype=bool)
-    for mover in fit.movers:
-        still &= (fit.range_m < mover.start_m) | (fit.range_m > mover.stop_m)
+    for body in fit.moving:
+        still &= (fit.range_m < body.start_m) | (fit.range_m > body.stop_m)
     steps = []
     for chosen in (still & (fit.range_m <= NEAR_M), still & (fit.range_m > NEAR_M)):
         sums = recording.baseband.values[:, chosen].astype(complex) @ fit.echo_v[chosen].conj()
@@ -281,7 +281,7 @@ def circle_centre(values: ComplexArray) -> complex:
     return complex(solution[0], solution[1]) / 2.0
 
 
-def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
+def draw_room(real: SensorFit, simulated: list[SensorFit], *, title: str) -> Figure:
     """Plot static echo and noise over range.
 
     The measured room, simulated rooms, and the fitted profile.
@@ -289,23 +289,23 @@ def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
     figure = make_figure(width_in=10.5, height_in=5.5)
     axes = figure.add_subplot()
     own = unit_db(real.radar)
-    for number, fit in enumerate(drawn[:6]):
+    for number, fit in enumerate(simulated[:6]):
         label = "static echo, drawn rooms" if number == 0 else None
         axes.plot(fit.range_m, level_of_bins(fit), color=SIMULATED, lw=0.6, alpha=0.5, label=label)
     axes.plot(real.range_m, level_of_bins(real), color=MEASURED, lw=1.4, label="static echo, measured")
     axes.plot(real.clutter.range_m, real.clutter.level_db - own, "k--", lw=1.2, label="fitted profile")
-    for fit, colour, words in ((drawn[0], "#e69f00", "noise, drawn room"), (real, NOISE, "noise, measured")):
+    for fit, colour, words in ((simulated[0], "#e69f00", "noise, drawn room"), (real, NOISE, "noise, measured")):
         axes.plot(fit.range_m, 10 * np.log10(fit.noise.by_bin_v2) - own, color=colour, lw=1.2, label=words)
     name_axes(axes, title=title, x="range (m)", y="level (dB re 1 unit)")
     place_legend_below(figure, axes)
     return figure
 
 
-def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
+def draw_person(real: Person, simulated: Person, *, title: str) -> Figure:
     """Plot slow-time deviation over range and phase at the person."""
     figure = make_figure(width_in=10.5, height_in=7.0)
     above, below = figure.subplots(2, 1)
-    for found, colour, words in ((real, MEASURED, "measured"), (drawn, SIMULATED, "simulated, counters")):
+    for found, colour, words in ((real, MEASURED, "measured"), (simulated, SIMULATED, "simulated, counters")):
         above.plot(found.range_m, found.level_db, color=colour, lw=1.4, label=words)
         shown = found.time_s < found.time_s[0] + 40.0
         below.plot(found.time_s[shown], found.phase_rad[shown] - found.phase_rad[shown].mean(), color=colour, lw=0.9)
@@ -378,14 +378,14 @@ def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
 def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, tuple[Recording, SensorFit]],
                out: Path) -> list[Row]:  # fmt: skip
     """Compare echoes and phase with rooms drawn from the sensor models."""
-    drawn: list[list[tuple[Recording, SensorFit]]] = []
+    rooms_of: list[list[tuple[Recording, SensorFit]]] = []
     for number, (_, fit) in enumerate(real.values(), start=1):
-        model = out / f"x4-twin-{number}.toml"
+        model = out / f"x4-sensor-{number}.toml"
         model.write_text(format_calibrated_preset(fit), encoding="utf-8")
         seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
         rooms = [drawn_room(model, frames=fit.n_frames, seed=int(seed)) for seed in seeds]
-        drawn.append([(room, fit_sensor(room)) for room in rooms])
-        figure = draw_room(fit, [found for _, found in drawn[-1]], title=f"Empty room, radar {number}")
+        rooms_of.append([(room, fit_sensor(room)) for room in rooms])
+        figure = draw_room(fit, [found for _, found in rooms_of[-1]], title=f"Empty room, radar {number}")
         viz.save_figure(figure, out / f"empty-room-{number}.png")
     fits = [fit for _, fit in real.values()]
     rows: list[Row] = []
@@ -402,7 +402,7 @@ def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, 
             inside = (fit.range_m >= start_m) & (fit.range_m < stop_m)
             return float(np.median(level_of_bins(fit)[inside]))
 
-        others = [[median_db(fit) for _, fit in rooms] for rooms in drawn]
+        others = [[median_db(fit) for _, fit in rooms] for rooms in rooms_of]
         row(f"static echo, median of {start_m:g} to {stop_m:g} m", [median_db(f) for f in fits], others, 1, "dB")
     jitter = [1e3 * whole_jitter_rad(fit) for fit in fits]
     thermal = [1e3 * whole_jitter_rad(fit) for _, fit in counted.values()]
@@ -410,16 +410,16 @@ def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, 
         ("white jitter of the common phase, all of it", f"{pair(jitter, 1)} mrad", f"{pair(thermal, 1)} mrad",
          "counters: thermal noise alone", "")
     )  # fmt: skip
-    row("the same", jitter, [[1e3 * whole_jitter_rad(fit) for _, fit in rooms] for rooms in drawn], 1, "mrad")
+    row("the same", jitter, [[1e3 * whole_jitter_rad(fit) for _, fit in rooms] for rooms in rooms_of], 1, "mrad")
     shares = [common_share(*found) for found in real.values()]
     rows.append(
         (f"phase steps of echoes below and above {NEAR_M:g} m, correlation", pair(shares, 2),
          pair([common_share(*found) for found in counted.values()], 2), "counters: thermal noise alone", "")
     )  # fmt: skip
-    row("the same", shares, [[common_share(*found) for found in rooms] for rooms in drawn], 2, "")
+    row("the same", shares, [[common_share(*found) for found in rooms] for rooms in rooms_of], 2, "")
     root_minute = 60.0**0.5
     walk = [fit.phase.walk_per_root_s.value * root_minute for fit in fits if fit.phase]
-    others = [[fit.phase.walk_per_root_s.value * root_minute for _, fit in rooms if fit.phase] for rooms in drawn]
+    others = [[fit.phase.walk_per_root_s.value * root_minute for _, fit in rooms if fit.phase] for rooms in rooms_of]
     row("phase walk", walk, others, 3, "rad/√min")
     return rows
 

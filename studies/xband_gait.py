@@ -70,7 +70,7 @@ class Entry:
     blank_below_mps : float
         Half width of the emptied ground line.
     one_sided : bool
-        Empty the side on which the mover is not, as a detector's Doppler gate would; the side is that of the torso
+        Empty the side on which the target is not, as a detector's Doppler gate would; the side is that of the torso
         velocity found without.
     clipped : bool
         Whether the levels end where the display ends; only simulated ones can do without.
@@ -86,7 +86,7 @@ ENTRIES = {
     "as described": Entry(),
     "clipped lines left flat": Entry(highest_db=None),
     "ground left in": Entry(blank_below_mps=0.0),
-    "mover's side only": Entry(one_sided=True),
+    "target's side only": Entry(one_sided=True),
 }
 
 

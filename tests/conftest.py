@@ -36,7 +36,7 @@ LONGEST = (
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: _rank(item.path.relative_to(TESTS)))
-    _settle_shared(items)
+    _order_shared(items)
 
 
 def _rank(path: Path) -> tuple[int, str]:
@@ -46,7 +46,7 @@ def _rank(path: Path) -> tuple[int, str]:
     return len(LONGEST) + (path.parts[0] != "system"), name
 
 
-def _settle_shared(items: list[pytest.Item]) -> None:
+def _order_shared(items: list[pytest.Item]) -> None:
     """Tests of the shared data skip without it; in CI they fail."""
     if SHARED.is_dir():
         return

@@ -57,7 +57,7 @@ TABLES = ("balanced_accuracy", "auc", "brier", "expected_calibration_error")
 def plan_of(name: str, n_examples: int) -> PlanConfig:
     """Return the plan that a model is trained on.
 
-    ``home-alarm-wide`` without its variation of motions, which costs today's movers 3 to 4 points on recorded ones
+    ``home-alarm-wide`` without its variation of motions, which costs today's targets 3 to 4 points on recorded ones
     (docs/classify.md); any aspect but straight across; cats among the animals.
     """
     plan, _ = load_plan(BASE)

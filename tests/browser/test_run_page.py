@@ -29,9 +29,9 @@ from viewer_page import (
     opened,
     read_at,
     seconds,
-    settled,
     text,
     until,
+    wait_until_idle,
 )
 
 
@@ -70,7 +70,7 @@ def test_shows_every_panel_and_the_features_of_the_analysis(page: Any, url: str,
     (truth,) = read_recording(walk).truth
     cell = page.inner_text("#features tbody tr >> nth=0").split("\t")[4]
     (true_mps, off) = re.findall(r"^([\d.]+) \((.*) %\)$", cell)[0]
-    assert float(true_mps) == pytest.approx(float(np.mean(truth.centre_velocity_mps)), rel=0.02)  # of a segment, not all
+    assert float(true_mps) == pytest.approx(float(np.mean(truth.centre_velocity_mps)), rel=0.02)  # of one segment
     assert abs(float(off.replace("\N{MINUS SIGN}", "-"))) < 5
 
 
@@ -171,11 +171,11 @@ def test_lines_colours_and_levels_change_the_pictures(page: Any, url: str) -> No
     light = look(page, "spectrum")
     page.select_option("#theme", "dark")
     until(lambda: look(page, "spectrum") != light, "the theme changes nothing")
-    chosen = settled(page, "spectrum")
+    chosen = wait_until_idle(page, "spectrum")
     page.select_option("#theme", "")
-    until(lambda: settled(page, "spectrum") == light, "the system's theme does not come back")
+    until(lambda: wait_until_idle(page, "spectrum") == light, "the system's theme does not come back")
     page.emulate_media(color_scheme="dark")
-    until(lambda: settled(page, "spectrum") == chosen, "the system's dark theme is not followed")
+    until(lambda: wait_until_idle(page, "spectrum") == chosen, "the system's dark theme is not followed")
 
 
 def test_keys(page: Any, url: str) -> None:
@@ -218,14 +218,14 @@ def test_the_address_restores_what_was_chosen(page: Any, url: str) -> None:
         lambda: all(key in address(page) for key in ("map=", "lines=", "t=2", "speed=", "gate=truth")),
         "the choices are not in the address",
     )
-    wanted = settled(page, "signature"), settled(page, "scene")
+    wanted = wait_until_idle(page, "signature"), wait_until_idle(page, "scene")
     opened(page, address(page))
     assert page.input_value("#map") == "viridis"
     assert page.input_value("#speed") == "0.5"
     assert page.input_value("#gate") == "truth"
     assert page.is_checked("#parts input[value=left-leg]")
     assert seconds(page) == 2
-    assert (settled(page, "signature"), settled(page, "scene")) == wanted
+    assert (wait_until_idle(page, "signature"), wait_until_idle(page, "scene")) == wanted
 
 
 def test_a_gate_of_ones_own(page: Any, url: str) -> None:
@@ -246,7 +246,7 @@ def test_a_gate_of_ones_own(page: Any, url: str) -> None:
 
 def test_the_scene_turns_zooms_and_names_what_is_under_the_mouse(page: Any, url: str) -> None:
     opened(page, url)
-    first = settled(page, "scene")
+    first = wait_until_idle(page, "scene")
     box = page.locator("#canvas-scene").bounding_box()
     page.mouse.move(box["x"] + 100, box["y"] + 100)
     page.mouse.down()

@@ -35,7 +35,7 @@ def try_page(page, serve):
     return page
 
 
-def settled(page):
+def wait_until_idle(page):
     """Wait until a change has been drawn."""
     expect(page.locator("#try-status")).to_contain_text("redrawn", timeout=SLOW)
     expect(page.locator(".busy")).to_have_count(0, timeout=SLOW)
@@ -48,7 +48,7 @@ def test_a_slider_redraws_and_the_last_position_wins(try_page):
         f"(values) => values.forEach((value) => ({DRAG})(['try-speed_mps', value]))", ["0.8", "1.0", "1.3", "1.6"]
     )
     assert page.input_value("#try-speed_mps-number") == "1.6"
-    settled(page)
+    wait_until_idle(page)
     after = [page.evaluate(PIXELS, f"canvas-{name}") for name in ("signature", "range-time", "cadence")]
     assert all(new != old for new, old in zip(after, before, strict=True))
     asked = [url.partition("speed_mps=")[2].partition("&")[0] for url in page.requested if "/api/scene" in url]
@@ -58,10 +58,10 @@ def test_a_slider_redraws_and_the_last_position_wins(try_page):
     expect(page.locator("#features")).to_contain_text("torso")
 
 
-def test_another_mover_has_its_own_controls_and_an_example_fills_them(try_page):
+def test_another_target_has_its_own_controls_and_an_example_fills_them(try_page):
     page = try_page
     page.select_option("#try-who", "dog")
-    settled(page)
+    wait_until_idle(page)
     expect(page.locator("#try-height_m")).to_be_hidden()
     expect(page.locator("#try-withers_m")).to_be_visible()
     assert page.input_value("#try-speed_mps") == "2"

@@ -38,11 +38,11 @@ def model():
     return Model(facts, learned, Calibration(1.0, np.zeros(2), 9), NONE, NONE, NONE)
 
 
-def own_rows(n_movers=30, *, offset=3.0, seed=0, per_mover=4):
+def own_rows(n_targets=30, *, offset=3.0, seed=0, per_target=4):
     """Classes 4 apart in log odds, all of them shifted: ranked well, decided wrongly."""
     rng = np.random.default_rng(seed)
-    groups = np.repeat([f"m{k}" for k in range(n_movers)], per_mover)
-    labels = np.repeat(np.arange(n_movers) % 2, per_mover)
+    groups = np.repeat([f"m{k}" for k in range(n_targets)], per_target)
+    labels = np.repeat(np.arange(n_targets) % 2, per_target)
     values = (offset + 4.0 * (labels - 0.5) + rng.normal(size=labels.size))[:, None]
     index = pd.DataFrame({"id": [f"e{k}" for k in range(labels.size)],
                           "recording": [f"r{k // 2}" for k in range(labels.size)]})  # fmt: skip
@@ -59,7 +59,7 @@ def test_nothing_seen_changes_nothing(model):
 
 
 def test_many_rows_give_logistic_regression_and_few_stay_near_what_was_learnt(model):
-    rows, values = own_rows(4000, per_mover=1)
+    rows, values = own_rows(4000, per_target=1)
     found = adapt(model, values, rows.labels, ids(rows))
     plain = LogisticRegression(C=1e9).fit(values, rows.labels)
     odds = logit(found.probability(np.array([[-2.0], [5.0]]))[:, 1])
@@ -73,7 +73,7 @@ def test_many_rows_give_logistic_regression_and_few_stay_near_what_was_learnt(mo
 def test_it_is_the_most_likely_slope_and_shift(model):
     """Against a search of the posterior on a grid, on top of a calibration that was there."""
     model = replace(model, calibration=Calibration(0.7, np.array([0.0, 0.4]), 9))
-    rows, values = own_rows(4, seed=2, per_mover=1)
+    rows, values = own_rows(4, seed=2, per_target=1)
     found = adapt(model, values, rows.labels, ids(rows))
     before = 0.7 * values[:, 0] + 0.4
     slopes, shifts = np.linspace(-1.5, 1.5, 601), np.linspace(-6, 6, 601)
@@ -86,7 +86,7 @@ def test_it_is_the_most_likely_slope_and_shift(model):
 
 
 def test_a_long_recording_counts_once(model):
-    rows, values = own_rows(6, seed=3, per_mover=1)
+    rows, values = own_rows(6, seed=3, per_target=1)
     names = ids(rows)
     once = adapt(model, values, rows.labels, names)
     longer = [np.concatenate([each, np.repeat(each[:1], 60, axis=0)]) for each in (values, rows.labels, names)]
@@ -116,7 +116,7 @@ def test_the_same_targets_trigger_the_alarm_as_before(model):
 
 
 def test_a_blank_recording_is_one_of_its_own():
-    rows, _ = own_rows(2, per_mover=2)
+    rows, _ = own_rows(2, per_target=2)
     rows.index["recording"] = ["", "a", None, "a"]
     assert list_row_recordings(rows).tolist() == ["e0", "a", "e2", "a"]
 
@@ -143,7 +143,7 @@ def test_without_labels_the_mean_probability_comes_to_the_shares(model):
     assert rare.probability(many).mean(axis=0) == pytest.approx([0.9, 0.1], abs=0.003)
 
 
-def test_movers_who_are_drawn_are_not_scored():
+def test_targets_who_are_drawn_are_not_scored():
     rows, _ = own_rows(12)
     rng = np.random.default_rng(0)
     for n in (1, 3, 5):
@@ -153,7 +153,7 @@ def test_movers_who_are_drawn_are_not_scored():
         for number in (0, 1):
             mine = own[rows.labels[own] == number]
             assert len(set(names[mine])) == n
-            assert len(set(rows.groups[mine])) == -(-n // 2)  # two recordings of each mover
+            assert len(set(rows.groups[mine])) == -(-n // 2)  # two recordings of each target
     assert sample_own_rows(rows, 0, rng)[1].size == 48
     assert sample_own_rows(rows, 13, rng) is None  # there are 12
     assert sample_own_rows(rows, 12, rng) is None  # nobody would be left
@@ -174,8 +174,8 @@ def test_a_shifted_threshold_is_found_by_few_recordings(model, monkeypatch):
     assert curve[2]["unlabelled"] > 0.94
 
 
-def test_without_a_change_the_same_movers_score_as_before(model, monkeypatch):
-    """Few movers are left to score: their score differs from that of all, and says nothing about the adaptation."""
+def test_without_a_change_the_same_targets_score_as_before(model, monkeypatch):
+    """Few targets are left to score: their score differs from that of all, and says nothing about the adaptation."""
     monkeypatch.setattr(adapting, "adapt", lambda model, *_: model)
     monkeypatch.setattr(adapting, "adapt_unlabelled", lambda model, *_: model)
     rows, values = own_rows(6, seed=7, offset=1.5)

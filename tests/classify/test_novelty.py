@@ -24,13 +24,13 @@ def rows(n, seed):
     return LabelledRows(values, labels)
 
 
-def learnt(n_held=300):
+def train_novelty(n_held=300):
     train, held = rows(400, 0), rows(n_held, 1)
     return learn_novelty(standardise_columns(train.values), train, held), train
 
 
 def test_it_is_the_mahalanobis_distance_from_the_nearest_class():
-    novelty, train = learnt()
+    novelty, train = train_novelty()
     columns = standardise_columns(train.values)[-1]
     means = [columns[train.labels == k].mean(axis=0) for k in (0, 1)]
     about = np.concatenate([columns[train.labels == k] - means[k] for k in (0, 1)])
@@ -41,7 +41,7 @@ def test_it_is_the_mahalanobis_distance_from_the_nearest_class():
 
 
 def test_ranks_are_uniform_for_known_kinds_and_least_for_others():
-    novelty, _ = learnt()
+    novelty, _ = train_novelty()
     ranks = novelty.rank(rows(2000, 2).values)
     for share in (0.02, 0.1, 0.5):
         assert (ranks <= share).mean() == pytest.approx(share, abs=0.05 * share**0.5 + 0.01)
@@ -53,9 +53,9 @@ def test_ranks_are_uniform_for_known_kinds_and_least_for_others():
 
 
 def test_many_held_rows_become_quantiles_and_none_keep_nothing_away():
-    many, _ = learnt(5 * LEVELS)
+    many, _ = train_novelty(5 * LEVELS)
     assert many.held.size == LEVELS
-    exact, _ = learnt(LEVELS)
+    exact, _ = train_novelty(LEVELS)
     values = rows(200, 3).values
     assert np.allclose(many.rank(values), exact.rank(values), atol=0.07)
     train = rows(40, 0)
@@ -65,7 +65,7 @@ def test_many_held_rows_become_quantiles_and_none_keep_nothing_away():
 
 @pytest.fixture
 def model():
-    novelty, train = learnt()
+    novelty, train = train_novelty()
     learned = train_logistic(train, train, n_classes=2, seed=0)
     calibration = calibrate(learned.log_probability(train.values), train.labels)
     facts = Facts(

@@ -1,4 +1,4 @@
-"""Scores against hand-computed values, scikit-learn and SciPy; calibration; intervals that know movers."""
+"""Scores against hand-computed values, scikit-learn and SciPy; calibration; intervals that know targets."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_exact_interval_has_the_tails_it_says(hits, n):
         assert high == 1
 
 
-def test_an_interval_counts_movers_not_rows():
+def test_an_interval_counts_targets_not_rows():
     right = np.array([True] * 90 + [False] * 10)
     alone, herd = np.arange(100).astype(str), np.repeat(np.arange(10), 10).astype(str)
     assert scores.wilson_interval(right, alone) == pytest.approx(scores.clopper_pearson_interval(90, 100))
@@ -79,8 +79,8 @@ def test_no_error_is_no_certainty():
     assert found.high == 1
 
 
-def test_bootstrap_over_movers_covers_as_often_as_it_says():
-    """Rows of a mover are all right or all wrong: an interval over rows would cover about half as often."""
+def test_bootstrap_over_targets_covers_as_often_as_it_says():
+    """Rows of a target are all right or all wrong: an interval over rows would cover about half as often."""
     rng, hits, trials = np.random.default_rng(1), 0, 80
     labels, groups = np.repeat([0, 1], 200), np.repeat(np.arange(80), 5).astype(str)
     for _ in range(trials):

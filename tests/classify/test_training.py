@@ -135,20 +135,20 @@ def rings(count, seed):
 
 
 def test_support_vector_machine_separates_rings():
-    train, nobody, test = rings(300, 0), rings(0, 0), rings(3000, 1)  # 3000 are several times ROWS_AT_A_TIME
-    found = train_svm(train, nobody, n_classes=3, seed=0).log_probability(test.values)
+    train, no_rows, test = rings(300, 0), rings(0, 0), rings(3000, 1)  # 3000 are several times ROWS_AT_A_TIME
+    found = train_svm(train, no_rows, n_classes=3, seed=0).log_probability(test.values)
     assert (found.argmax(axis=1) == test.labels).mean() > 0.98
-    logistic = train_logistic(train, nobody, n_classes=3, seed=0).log_probability(test.values)
+    logistic = train_logistic(train, no_rows, n_classes=3, seed=0).log_probability(test.values)
     assert (logistic.argmax(axis=1) == test.labels).mean() < 0.6
 
 
 def test_support_vector_machine_uses_a_random_choice_of_too_many_rows(monkeypatch):
     monkeypatch.setattr(training, "SVM_MOST_ROWS", 30)
-    train, nobody = rings(300, 0), rings(0, 0)
+    train, no_rows = rings(300, 0), rings(0, 0)
     few = np.flatnonzero((train.labels != 2) | (np.arange(300) < 9))  # three of the third class
     with pytest.warns(DoppelgaitWarning, match="of 203 training rows at most 10 of each class"):
         one, two, other = (
-            train_svm(LabelledRows(train.values[few], train.labels[few]), nobody, n_classes=3, seed=seed)
+            train_svm(LabelledRows(train.values[few], train.labels[few]), no_rows, n_classes=3, seed=seed)
             for seed in (0, 0, 1)
         )
     assert len(one.support) <= 23

@@ -27,5 +27,5 @@ def test_the_middle_of_every_distribution() -> None:
 
 def test_the_middle_is_the_mean_of_many_draws() -> None:
     for value in ({"normal": [3.0, 2.0]}, {"uniform": [1.0, 5.0]}):
-        drawn = [resolve(value, seed=1, example=n, key="k") for n in range(4000)]
-        assert sum(drawn) / len(drawn) == pytest.approx(replace_by_middle(value), abs=0.15)
+        sampled = [resolve(value, seed=1, example=n, key="k") for n in range(4000)]
+        assert sum(sampled) / len(sampled) == pytest.approx(replace_by_middle(value), abs=0.15)

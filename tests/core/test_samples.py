@@ -69,7 +69,7 @@ def test_changes_in_place_keep_own_memory_and_leave_that_of_others():
 @pytest.mark.parametrize("factor", [WHITE, np.array([0.8, 0.56, 0.2], np.float32)])
 def test_pending_noise_is_the_noise_that_settles_and_that_is_read_in_part(factor):
     spans = np.array([[0, 0], [3, 40], [10, 70], [0, 0], [5, 6], [60, 70], [0, 0], [0, 0], [0, 0]])
-    expected = both()[0].with_noise(KEY, 4.0, factor).settle().matrix
+    expected = both()[0].with_noise(KEY, 4.0, factor).add_pending_noise().matrix
     for samples in both():
         noisy = samples.with_noise(KEY, 4.0, factor)
         np.testing.assert_array_equal(noisy.matrix, expected)
@@ -131,7 +131,7 @@ def test_noise_pending_and_frozen_samples_share_no_memory_that_changes(layout):
     samples = both()[layout]
     noisy = samples.with_noise(KEY, 1.0)
     frozen, once = noisy.freeze(), noisy.matrix.copy()
-    noisy.settle()
+    noisy.add_pending_noise()
     noisy += 1.0
     assert np.asarray(samples) == pytest.approx(matrix())
     assert np.asarray(frozen) == pytest.approx(once)

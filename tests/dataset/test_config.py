@@ -11,7 +11,7 @@ from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.plan import plan_dataset
 
 
-def drawn(table):
+def resolve_example(table):
     return plan_dataset(validate(PlanConfig, table, where="plan")).example(0)
 
 
@@ -30,7 +30,7 @@ def changed(key, value):
 )
 def test_fields_that_are_none(fields):
     with pytest.raises(ConfigError, match=r"dataset\.fields"):
-        drawn(changed("dataset.fields", fields))
+        resolve_example(changed("dataset.fields", fields))
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_fields_that_are_none(fields):
 )
 def test_distributions_that_are_none(value, words):
     with pytest.raises(ConfigError, match=words):
-        drawn(changed("target.range_m", value))
+        resolve_example(changed("target.range_m", value))
 
 
 def test_messages_are_short_however_long_the_names_are():
@@ -58,5 +58,5 @@ def test_messages_are_short_however_long_the_names_are():
         {**changed("target.range_m", 1.0), **{f"key{number}": 1 for number in range(5000)}},
     ):
         with pytest.raises(DoppelgaitError) as refused:
-            drawn(table)
+            resolve_example(table)
         assert len(str(refused.value)) <= 2000

@@ -78,7 +78,7 @@ def test_every_clip_has_ranges_and_partners_of_its_family(planned):
         assert "loop_to_s" in table
 
 
-def test_every_example_is_another_mover_and_the_same_again(planned, takes):
+def test_every_example_is_another_target_and_the_same_again(planned, takes):
     motions = [planned.example(number).run.scene.targets[0].motion for number in range(40)]
     factors = {(m["path"], m["hybrid"]["speed_factor"], m["hybrid"]["share"]) for m in motions}
     assert len(factors) == 40

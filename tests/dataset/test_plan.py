@@ -48,9 +48,9 @@ def test_distributions_stay_in_their_limits_and_have_their_means():
 
 
 def test_a_choice_of_tables_is_resolved_inside():
-    drawn = [draw({"choice": [{"kind": "x", "v": {"uniform": [0, 1]}}, {"kind": "y"}]}, n) for n in range(50)]
-    assert {d["kind"] for d in drawn} == {"x", "y"}
-    assert all(0 <= d["v"] <= 1 for d in drawn if d["kind"] == "x")
+    sampled = [draw({"choice": [{"kind": "x", "v": {"uniform": [0, 1]}}, {"kind": "y"}]}, n) for n in range(50)]
+    assert {d["kind"] for d in sampled} == {"x", "y"}
+    assert all(0 <= d["v"] <= 1 for d in sampled if d["kind"] == "x")
 
 
 def test_a_key_has_its_own_stream():
@@ -66,13 +66,13 @@ CHILD = {"height_m": {"uniform": [1.0, 1.5]}, "speed_mps": {"uniform": [0.5, 0.8
 @pytest.mark.parametrize("turned", [False, True], ids=["after", "before"])
 def test_a_draw_can_be_multiplied_by_another_key_wherever_it_stands(turned):
     table = dict(reversed(CHILD.items())) if turned else CHILD
-    drawn = [draw(table, n) for n in range(200)]
-    ratio = np.array([d["speed_mps"] / d["height_m"] for d in drawn])
-    assert list(drawn[0]) == list(table)
+    sampled = [draw(table, n) for n in range(200)]
+    ratio = np.array([d["speed_mps"] / d["height_m"] for d in sampled])
+    assert list(sampled[0]) == list(table)
     assert 0.5 <= ratio.min() < 0.52
     assert 0.78 < ratio.max() <= 0.8
-    assert np.corrcoef([d["height_m"] for d in drawn], [d["speed_mps"] for d in drawn])[0, 1] > 0.5
-    assert abs(np.corrcoef([d["height_m"] for d in drawn], ratio)[0, 1]) < 0.2
+    assert np.corrcoef([d["height_m"] for d in sampled], [d["speed_mps"] for d in sampled])[0, 1] > 0.5
+    assert abs(np.corrcoef([d["height_m"] for d in sampled], ratio)[0, 1]) < 0.2
 
 
 def test_times_changes_no_draw_by_more_than_its_factor():
@@ -543,11 +543,11 @@ def test_companions_are_rows_of_their_own_in_the_split_of_their_scene():
 
 
 def test_nobody_is_a_class_with_a_gate_and_without_an_echo():
-    nobody = plan(
+    empty = plan(
         classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "empty", "motion": "none"}],
         noise={"kind": "thermal"},
     )
-    found = [e for e in examples_of(nobody) if e.label == "empty"]
+    found = [e for e in examples_of(empty) if e.label == "empty"]
     assert {e.rows[0].source for e in found} == {"none"}
     speeds = [e.run.scene.targets[0].motion["speed_mps"] for e in found]
     assert 0.4 <= min(speeds) < 0.8 < 1.6 < max(speeds) <= 2.0
@@ -645,9 +645,9 @@ def test_a_tiny_plan_with_the_default_seed_is_not_refused_by_chance():
     """The gate errors of this plan happen to differ by class: balanced accuracy 0.83 with p = 0.0008."""
     config = plan(dataset={"name": "x", "examples_per_class": 20}, target={"range_m": {"uniform": [3, 6]}})
     assert config.dataset.seed == 2018
-    drawn = examples_of(config)
-    refuse_leaks(drawn, np.random.default_rng(0))
-    errors_m = pd.DataFrame([{"label": e.label, "group": e.group, "gate_error_m": e.gate_error_m} for e in drawn])
+    sampled = examples_of(config)
+    refuse_leaks(sampled, np.random.default_rng(0))
+    errors_m = pd.DataFrame([{"label": e.label, "group": e.group, "gate_error_m": e.gate_error_m} for e in sampled])
     found = guess_classes(errors_m, np.random.default_rng(0))
     assert found.accuracy > 0.75
     assert not found.leaks

@@ -74,10 +74,10 @@ def test_an_example_is_the_same_alone_and_after_others(sensor: Path) -> None:
 
 
 def test_a_key_of_the_plan_replaces_a_draw_and_shifts_no_other(sensor: Path) -> None:
-    drawn = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent).example(3).run
+    sampled = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent).example(3).run
     fixed = plan_dataset(plan_of("my-sensor.toml", noise_figure_db=5.0), folder=sensor.parent).example(3).run
     assert fixed.radar.noise_figure_db == 5.0
-    assert fixed.impairments == drawn.impairments
+    assert fixed.impairments == sampled.impairments
 
 
 def test_the_identity_is_that_of_the_content_not_of_the_path(sensor: Path) -> None:

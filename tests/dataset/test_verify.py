@@ -14,7 +14,7 @@ from doppelgait.dataset.verify import duplicates, leakage, truth
 from doppelgait.dataset.verify.contents import Check, Contents, Verification, list_some
 from doppelgait.dataset.verify.duplicates import check_groups
 from doppelgait.dataset.verify.leakage import round_values
-from doppelgait.dataset.verify.truth import check_movers
+from doppelgait.dataset.verify.truth import check_visibility
 
 
 def contents(index, **description):
@@ -81,33 +81,33 @@ def test_off_as_a_whole_is_the_binomial_tail_below_a_thousandth(hits, rows, off)
     assert truth.has_too_few_hits(hits, rows) == off
 
 
-# movers
+# visibility
 
 
 def test_a_class_that_declares_motion_and_is_only_noise_fails_with_its_name():
     table = walkers()
-    assert check_movers(contents(table)).status == "passed"
+    assert check_visibility(contents(table)).status == "passed"
     table.loc[table["label"] == "dog", "quality_snr_mu_db"] = -2.0
-    found = check_movers(contents(table))
+    found = check_visibility(contents(table))
     assert found.status == "failed"
     assert "noise instead of motion: dog declares motion, but only 0 % of 20 rows" in found.summary
 
 
 def test_targets_that_no_track_follows_are_not_seen():
-    found = check_movers(contents(walkers(quality_snr_mu_db=np.full(40, np.nan))))
+    found = check_visibility(contents(walkers(quality_snr_mu_db=np.full(40, np.nan))))
     assert found.status == "failed"
 
 
-def test_a_class_of_nobody_may_be_noise_and_one_with_a_mover_is_a_warning():
+def test_an_empty_class_may_be_noise_and_one_with_a_target_is_a_warning():
     table = walkers()
     table.loc[table["label"] == "dog", ["source", "quality_snr_mu_db"]] = ["none", -2.0]
-    assert check_movers(contents(table)).status == "passed"
+    assert check_visibility(contents(table)).status == "passed"
     table["quality_snr_mu_db"] = 15.0
-    found = check_movers(contents(table))
+    found = check_visibility(contents(table))
     assert found.status == "warning"
-    assert "dog declares nobody, but something moves in 100 %" in found.summary
-    table["feature_torso_velocity_mps"] = 0.0  # a wall, not a mover
-    assert check_movers(contents(table)).status == "passed"
+    assert "dog is an empty scene, but something moves in 100 %" in found.summary
+    table["feature_torso_velocity_mps"] = 0.0  # a wall, not a target
+    assert check_visibility(contents(table)).status == "passed"
 
 
 # leaks
@@ -275,12 +275,12 @@ def test_permutations_keep_groups_together_and_counts():
     labels = np.array([0, 0, 1, 1, 1, 1, 0, 1])  # the last group has both
     seen = set()
     for _ in range(200):
-        drawn = leakage.permute_labels(labels, groups, rng)
-        pure = [drawn[groups == n] for n in range(3)]
+        permuted = leakage.permute_labels(labels, groups, rng)
+        pure = [permuted[groups == n] for n in range(3)]
         assert all(len(set(part)) == 1 for part in pure)
         assert sorted(part[0] for part in pure) == [0, 1, 1]
-        assert sorted(drawn[6:]) == [0, 1]
-        seen.add(tuple(drawn))
+        assert sorted(permuted[6:]) == [0, 1]
+        seen.add(tuple(permuted))
     assert len(seen) == 6
 
 

@@ -25,7 +25,7 @@ WAVELENGTH_M = 0.0411
 DOPPLER_HZ = (np.arange(N_DOPPLER) - N_DOPPLER // 2) * PRF_HZ / N_DOPPLER
 
 
-def drawn(*, stride_hz, alike, seconds=5.0, sway_hz=18.0, noise=0.0, torso=1.0, at_hz=60.0, seed=0):
+def make_signature(*, stride_hz, alike, seconds=5.0, sway_hz=18.0, noise=0.0, torso=1.0, at_hz=60.0, seed=0):
     """Draw a torso that sways once a stride and two limbs.
 
     Every line is 14 Hz wide. A limb stands for half a stride at -40 Hz of the torso and swings up to 220 Hz above it in
@@ -50,7 +50,7 @@ def drawn(*, stride_hz, alike, seconds=5.0, sway_hz=18.0, noise=0.0, torso=1.0, 
 
 
 def estimate(noise=0.0, velocity_mps=1.2, **kwargs):
-    normalised, excess = drawn(noise=noise, **kwargs)
+    normalised, excess = make_signature(noise=noise, **kwargs)
     return estimate_gait_frequency(normalised, excess, noise, velocity_mps=velocity_mps)
 
 
@@ -95,7 +95,7 @@ def test_noise_lowers_the_confidence_and_keeps_the_octave():
 
 def test_limbs_that_are_noise_double_nothing():
     # a torso that sways at 1 Hz with noise about it: the rows beyond it repeat at no period
-    normalised, excess = drawn(stride_hz=1.0, alike=True, noise=0.05)
+    normalised, excess = make_signature(stride_hz=1.0, alike=True, noise=0.05)
     blank = np.abs(DOPPLER_HZ - 60.0) > 45.0
     for seed in range(5):
         noise = np.random.default_rng(seed).gamma(32.0, 1 / 32.0, (normalised.sizes["time"], int(blank.sum())))
@@ -106,7 +106,7 @@ def test_limbs_that_are_noise_double_nothing():
 
 
 def test_nothing_that_changes_has_no_frequency():
-    normalised, excess = drawn(stride_hz=1.0, alike=True)
+    normalised, excess = make_signature(stride_hz=1.0, alike=True)
     still = normalised.copy(data=np.zeros(normalised.shape))
     found = estimate_gait_frequency(still, excess.copy(data=still.values), 0.0, velocity_mps=1.0)
     assert (found.frequency_hz, found.confidence, found.n_periods) == (None, None, None)
@@ -146,7 +146,7 @@ def test_the_posterior_is_the_weighted_sum_of_its_terms():
 
 
 def test_confidence_octaves_and_second_are_masses_of_the_posterior():
-    normalised, excess = drawn(stride_hz=1.05, alike=True, noise=0.3)
+    normalised, excess = make_signature(stride_hz=1.05, alike=True, noise=0.3)
     found = estimate_gait_frequency(normalised, excess, 0.3, velocity_mps=1.2)
     assert 0.0 < found.confidence < 1.0
     assert found.confidence + found.half_probability + found.double_probability <= 1.0 + 1e-9
@@ -199,7 +199,7 @@ def test_the_spectrum_is_that_of_the_windowed_autocorrelation():
 
 @pytest.mark.parametrize("at_hz", [-130.0, 0.0, 60.0])
 def test_the_torso_line_follows_the_torso(at_hz):
-    normalised, _ = drawn(stride_hz=0.5, alike=True, at_hz=at_hz, torso=20.0)
+    normalised, _ = make_signature(stride_hz=0.5, alike=True, at_hz=at_hz, torso=20.0)
     slow = average_columns(normalised)
     t = (np.arange(slow.values.shape[0]) + 1 / 3) * 3 / RATE_HZ
     # a Gaussian of sd s takes exp(-(2 pi f s)^2 / 2) of a sine: 0.982 at 0.5 Hz and 60 ms
@@ -208,7 +208,7 @@ def test_the_torso_line_follows_the_torso(at_hz):
 
 
 def test_limb_rows_leave_out_the_torso_and_noise():
-    normalised, _ = drawn(stride_hz=1.0, alike=True, sway_hz=0.0)
+    normalised, _ = make_signature(stride_hz=1.0, alike=True, sway_hz=0.0)
     slow = average_columns(normalised)
     clean = limb_rows(slow, np.zeros(slow.values.shape[0]))
     assert clean.rate_hz == pytest.approx(RATE_HZ / 3)

@@ -32,7 +32,7 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("first", "second"), PAIRS)
-def test_two_recordings_make_a_mover_between_them(shared: Path, first: str, second: str) -> None:
+def test_two_recordings_make_a_target_between_them(shared: Path, first: str, second: str) -> None:
     clips = [_read(shared, file) for file in (first, second)]
     speeds = [travel_speed_mps(clip) for clip in clips]
     mixed = blend(*clips, share=0.5)

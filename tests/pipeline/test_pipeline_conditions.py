@@ -85,7 +85,7 @@ def test_frame_jitter_moves_the_scene_and_not_the_axis():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result():
+def test_background_targets_scatter_but_are_neither_truth_nor_signal_nor_result():
     blades = Target(fan(duration_s=2.0), background=True, rcs={"kind": "equal", "total_m2": 50.0})
     walker = Target(WALK, label="human", range_m=5.0)
     alone = simulate(Scene([walker]), RADAR, rng=rng(1), snr_db=20.0)
@@ -131,9 +131,9 @@ def test_conditions_say_what_is_wrong_too():
         Conditions(impairments=[{"kind": "nothing"}])
 
 
-# --- Sensor twins ---
+# --- Calibrated presets ---
 
-TWIN = """
+PRESET = """
 carrier_hz = 7.29e9
 sample_rate_hz = 23.328e9
 decimation = 8
@@ -148,13 +148,13 @@ level_db = -20
 
 
 def test_a_preset_file_brings_its_lists_unless_the_scene_has_its_own(tmp_path):
-    (tmp_path / "twin.toml").write_text(TWIN)
-    table = {**SCENE, "radar": {"preset": "twin.toml", "prf_hz": 800}}
+    (tmp_path / "calibrated.toml").write_text(PRESET)
+    table = {**SCENE, "radar": {"preset": "calibrated.toml", "prf_hz": 800}}
     spec = parse_run(table, folder=tmp_path)
     assert spec.radar.prf_hz == 800
     assert [fault.kind for fault in spec.impairments] == ["dc_leak"]
     assert parse_run({**table, "impairments": []}, folder=tmp_path).impairments == ()
-    with pytest.raises(ConfigError, match=r"radar.preset.*twin.toml"):
+    with pytest.raises(ConfigError, match=r"radar.preset.*calibrated.toml"):
         parse_run(table, folder=tmp_path / "elsewhere")
 
 
@@ -203,12 +203,12 @@ def test_wrong_plans_are_refused(changes, message):
 
 
 def test_a_preset_file_is_part_of_the_datasets_identity(tmp_path):
-    (tmp_path / "twin.toml").write_text(TWIN)
-    plan = PlanConfig.model_validate({**PLAN, "radar": {"preset": {"choice": ["twin.toml", "x4"]}}})
+    (tmp_path / "calibrated.toml").write_text(PRESET)
+    plan = PlanConfig.model_validate({**PLAN, "radar": {"preset": {"choice": ["calibrated.toml", "x4"]}}})
     first = compute_dataset_id(plan, tmp_path)
     kinds = {example.run.radar.prf_hz for example in examples_of(plan, folder=tmp_path)}
     assert kinds == {500.0, 1000.0}
-    (tmp_path / "twin.toml").write_text(TWIN.replace("-20", "-21"))
+    (tmp_path / "calibrated.toml").write_text(PRESET.replace("-20", "-21"))
     assert compute_dataset_id(plan, tmp_path) != first
 
 

@@ -51,7 +51,7 @@ def test_two_recordings_share_no_memory_and_cannot_be_changed():
     before = one.baseband.values.copy()
     changed = one.samples
     changed += 1.0
-    changed = one.samples.settle()
+    changed = one.samples.add_pending_noise()
     changed *= 0.0
     np.testing.assert_array_equal(one.samples.matrix, before)
     with pytest.raises(ValueError, match="read-only"):
@@ -82,12 +82,12 @@ def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
 def test_noise_reaches_every_cell_that_the_signature_reads():
     """Of all pulses and bins, those not declared needed may hold anything."""
     from doppelgait.processing import Gate
-    from doppelgait.processing.signature import compute_plane_signature, cut_out
+    from doppelgait.processing.signature import compute_plane_signature, make_gated_transform
 
     slow_time_s, range_m = np.arange(700) / 1000.0, 1.0 + 0.05 * np.arange(60)
     gate = Gate.around(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
     for analysis in (Analysis(), Analysis(hop=1), Analysis(method="liland2018")):
-        cut = cut_out(gate, slow_time_s, range_m, analysis)
+        cut = make_gated_transform(gate, slow_time_s, range_m, analysis)
         needed = cut.find_needed_pulses()
         planes = np.random.default_rng(0).standard_normal((2, 60, 700)).astype(np.float32)
         expected = compute_plane_signature(*planes, 0, cut, wavelength_m=0.04).values

@@ -1,4 +1,4 @@
-"""Movers and sitters before a radar without range."""
+"""Targets and sitters before a radar without range."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_power_of_bursts_and_of_the_whole_agree():
 
 @pytest.mark.shared
 @pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")  # clipped, and uneven pauses
-def test_every_measured_burst_recording_has_one_mover(shared):
+def test_every_measured_burst_recording_has_one_target(shared):
     """150 people and 2 recordings of a dog, one body each, from 4 to 7 m to the radar."""
     files = sorted((shared / "data/radar/cw24_kmkim036").glob("*/*_RE.txt"))
     found = [analyze(read_cw_text(file)) for file in files]

@@ -43,8 +43,8 @@ def test_exponential_is_the_high_pass_of_its_time_constant(doppler_hz):
     z = np.exp(2j * np.pi * doppler_hz / PRF_HZ)
     expected = abs(1 - alpha / (1 - (1 - alpha) / z))  # one-pole running mean taken off
     kept = remove_clutter(tone(doppler_hz), Analysis(clutter="exponential", clutter_time_s=2.0)).values
-    settled = kept[2400:, 0]  # 12 time constants after the start
-    assert np.abs(settled).mean() == pytest.approx(expected, rel=2e-3)
+    steady = kept[2400:, 0]  # 12 time constants after the start
+    assert np.abs(steady).mean() == pytest.approx(expected, rel=2e-3)
     if doppler_hz == pytest.approx(0.0796, rel=1e-2):
         assert expected == pytest.approx(1 / np.sqrt(2), rel=0.02)
 

@@ -8,7 +8,7 @@ import pytest
 from doppelgait.core.kernels.lines import follow_ridge
 from doppelgait.core.labels import SIGNATURE, make_array
 from doppelgait.processing import align, choose_line_order, main_line_hz, needs_alignment
-from doppelgait.processing.main_line import settle_velocity, torso_velocity_mps, track_velocity
+from doppelgait.processing.main_line import choose_velocity, torso_velocity_mps, track_velocity
 
 K, PRF_HZ = 128, 1000.0
 DOPPLER_HZ = (np.arange(K) - K // 2) * PRF_HZ / K
@@ -170,7 +170,7 @@ def lines(time_s, velocities_mps, powers, k=128, prf_hz=500.0):
 def test_track_settles_what_the_main_line_is_e34(line_mps, track_mps, trunk, wanted_mps, agreed):
     time_s = np.arange(300) * 0.01
     mu = lines(time_s, [line_mps, track_mps], [1.0, trunk])
-    found, same = settle_velocity(mu, 0.0, np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02))
+    found, same = choose_velocity(mu, 0.0, np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02))
     assert found.mean() * 0.02 == pytest.approx(wanted_mps)
     assert same == agreed
 

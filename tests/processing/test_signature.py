@@ -10,7 +10,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, Gate, gaussian_window, range_doppler, signature
 from doppelgait.processing.config import find_fast_length, plan_transform
-from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, cut_out
+from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, make_gated_transform
 
 WAVELENGTH_M = 0.0411238
 LONG = 1 << 18
@@ -233,7 +233,7 @@ def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy):
     analysis = Analysis(hop=hop, doppler_bins=128).resolved("truth")
     # a body that walks in and out again: for some tiles the gate is outside the frame
     gate = Gate.around(slow_time_s, 1.0 + 2.5 * np.sin(slow_time_s), span_m=0.8)
-    cut = cut_out(gate, slow_time_s, range_m, analysis)
+    cut = make_gated_transform(gate, slow_time_s, range_m, analysis)
     planes = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
     for samples in (Samples(matrix), Samples.from_planes(planes, n_pulses)):
         given = samples.with_noise(np.uint64(7), 0.3) if noisy else samples

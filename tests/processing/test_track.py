@@ -178,7 +178,7 @@ def test_second_detection_of_a_body_starts_no_track() -> None:
     assert len(track(scans)) == 1
 
 
-def test_shadow_of_a_standing_body_is_no_mover() -> None:
+def test_shadow_of_a_standing_body_is_no_target() -> None:
     still = [Scan(float(t), (seen(4.0, 0.0, half_mps=0.4),)) for t in TIMES]
     assert track(still) == []
     assert len(track(still, Tracker(still_travel_m=0.0))) == 1
@@ -186,7 +186,7 @@ def test_shadow_of_a_standing_body_is_no_mover() -> None:
     assert len(track(on_the_spot)) == 1
 
 
-def test_what_changes_its_range_without_a_doppler_shift_is_no_mover() -> None:
+def test_what_changes_its_range_without_a_doppler_shift_is_no_target() -> None:
     """Drifting clutter: narrow, at 0 m/s, and now here and now there. A robot is as narrow and moves."""
     places = np.interp(TIMES, [0, 2, 2.5, 4, 4.5, 6], [1.0, 1.0, 1.3, 1.3, 1.6, 1.6])
     sure = {"velocity_sd_mps": 0.05}
@@ -197,7 +197,7 @@ def test_what_changes_its_range_without_a_doppler_shift_is_no_mover() -> None:
     assert len(track(robot)) == 1
 
 
-def test_who_stands_most_of_the_time_is_a_mover_all_the_same() -> None:
+def test_who_stands_most_of_the_time_is_a_target_all_the_same() -> None:
     speed = np.interp(TIMES, [0, 1.2, 1.5], [1.2, 1.2, 0.0])
     ranges = 6 - np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * 0.1)])
     scans = [

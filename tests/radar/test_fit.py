@@ -1,4 +1,4 @@
-"""Sensor twin from an empty room: every estimate against recordings made here with known values."""
+"""Sensor model from an empty room: every estimate against recordings made here with known values."""
 
 from __future__ import annotations
 
@@ -177,9 +177,9 @@ def test_fitted_correlation_goes_into_the_radar() -> None:
 
 def test_implausible_noise_figure_changes_the_gain_instead() -> None:
     fit = fit_sensor(recording(room(5, noise_db=-70.0, clutter_db=35.0)[0]))
-    twin = calibrate_radar(fit)
-    assert twin.noise_figure_db == RADAR.noise_figure_db
-    assert twin.receiver_gain_db == pytest.approx(fit.receiver_gain_db.value)
+    preset = calibrate_radar(fit)
+    assert preset.noise_figure_db == RADAR.noise_figure_db
+    assert preset.receiver_gain_db == pytest.approx(fit.receiver_gain_db.value)
     assert any("noise figure" in flag for flag in fit.flags)
 
 
@@ -295,16 +295,16 @@ def test_leverage_and_phase_variance_equal_those_of_the_dense_covariance() -> No
     assert compute_factor_variance(static, rho, noise_power_v2=power) == pytest.approx(wanted)
 
 
-def test_a_mover_is_named_and_does_not_spoil_the_rest() -> None:
+def test_a_target_is_named_and_does_not_spoil_the_rest() -> None:
     samples, _ = room(10)
     time_s = np.arange(len(samples)) / PRF_HZ
     breath = np.exp(1j * 1.5 * np.sin(2 * np.pi * 0.25 * time_s))
     shape = np.exp(-((RANGE_M - 3.0) ** 2) / (2 * 0.052**2)) * 10 ** (-65 / 20)
     fit = fit_sensor(recording(samples + breath[:, None] * shape))
-    (mover,) = fit.movers
-    assert mover.start_m == pytest.approx(2.85, abs=0.12)
-    assert mover.stop_m == pytest.approx(3.15, abs=0.12)
-    assert mover.excess_db == pytest.approx(39.0, abs=3.0)  # -65 + 105, less what a time mean keeps
+    (target,) = fit.moving
+    assert target.start_m == pytest.approx(2.85, abs=0.12)
+    assert target.stop_m == pytest.approx(3.15, abs=0.12)
+    assert target.excess_db == pytest.approx(39.0, abs=3.0)  # -65 + 105, less what a time mean keeps
     assert any("not empty" in flag for flag in fit.flags)
     for name, (estimate, truth) in compared(fit).items():
         assert abs(estimate.value - truth) < 4.5 * estimate.sd, name
@@ -313,7 +313,7 @@ def test_a_mover_is_named_and_does_not_spoil_the_rest() -> None:
 def test_an_empty_room_raises_no_flag() -> None:
     fit = fit_sensor(recording(room(11)[0]))
     assert fit.flags == ()
-    assert fit.movers == ()
+    assert fit.moving == ()
     assert fit.n_used == fit.n_frames == 600
 
 
@@ -413,15 +413,15 @@ def test_recordings_that_cannot_be_fitted_are_refused() -> None:
         fit_sensor(recording(np.repeat(good[:1], 64, axis=0)))
 
 
-def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path) -> None:
+def test_preset_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path) -> None:
     samples, _ = room(18)
     samples[100] = samples[99]
     first = fit_sensor(recording(samples))
     path = tmp_path / "my-x4.toml"
     path.write_text(format_calibrated_preset(first), encoding="utf-8")
-    twin = Radar.preset(str(path))
-    assert twin.n_range_bins == RANGE_M.size
-    assert twin.prf_hz == PRF_HZ
+    preset = Radar.preset(str(path))
+    assert preset.n_range_bins == RANGE_M.size
+    assert preset.prf_hz == PRF_HZ
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     specs = [make_impairment(entry) for entry in table["impairments"]]
     assert [entry["kind"] for entry in table["impairments"]] == ["static_clutter", "phase_noise", "dropped_frames"]
@@ -432,8 +432,8 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
     assert phase["drift_rad_per_min"] == pytest.approx(DRIFT, rel=0.6)
     noise = make_impairment({"kind": "thermal_noise"})
     rng = np.random.default_rng(3)
-    made = apply_impairments(np.zeros((600, RANGE_M.size), np.complex64), [*specs[:2], noise], radar=twin, rng=rng)
-    again = fit_sensor(recording(made.matrix, twin, twin.range_axis_m()))
+    made = apply_impairments(np.zeros((600, RANGE_M.size), np.complex64), [*specs[:2], noise], radar=preset, rng=rng)
+    again = fit_sensor(recording(made.matrix, preset, preset.range_axis_m()))
     assert again.noise_level_db.value == pytest.approx(first.noise_level_db.value, abs=0.25)
     assert again.phase is not None
     assert again.phase.white.value == pytest.approx(first.phase.white.value, rel=0.2)
@@ -442,7 +442,7 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
     assert abs(difference.mean()) < 1.0
 
 
-def test_every_value_of_the_twin_file_has_a_comment() -> None:
+def test_every_value_of_the_preset_file_has_a_comment() -> None:
     text = format_calibrated_preset(fit_sensor(recording(room(19)[0])))
     for line in text.splitlines():
         if " = " in line and not line.startswith("#") and "kind" not in line and not line.endswith("["):
@@ -483,23 +483,23 @@ def command() -> typer.Typer:
     return app
 
 
-def test_command_writes_a_twin_and_a_figure(tmp_path: Path, command: typer.Typer) -> None:
-    source, twin = tmp_path / "empty.h5", tmp_path / "twin.toml"
+def test_command_writes_a_preset_and_a_figure(tmp_path: Path, command: typer.Typer) -> None:
+    source, preset = tmp_path / "empty.h5", tmp_path / "preset.toml"
     write_recording(recording(room(22)[0]), source)
-    result = CliRunner().invoke(command, [str(source), "-o", str(twin), "--figures", str(tmp_path / "figures")])
+    result = CliRunner().invoke(command, [str(source), "-o", str(preset), "--figures", str(tmp_path / "figures")])
     assert result.exit_code == 0, result.output
     assert "phase jitter, white" in result.output
     assert "clutter at" in result.output
     assert (tmp_path / "figures" / "twin-fit.png").stat().st_size > 10_000
-    assert Radar.preset(str(twin)).prf_hz == PRF_HZ
+    assert Radar.preset(str(preset)).prf_hz == PRF_HZ
 
 
 def test_command_refuses_what_it_cannot_use(tmp_path: Path, command: typer.Typer) -> None:
     source = tmp_path / "empty.h5"
     write_recording(recording(room(23, frames=64)[0]), source)
     runner = CliRunner()
-    wrong = runner.invoke(command, [str(source), "-o", str(tmp_path / "twin.txt")])
+    wrong = runner.invoke(command, [str(source), "-o", str(tmp_path / "preset.txt")])
     assert isinstance(wrong.exception, ConfigError)
-    option = runner.invoke(command, [str(source), "-o", str(tmp_path / "twin.toml"), "--option", "matrix"])
+    option = runner.invoke(command, [str(source), "-o", str(tmp_path / "preset.toml"), "--option", "matrix"])
     assert isinstance(option.exception, ConfigError)
     assert "KEY=VALUE" in str(option.exception)

@@ -45,7 +45,7 @@ def recording(samples: np.ndarray, radar: Radar = CW, source: str = "one.h5", **
     )
 
 
-def mover(rng: np.random.Generator, n: int, level_db: float, doppler_hz: float) -> np.ndarray:
+def echo_of(rng: np.random.Generator, n: int, level_db: float, doppler_hz: float) -> np.ndarray:
     """Echo that approaches at a speed that wanders, by its phase written out."""
     speed = doppler_hz * (1 + 0.1 * np.cumsum(rng.normal(size=n)) / math.sqrt(n))
     return 10 ** (level_db / 20) * np.exp(2j * np.pi * np.cumsum(speed) / PRF_HZ + 1j * rng.uniform(0, 6))
@@ -86,11 +86,11 @@ def test_two_recordings_have_no_spread_and_none_is_refused() -> None:
         pool([Estimate(math.nan, 1.0)])
 
 
-def test_noise_of_one_bin_under_a_mover_and_its_image() -> None:
+def test_noise_of_one_bin_under_a_target_and_its_image() -> None:
     scores = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        clean = mover(rng, 6400, -40.0, 40.0)[:, None] + 10 ** (-70 / 20) * normal(rng, 6400, 1)
+        clean = echo_of(rng, 6400, -40.0, 40.0)[:, None] + 10 ** (-70 / 20) * normal(rng, 6400, 1)
         found = measure_recording(recording(channels(clean, 1.5, 8.0))).estimates
         level_db = -70 + 10 * math.log10((1 + 10**0.15) / 2)
         truths = {"noise_level_db": level_db, "iq_gain_db": 1.5, "iq_phase_deg": 8.0, "noise_iq_gain_db": 1.5}
@@ -111,12 +111,12 @@ def test_a_trembling_wall_has_no_image() -> None:
     assert "one way" in found.refused["I/Q image"]
 
 
-def test_a_line_is_found_in_all_bins_and_a_mover_is_none() -> None:
+def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
     rng = np.random.default_rng(2)
     n, bins = 6400, X4.n_range_bins
     samples = 1e-5 * normal(rng, n, bins)
     samples += 1e-5 * np.exp(2j * np.pi * 100.0 * np.arange(n) / PRF_HZ)[:, None]
-    samples[:, 8:14] += mover(rng, n, -60.0, 55.0)[:, None]
+    samples[:, 8:14] += echo_of(rng, n, -60.0, 55.0)[:, None]
     (line,) = measure_recording(recording(samples, X4)).lines
     assert line.frequency_hz == pytest.approx(100.0, abs=line.half_width_hz)
     assert line.level_db.value == pytest.approx(-100.0, abs=1.0)
@@ -147,7 +147,7 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
     assert last - first == pytest.approx(10 * math.log10((1 + 10**0.52) / 1.011), abs=0.7)
     assert 'kind = "coloured_noise"' in format_kind_preset(coloured)
     assert "noise over Doppler" not in coloured.refused
-    bodies = np.stack([mover(rng, 6400, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
+    bodies = np.stack([echo_of(rng, 6400, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
     kind = fit_kind([recording(shaped[0] + bodies, wide)])
     entries = {entry["kind"]: entry for entry in tomllib.loads(format_kind_preset(kind))["impairments"]}
     levels = entries["coloured_noise"]["levels"]
@@ -192,7 +192,7 @@ def several(count: int, *, noise_apart: bool = False) -> list[Recording]:
         rng = np.random.default_rng(100 + seed)
         noise = 10 ** (rng.normal(-70, 1.0) / 20) * normal(rng, 3200, 1)
         gain_db = rng.normal(2.0, 0.5)
-        echo = mover(rng, 3200, -40.0, 40.0)[:, None]
+        echo = echo_of(rng, 3200, -40.0, 40.0)[:, None]
         mixed = channels(echo, gain_db, 10.0) + noise if noise_apart else channels(echo + noise, gain_db, 10.0)
         found.append(recording(mixed + 0.01 - 0.02j, source=f"{seed}.h5"))
     return found
@@ -231,7 +231,9 @@ def test_noise_that_arises_behind_the_mixer_comes_after_it(tmp_path: Path) -> No
     assert "not used: thermal_noise below" in text
     assert [spec.kind for spec in run.impairments][:3] == ["iq_imbalance", "thermal_noise", "iq_imbalance"]
     rng = np.random.default_rng(7)
-    again = apply_impairments(mover(rng, 6400, -40.0, 40.0)[:, None], run.impairments, radar=run.radar, rng=rng).matrix
+    again = apply_impairments(
+        echo_of(rng, 6400, -40.0, 40.0)[:, None], run.impairments, radar=run.radar, rng=rng
+    ).matrix
     found = measure_recording(recording(again)).estimates
     assert found["iq_phase_deg"].value == pytest.approx(10.0, abs=4 * found["iq_phase_deg"].sd + 1)
     assert abs(found["noise_iq_gain_db"].value) < 4 * found["noise_iq_gain_db"].sd + 0.2

@@ -1,4 +1,4 @@
-"""Sensor twin of real X4 modules: noise, clutter and phase of an empty room, and a person who is none of it."""
+"""Sensor model of real X4 modules: noise, clutter and phase of an empty room, and a person who is none of it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: 
     assert fit.phase.white.value * np.sqrt(2) == pytest.approx(np.std(steps[0]), rel=0.3)
 
 
-def test_twin_file_loads(fit: SensorFit, tmp_path: Path) -> None:
+def test_preset_file_loads(fit: SensorFit, tmp_path: Path) -> None:
     path = tmp_path / "my-x4.toml"
     path.write_text(format_calibrated_preset(fit), encoding="utf-8")
     radar = Radar.preset(str(path))
@@ -85,13 +85,13 @@ def test_twin_file_loads(fit: SensorFit, tmp_path: Path) -> None:
 def test_restless_places_of_the_room_are_named(folder: Path) -> None:
     """Slow-time variance 7 to 12 dB over the noise far back in the room: 7.4 and 7.7 m, and 7.05 m."""
     first, second = (fit_sensor(read_recording(folder / EMPTY, matrix=f"Data_Matrix_{n}")) for n in (1, 2))
-    assert {round(m.start_m) for m in first.movers} == {3, 7, 8}
-    (only,) = second.movers
+    assert {round(m.start_m) for m in first.moving} == {3, 7, 8}
+    (only,) = second.moving
     assert only.start_m == pytest.approx(7.05, abs=0.1)
     assert not any("cannot be trusted" in flag for flag in (*first.flags, *second.flags))
 
 
 def test_a_room_with_a_person_is_not_called_empty(folder: Path) -> None:
     fit = fit_sensor(read_recording(folder / BREATHING))
-    assert any(m.start_m < 1.73 < m.stop_m for m in fit.movers)
+    assert any(m.start_m < 1.73 < m.stop_m for m in fit.moving)
     assert any("cannot be trusted" in flag for flag in fit.flags)

@@ -156,7 +156,7 @@ def test_derived_quantities_of_the_link_budget():
 
 # --- Files of one's own -------------------------------------------------------------------------------------------
 
-TWIN = """
+PRESET = """
 name = "my X4"
 carrier_hz = 7.29e9
 sample_rate_hz = 23.328e9
@@ -179,7 +179,7 @@ kind = "wall"
 
 def test_a_file_is_a_preset_and_its_lists_are_beside_the_radar(tmp_path):
     path = tmp_path / "my-x4.toml"
-    path.write_text(TWIN)
+    path.write_text(PRESET)
     for name in (path, str(path)):
         radar = Radar.preset(name, prf_hz=300.0)
         assert (radar.name, radar.prf_hz, radar.n_range_bins) == ("my X4", 300.0, 98)
@@ -190,7 +190,7 @@ def test_a_file_is_a_preset_and_its_lists_are_beside_the_radar(tmp_path):
 
 def test_faults_of_a_file_name_it(tmp_path):
     path = tmp_path / "wrong.toml"
-    path.write_text(TWIN.replace("prf_hz = 200", "prf_hz = -200"))
+    path.write_text(PRESET.replace("prf_hz = 200", "prf_hz = -200"))
     with pytest.raises(ConfigError, match=r"radar \(preset .*wrong\.toml\): prf_hz: -200 .*greater than or equal"):
         Radar.preset(path)
     path.write_text("prf_hz = = 3")
@@ -232,7 +232,7 @@ def test_faults_of_a_file_that_starts_from_another(tmp_path, text, message):
 def test_the_command_prints_a_radar_file_that_reads_back(tmp_path):
     from doppelgait.cli.radar import app
 
-    (tmp_path / "my-x4.toml").write_text(TWIN)
+    (tmp_path / "my-x4.toml").write_text(PRESET)
     for name in (*list_preset_names(), str(tmp_path / "my-x4.toml")):
         again = tmp_path / "again.toml"
         again.write_text(CliRunner().invoke(app, ["show", name, "--toml"]).stdout)
@@ -250,7 +250,7 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
     from doppelgait.cli.radar import app
 
     path = tmp_path / "my-x4.toml"
-    path.write_text(TWIN)
+    path.write_text(PRESET)
     runner = CliRunner()
     for name in (*list_preset_names(), str(path)):
         plain = runner.invoke(app, ["show", name])

@@ -244,7 +244,7 @@ def test_periods_of_a_slow_time_signal(made):
 def test_a_spectrum_repeats_after_the_frame_rate(made):
     found = readings_of(made("fig-3.12"))
     assert found["period of the spectrum"].ours == 300.0
-    assert found["movers, largest error of the shift"].ours < 0.5
+    assert found["targets, largest error of the shift"].ours < 0.5
     assert found["wall, at shift"].ours == pytest.approx(0.0, abs=0.2)
 
 

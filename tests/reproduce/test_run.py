@@ -46,7 +46,7 @@ def _draw(material):
         Reading("width", 3.0, "m", 1.0, 0.5),
         Reading("lost", math.nan, "s", 1.0, 0.5),
         Reading("free", 2.0, "1"),
-        Reading("chosen", 4.0, "1", 4.0, given=True),
+        Reading("chosen", 4.0, "1", 4.0, fixed=True),
     ]
     table = pd.DataFrame({"n": range(40), "x": [0.5] * 40})
     return EntryResult(figure, readings, "Differs & is <said>.", table)
@@ -108,12 +108,12 @@ def test_a_judgement_names_what_differs():
     good, bad = Reading("one", 1.0, "1", 1.0), Reading("two", 1.0, "1", 2.0)
     assert format_judgement([good], "it is so.") == "Agrees: it is so."
     assert format_judgement([good, bad], "it is so.") == "Differs in: two. it is so."
-    chosen = Reading("three", 1.0, "1", 1.0, given=True)
+    chosen = Reading("three", 1.0, "1", 1.0, fixed=True)
     assert format_judgement([chosen], "it is so.") == "Set as stated: it is so."
 
 
 def test_what_was_set_as_stated_is_no_agreement():
-    chosen, missed = (Reading("n", ours, "1", 17.0, given=True) for ours in (17.0, 16.0))
+    chosen, missed = (Reading("n", ours, "1", 17.0, fixed=True) for ours in (17.0, 16.0))
     free, good, bad = Reading("f", 1.0, "1"), Reading("g", 1.0, "1", 1.0), Reading("b", 1.0, "1", 2.0)
     assert [one.kind for one in (good, chosen, bad, free)] == list(KINDS)
     assert chosen.agrees is None

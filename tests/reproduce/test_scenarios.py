@@ -247,7 +247,7 @@ def test_another_dog_is_compared_with_nothing(material):
         reading.name for reading in made(material, chapter5_views, "fig-5.7").readings if reading.stated is not None
     ]
     assert stated == ["speed that 263 Hz stand for"]  # the report's numbers, one by the other
-    assert "so this dog does not tell" in chapter5_views._judge_peak(0.91, 2.79, 0.4)
+    assert "so this dog does not show" in chapter5_views._judge_peak(0.91, 2.79, 0.4)
     assert "may be the stride" in chapter5_views._judge_peak(2.9, 2.79, 0.4)
 
 

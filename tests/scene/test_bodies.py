@@ -229,17 +229,17 @@ def test_merging_ellipsoids_is_refused():
 # --- Total ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mover", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
-def test_the_total_is_the_mean_over_horizontal_directions(mover):
+@pytest.mark.parametrize("body", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
+def test_the_total_is_the_mean_over_horizontal_directions(body):
     """Brute force: far radars at the body's height all round, all frames."""
-    motion = place(Scene([Target(mover)])).targets[0].motion
-    target = Target(mover, rcs=RcsSpec(kind="ellipsoids", total_m2=0.6))
-    times = mover.time_s - mover.time_s[0]
+    motion = place(Scene([Target(body)])).targets[0].motion
+    target = Target(body, rcs=RcsSpec(kind="ellipsoids", total_m2=0.6))
+    times = body.time_s - body.time_s[0]
     centre = motion.position_m.mean(axis=(0, 1))
     sums = []
     for azimuth in np.arange(36) * np.pi / 18:
         radar = 1e6 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        scene = Scene([Target(mover, rcs=target.rcs, start_position_m=(0, 0), heading_deg=0.0)], tuple(radar + centre))
+        scene = Scene([Target(body, rcs=target.rcs, start_position_m=(0, 0), heading_deg=0.0)], tuple(radar + centre))
         sums.append(assemble(scene, times, angles=False)["rcs"].values.sum(axis=1).mean())
     assert np.mean(sums) == pytest.approx(0.6, rel=2e-3)
     assert np.max(sums) > 1.1 * np.min(sums)
@@ -391,11 +391,11 @@ def test_nearest_points_against_a_minimum_found_blindly(range_m):
             np.testing.assert_allclose(found, q @ u / np.sqrt(u @ q @ u), atol=1e-6)
 
 
-@pytest.mark.parametrize("mover", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
-def test_radial_velocity_is_the_rate_of_the_range_of_the_surface(mover):
+@pytest.mark.parametrize("body", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
+def test_radial_velocity_is_the_rate_of_the_range_of_the_surface(body):
     """The spline through the frames adds little to ranges at pulse times."""
     times, step_s = np.arange(0.3, 0.9, 0.013), 1e-4
-    scene = Scene([Target(mover, rcs="ellipsoids", range_m=3.0, aspect_deg=25.0)])
+    scene = Scene([Target(body, rcs="ellipsoids", range_m=3.0, aspect_deg=25.0)])
     motion, radar = place(scene).targets[0].motion, np.array(scene.radar_position_m)
 
     def surface_range_m(at_s):

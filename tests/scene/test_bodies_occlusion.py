@@ -57,9 +57,9 @@ def marched(points, body, own, radar, n_steps=1500):
 
 
 @pytest.mark.parametrize("aspect_deg", [0.0, 60.0, 90.0, 170.0])
-@pytest.mark.parametrize("mover", [boulic_walk(duration_s=1.0), quadruped_gait(duration_s=1.0)])
-def test_who_is_hidden_is_what_marched_rays_say(mover, aspect_deg):
-    scene = Scene([Target(mover, aspect_deg=aspect_deg)])
+@pytest.mark.parametrize("body", [boulic_walk(duration_s=1.0), quadruped_gait(duration_s=1.0)])
+def test_who_is_hidden_is_what_marched_rays_say(body, aspect_deg):
+    scene = Scene([Target(body, aspect_deg=aspect_deg)])
     placed = place(scene).targets[0].motion
     motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 25)))
     body = compute_frame_ellipsoids(build_skeleton(motion))

@@ -1,4 +1,4 @@
-"""A receiver elsewhere than the transmitter, movers of the background, rooms without targets, the boresight."""
+"""A receiver elsewhere than the transmitter, targets of the background, rooms without targets, the boresight."""
 
 import math
 
@@ -185,7 +185,7 @@ def test_a_body_shows_the_cross_section_along_the_bisector():
 # --- Background ---------------------------------------------------------------------------------------------------
 
 
-def test_background_movers_scatter_but_are_no_targets():
+def test_background_targets_scatter_but_are_no_targets():
     fan = Target(point((0, 0, 2.0), (0.3, 0, 0)), start_position_m=(3.0, -2.0), heading_deg=90.0, background=True)
     people = [walker(label="first"), walker(label="second", start_position_m=(7.0, 0.0))]
     scene = Scene([people[0], fan, people[1]])

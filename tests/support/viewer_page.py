@@ -58,7 +58,7 @@ def address(page: Any) -> str:
     return str(page.evaluate("location.href"))
 
 
-def settled(page: Any, name: str) -> tuple[int, int]:
+def wait_until_idle(page: Any, name: str) -> tuple[int, int]:
     """Fingerprint of a canvas once it stays the same for a while."""
     seen = [look(page, name)]
     while len(seen) < 4 or len(set(seen[-4:])) > 1:

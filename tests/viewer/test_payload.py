@@ -135,8 +135,8 @@ def test_targets_show_what_the_analysis_found(run, recording):
     assert spectrum["peaks"][0] == {"hz": expected.gait_frequency_hz, "name": "f_mu"}
     gate = target["gate_limits"]
     at_s = expected.gate.time_s
-    drawn = np.interp(at_s, arrays[gate["time"]], arrays[gate["low"]])
-    np.testing.assert_allclose(drawn, expected.gate.low_m, atol=0.01)
+    plotted = np.interp(at_s, arrays[gate["time"]], arrays[gate["low"]])
+    np.testing.assert_allclose(plotted, expected.gate.low_m, atol=0.01)
 
 
 def test_frames_are_transforms_of_the_samples(run, recording):

@@ -207,8 +207,8 @@ def test_zero_columns_are_dark_and_nan_columns_stay_unknown() -> None:
     mu.values[5] = np.nan
     axes = viz.signature(mu, db_range=25.0).axes[0]
     low, _ = axes.images[0].get_clim()
-    drawn = image_db(axes)
-    assert (drawn[:, 3] == low).all()
+    plotted = image_db(axes)
+    assert (plotted[:, 3] == low).all()
     assert np.ma.getmaskarray(axes.images[0].get_array())[:, 5].all()
     assert axes.images[0].get_cmap().get_bad()[:3] == pytest.approx([0xBD / 255] * 3)
 
@@ -364,9 +364,9 @@ def test_mean_of_the_torso_skips_unknown_points() -> None:
     scatterers["range"].values[:10, 0] = np.nan
     scatterers["range"].values[:5, 1] = np.nan
     torso = next(line for line in viz.range_lines(scatterers).axes[0].lines if line.get_label() == "torso (mean)")
-    drawn = np.asarray(torso.get_ydata())
-    assert np.isnan(drawn[:5]).all()
-    np.testing.assert_allclose(drawn[5:10], 5.1 - 0.01 * np.arange(5, 10))
+    plotted = np.asarray(torso.get_ydata())
+    assert np.isnan(plotted[:5]).all()
+    np.testing.assert_allclose(plotted[5:10], 5.1 - 0.01 * np.arange(5, 10))
 
 
 def test_second_target_is_dashed() -> None:
@@ -431,10 +431,10 @@ def test_stick_frames_of_a_standing_body_and_of_unknown_stride() -> None:
 
 def test_step_doppler_is_amplitude_in_db_over_cadence() -> None:
     axes, bar = viz.cadence_map(make_cadence_map(), db_range=35.0, gait_frequency_hz=2.0).axes
-    drawn = image_db(axes)
-    assert drawn.shape == (64, 81)
-    assert drawn[40, 20] == pytest.approx(-20.0)
-    assert drawn.min() == pytest.approx(-55.0)
+    plotted = image_db(axes)
+    assert plotted.shape == (64, 81)
+    assert plotted[40, 20] == pytest.approx(-20.0)
+    assert plotted.min() == pytest.approx(-55.0)
     assert axes.get_xlim() == pytest.approx((0.0, 8.0))
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("cadence (Hz)", "Doppler frequency (Hz)")
     assert [text.get_text() for text in axes.texts] == ["1", "2", "3"]

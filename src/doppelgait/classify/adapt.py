@@ -56,7 +56,7 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
     Raises
     ------
     DatasetError
-        If a class has no row: nothing would tell how far to move.
+        If a class has no row: the size of the shift is then unknown.
     """
     from scipy.optimize import minimize
 
@@ -92,7 +92,7 @@ def adapt_unlabelled(
     p' = softmax(log p + shift), so that the mean of p' over the recordings comes to the shares of the classes: the
     shift minimises n times the cross-entropy of the mean against the shares, with the normal prior of :func:`adapt`.
     Each of the n recordings counts once, however many rows it has.
-    Without the shares nobody can tell a model that is off from classes that are rare: wrong shares move the decision to
+    Without the shares a wrong model cannot be distinguished from rare classes: wrong shares move the decision to
     a wrong place.
 
     Parameters
@@ -177,17 +177,17 @@ def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntAr
     for number in range(len(rows.classes)):
         candidates = np.flatnonzero(rows.labels == number)
         # target by target, so that as few targets as possible are lost to the score
-        movers = rng.permutation(np.unique(rows.groups[candidates]))
-        ordered = [name for mover in movers for name in
-                   rng.permutation(np.unique(names[candidates][rows.groups[candidates] == mover]))]  # fmt: skip
+        targets = rng.permutation(np.unique(rows.groups[candidates]))
+        ordered = [name for target in targets for name in
+                   rng.permutation(np.unique(names[candidates][rows.groups[candidates] == target]))]  # fmt: skip
         if len(ordered) < n:
             return None
         own += candidates[np.isin(names[candidates], ordered[:n])].tolist()
-    drawn = np.array(sorted(own), dtype=np.int64)
-    scored = np.flatnonzero(~np.isin(rows.groups, rows.groups[drawn]))
+    sampled = np.array(sorted(own), dtype=np.int64)
+    scored = np.flatnonzero(~np.isin(rows.groups, rows.groups[sampled]))
     if np.unique(rows.labels[scored]).size < len(rows.classes):
         return None
-    return drawn, scored
+    return sampled, scored
 
 
 def score_adaptation(
@@ -195,7 +195,7 @@ def score_adaptation(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Score a model against the number of own recordings.
 
-    Every count is drawn :data:`REPEATS` times; only targets of whom nothing was drawn are scored, so that each count
+    Every count is sampled :data:`REPEATS` times; only targets without a sampled recording are scored, so each count
     has other targets to score: what is gained is the difference to ``before``, the same targets by the model as it was.
 
     Returns
@@ -204,15 +204,15 @@ def score_adaptation(
         By count: ``n``; mean ``balanced_accuracy``, with ``low`` and ``high`` between which 80 % of the draws lie;
         ``before``; ``unlabelled``, where the same recordings are used without their labels; ``movers``, how many are
         scored on average; ``reliability`` and ``expected_calibration_error`` of all draws together. A count that leaves
-        nobody to score is left out.
+        no target to score is left out.
     """
     curve, recordings, count = [], list_row_recordings(rows), len(rows.classes)
     for n in counts:
         found = [sample_own_rows(rows, n, rng) for _ in range(REPEATS if n else 1)]
-        if any(drawn is None for drawn in found):
+        if any(sample is None for sample in found):
             continue
         scores, sure, hits, shares = [], [], [], []
-        for own, scored in (drawn for drawn in found if drawn is not None):
+        for own, scored in (sample for sample in found if sample is not None):
             labels = rows.labels[scored]
             adapted = adapt(model, values[own], rows.labels[own], recordings[own])
             blind = adapt_unlabelled(model, values[own], recordings[own])
@@ -224,12 +224,12 @@ def score_adaptation(
             sure.append(probability.max(axis=1))
             hits.append(right[0])
             shares.append(row_weights(labels, count))
-        accuracy, before, unlabelled, movers = np.mean(scores, axis=0)
+        accuracy, before, unlabelled, n_targets = np.mean(scores, axis=0)
         low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
         bins = bin_reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)
         curve.append({
             "n": n, "balanced_accuracy": float(accuracy), "low": float(low), "high": float(high),
-            "before": float(before), "unlabelled": float(unlabelled), "movers": float(movers),
+            "before": float(before), "unlabelled": float(unlabelled), "movers": float(n_targets),
             "expected_calibration_error": expected_calibration_error(bins), "reliability": bins,
         })  # fmt: skip
     return curve

@@ -178,8 +178,8 @@ def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
         **day.scene, "duration_s": section.duration_s, "targets": section.targets,
         "environment": [*day.scene.get("environment", ()), *section.environment],
     }  # fmt: skip
-    drawn = resolve(table, seed=day.seed, example=example, key="day", turn=example % day.repeats)
-    return parse_run({**drawn, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
+    sampled = resolve(table, seed=day.seed, example=example, key="day", turn=example % day.repeats)
+    return parse_run({**sampled, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
 
 
 def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:

@@ -249,7 +249,7 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
         contents = Contents(dataset.directory, dataset.description, dataset.index, True, {}, plan, reason)
         sampled = contents.resolve_sample(np.random.default_rng(0), most=10 * len(dataset) + 100)
         if sampled:
-            part = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "nobody"])
+            part = tabulate_nuisances(dataset.index, sampled).drop(columns=["label", "group", "empty"])
             part = part.reindex(dataset.index["id"])
         else:
             part = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")

@@ -148,7 +148,7 @@ def classify(
     RecordingError
         If a file cannot be read.
     ConfigError
-        If no model is given and none that comes with the package fits.
+        If no model is named and no shipped model fits.
 
     See Also
     --------

@@ -54,7 +54,7 @@ def simulate_like(
     ----------
     recordings : sequence of Recording
     preset : str or Path
-        Sensor model; its distributions are drawn anew for every recording.
+        Sensor model; its distributions are sampled anew for every recording.
     plan : PlanConfig, optional
         What is before the sensor: classes in turn, targets, environment. An empty room by default.
     folder : Path, optional
@@ -181,7 +181,7 @@ class Comparison:
     ----------
     auc, auc_of_shape : (float, float, float)
         AUC of a boosting classifier on all statistics, and on those that do not depend on the scale of the file; with
-        the 95 % bootstrap interval over what is held out. 0.5: not told apart.
+        the 95 % bootstrap interval over what is held out. 0.5: not separated.
     auc_linear : float
         AUC of logistic regression on all statistics.
     distances : dict
@@ -243,8 +243,8 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
     weights = weight_groups(positive.astype(np.int64), group, np.random.default_rng(seed), count=REPLICATES)
     intervals = {}
     for key in ("all", "shape"):
-        drawn = [auc(scores[key], positive, row) for row in weights]
-        low, high = np.nanquantile(drawn, (0.025, 0.975))
+        resampled = [auc(scores[key], positive, row) for row in weights]
+        low, high = np.nanquantile(resampled, (0.025, 0.975))
         intervals[key] = (auc(scores[key], positive), float(low), float(high))
     distances = {}
     for name, column in zip(names, values.T, strict=True):

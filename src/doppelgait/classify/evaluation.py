@@ -45,7 +45,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.open import Dataset
 
 UNLABELLED = "unlabelled"
-"""Label of own recordings of which nobody knows what they show."""
+"""Label of own recordings of unknown content."""
 
 
 def make_document(
@@ -279,8 +279,8 @@ def evaluate(
     rows, nameless = _collect_test_rows(dataset, other, own, own_shares)
     rows = replace(rows, alarm=_choose_alarm_class(rows, alarm_class, needed=day is not None))
     strangers = None if unknown is None else unknown_rows(unknown, rows)
-    for option, given in (("--adapt", own), ("--unknown", unknown)):
-        if given is not None and (n_folds or left_out):
+    for option, other_data in (("--adapt", own), ("--unknown", unknown)):
+        if other_data is not None and (n_folds or left_out):
             raise ConfigError(f"{option}: needs one model for all rows; leave --cv and --leave-out out")
     folds, notes = _choose_folds(rows, n_folds, left_out, seed)
     refuse_shared(rows, folds)
@@ -364,11 +364,11 @@ def _collect_test_rows(
         )
     rows = collect_rows(dataset)
     if shares is not None:
-        given = ", ".join(f"{name}={share:g}" for name, share in shares.items())
+        listed = ", ".join(f"{name}={share:g}" for name, share in shares.items())
         whole = abs(sum(shares.values()) - 1.0) < 1e-6 and min(shares.values(), default=0.0) > 0
         if set(shares) != set(rows.classes) or not whole:
             raise ConfigError(
-                f"--share: {given}: must name every class ({', '.join(rows.classes)}), each above 0, together 1"
+                f"--share: {listed}: must name every class ({', '.join(rows.classes)}), each above 0, together 1"
             )
     return rows, unknown_rows(own, rows)
 

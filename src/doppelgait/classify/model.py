@@ -169,14 +169,14 @@ def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -
     return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
 
 
-def mark_outside(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.bool_]:
+def mark_outside(values: FloatArray, name: str, trained: Conditions) -> npt.NDArray[np.bool_]:
     """Mark values of a condition outside the training range.
 
     The tolerance is allowed for; unknown values are never outside.
     """
-    if name not in learnt:
+    if name not in trained:
         return np.zeros(np.shape(values), dtype=bool)
-    low, high = accepted_range(name, *learnt[name])
+    low, high = accepted_range(name, *trained[name])
     return np.asarray((values < low) | (values > high))
 
 
@@ -186,17 +186,17 @@ def accepted_range(name: str, low: float, high: float) -> tuple[float, float]:
     return low * less, high * more
 
 
-def describe_outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
+def describe_outside_conditions(found: Mapping[str, float], trained: Conditions) -> list[str]:
     """Describe conditions outside the training range, or unknown."""
     said = []
     for name in TOLERANCE:
-        if name not in learnt:
+        if name not in trained:
             continue
-        words = format_span(*learnt[name])
+        words = format_span(*trained[name])
         if math.isnan(found[name]):
             said.append(f"{name} is unknown; the training range is {words}")
-        elif mark_outside(np.array([found[name]]), name, learnt)[0]:
-            accepted = format_span(*accepted_range(name, *learnt[name]))
+        elif mark_outside(np.array([found[name]]), name, trained)[0]:
+            accepted = format_span(*accepted_range(name, *trained[name]))
             said.append(f"{name} {found[name]:.4g} is outside the accepted range, {accepted} (training range {words})")
     return said
 
@@ -213,13 +213,13 @@ def summarise_outside_conditions(
 
     Number of rows, training span and their own span.
     """
-    learnt, said = find_training_conditions(found, train), {}
+    trained, said = find_training_conditions(found, train), {}
     for name, values in found.items():
-        far = mark_outside(values[test], name, learnt)
+        far = mark_outside(values[test], name, trained)
         if far.any():
             theirs = values[test][far]
             said[name] = {
-                "n": int(far.sum()), "of": int(test.size), "learnt": list(learnt[name]),
+                "n": int(far.sum()), "of": int(test.size), "learnt": list(trained[name]),
                 "tested": [float(theirs.min()), float(theirs.max())],
             }  # fmt: skip
     return said

@@ -1,7 +1,7 @@
 """Distance of a target from all training data.
 
-A classifier must answer with one of its classes. Something else - a waving person, a vacuum cleaner - is told by its
-distance from the training rows, not by the probabilities.
+A classifier must answer with one of its classes. Something else - a waving person, a vacuum cleaner - is recognised by
+its distance from the training rows, not by the probabilities.
 """
 
 from __future__ import annotations

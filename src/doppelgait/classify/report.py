@@ -273,8 +273,8 @@ ADAPTATION_TEXT = (
 UNKNOWN_TEXT = (
     "<h2>Kinds outside the training data</h2>"
     "<p>Kinds outside the training data, which no class is right for: how well the distance from these data, and the "
-    "lack of certainty, tell them from the tested rows (area under the ROC curve, 0.5: not at all), and the share that "
-    "is called a class with a decision.</p>"
+    "lack of certainty, separate them from the tested rows (area under the ROC curve, 0.5: not at all), and the "
+    "share that is called a class with a decision.</p>"
 )
 ALARM_TEXT = (
     "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
@@ -382,7 +382,7 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
         words = {key: f"{fold[key]['n']} of {fold[key]['movers']} targets" for key in ("train", "held", "test")}
         rows.append({"fold": fold["name"], **words})
     plans = []
-    for facts, role in ((data, "learnt"), (other, "tested")):
+    for facts, role in ((data, "trained on"), (other, "tested on")):
         if facts is not None:
             name, identity = escape(str(facts["name"])), escape(str(facts["id"]))
             plans.append(f"<h2>Plan, {role}: {name}, id {identity}</h2>")
@@ -414,7 +414,7 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
     )
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
-        f"<p>Learnt from {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
+        f"<p>Trained on {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
         f"No tested target is in the training data. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
@@ -424,8 +424,8 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
         ),
         "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
         "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
-        "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
-        "the class (nuisance); the speed alone.</p>",
+        "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not "
+        "predict the class (nuisance); the speed alone.</p>",
         *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
         *_format_day_parts(document),
         *([ADAPTATION_TEXT, _format_table(own)] if own else []),

@@ -251,7 +251,7 @@ class Answers:
 
     @property
     def right(self) -> Bools:
-        """Rows whose most likely class is theirs."""
+        """Rows with the correct class as the most likely one."""
         return np.asarray(self.guesses == self.labels)
 
 

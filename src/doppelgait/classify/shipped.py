@@ -100,7 +100,7 @@ def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
     Parameters
     ----------
     carrier_hz, prf_hz : float
-        Of the radar; within 10 % of what a model learnt.
+        Of the radar; within 10 % of those that a model was trained on.
 
     Raises
     ------

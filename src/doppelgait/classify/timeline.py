@@ -4,7 +4,7 @@ A window is cut from the recording (:func:`cut_windows`), or from a stream (:mod
 analysed and classified like a recording of its own: nothing outside it is looked at, so that a stream gives what its
 file gives, and an overlap of two bodies counts only while it lasts. :class:`Tracks` then does what depends on the past:
 
-1. *Linking.* A target continues the track whose path it shares where the windows overlap, or whose path leads to it
+1. *Linking.* A target continues the track with the same path where the windows overlap, or with a path that leads to it
    across a gap. One pass of the tracker over the whole recording would give tracks too, but it smooths backwards, so
    that a stream could not have them.
 2. *Fusion.* The class of a track is a hidden Markov state that changes at :data:`CHANGE_PER_S` (mistaken links, another
@@ -59,7 +59,7 @@ TIMES = (
 
 
 class Window(NamedTuple):
-    """Part of a recording, whose own times begin at 0."""
+    """Part of a recording; its own times begin at 0."""
 
     start_s: float
     stop_s: float
@@ -147,8 +147,10 @@ def check_window(window_s: float | None, hop_s: float | None, model: Model | Non
         If one is not above 0, or the hop is longer than the window.
     """
     if window_s is None:
-        learnt = {} if model is None else model.facts.conditions
-        window_s = round(WINDOW_OBSERVATIONS * learnt["observation_s"][0], 3) if "observation_s" in learnt else 4.0
+        conditions = {} if model is None else model.facts.conditions
+        window_s = (
+            round(WINDOW_OBSERVATIONS * conditions["observation_s"][0], 3) if "observation_s" in conditions else 4.0
+        )
     hop_s = window_s / 4.0 if hop_s is None else hop_s
     if not 0 < hop_s <= window_s < math.inf:
         raise ConfigError(f"window {window_s:g} s, hop {hop_s:g} s: give 0 < hop <= window, for example 4 and 1")

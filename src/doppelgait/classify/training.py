@@ -50,7 +50,7 @@ BUILT_IN = (
     "signature-network", "ensemble",
 )  # fmt: skip
 MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
-"""Models whose mean is the ensemble: straight boundaries, boxes, and pictures."""
+"""Models that the ensemble averages: straight boundaries, boxes, and pictures."""
 DEFAULT = ("six-logistic", *MEMBERS, "ensemble")
 """Models that are trained where none is named."""
 BASELINES = ("chance", "nuisance", "speed")

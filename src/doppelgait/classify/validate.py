@@ -67,11 +67,11 @@ def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
             raise DatasetError(f"{words}; give another dataset (--test) or cross-validate (--cv 5)")
         return Fold("test split", train, held, test), notes
     other = np.flatnonzero(rows.origin == 1)
-    learnt = np.concatenate([train, held])
-    known = np.isin(rows.groups[other], rows.groups[learnt])
+    trained = np.concatenate([train, held])
+    known = np.isin(rows.groups[other], rows.groups[trained])
     for column in ("subject", "recording", "motion"):
         names = list_names(rows.index, column)
-        seen = {name for number in learnt for name in names[number]}
+        seen = {name for number in trained for name in names[number]}
         if column == "subject":  # a sampled body is another one in every dataset
             seen = {name for name in seen if parse_source(name) != "model"}
         known |= np.array([not seen.isdisjoint(names[number]) for number in other], dtype=bool)
@@ -173,7 +173,7 @@ def refuse_shared(rows: Rows, folds: Sequence[Fold]) -> None:
     Raises :class:`DatasetError`: the dataset was not split by target.
     """
     for fold in folds:
-        learnt = np.concatenate([fold.train, fold.held])
-        both = np.intersect1d(rows.groups[learnt], rows.groups[fold.test])
+        trained = np.concatenate([fold.train, fold.held])
+        both = np.intersect1d(rows.groups[trained], rows.groups[fold.test])
         if both.size:
             raise DatasetError(f"{fold.name}: {both[0]} is in the training and in the test data; split by target")

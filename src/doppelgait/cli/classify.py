@@ -67,8 +67,8 @@ def classify(
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
-        given = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
-        refused = [name for name, value in given if value]
+        settings = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
+        refused = [name for name, value in settings if value]
         if gate != "track":
             refused.append("--gate")
         if refused:
@@ -307,7 +307,7 @@ def evaluate(
         _check_save(save, output)
     check_folder(output)
     if names is not None or classes or options:
-        clash = [name for name, given in (("--cv", cv), ("--leave-out", left_out), ("--adapt", adapt)) if given]
+        clash = [name for name, value in (("--cv", cv), ("--leave-out", left_out), ("--adapt", adapt)) if value]
         if clash:
             raise ConfigError(f"--names and {clash[0]}: take one of them; --names is a way to name --test")
         test = _import_test(dataset, test, names, classes or [], options or [], output)
@@ -353,14 +353,14 @@ def evaluate(
         print_message(f"model: {save}: {found.best}, {chosen}")
 
 
-def _parse_shares(given: list[str] | None) -> dict[str, float] | None:
+def _parse_shares(texts: list[str] | None) -> dict[str, float] | None:
     """Read CLASS=SHARE."""
     from doppelgait.core.errors import ConfigError
 
-    if not given:
+    if not texts:
         return None
     found = {}
-    for text in given:
+    for text in texts:
         label, _, share = text.rpartition("=")
         try:
             found[label] = float(share)

@@ -35,7 +35,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 LEAKS_LOOKED_AT = 1000
 """Number of examples of the leakage test of a plan."""
 FEASIBILITY_LOOKED_AT = 500
-"""Number of examples whose ranges and speeds are compared with the radar's limits."""
+"""Number of examples with ranges and speeds that are compared with the radar's limits."""
 ALL_CHECKED = 20_000
 """Most examples that ``dataset plan`` samples in full; those of a larger plan are evenly spread."""
 

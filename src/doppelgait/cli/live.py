@@ -138,7 +138,7 @@ def live(
     """Classify targets while the frames of a radar arrive.
 
     Every line on standard output is one JSON document: a start, a decision about a track at the end of a window, the
-    state of the stream, the end. Sockets listen on this machine alone unless a host is given.
+    state of the stream, the end. Sockets listen on this machine alone unless a host is named.
 
     Example: doppelgait live tcp://:7290 --log decisions.jsonl
 
@@ -153,8 +153,8 @@ def live(
     from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
     from doppelgait.radar import open_stream
 
-    for option, given in ((f"--port {port}", port is not None), ("--no-browser", no_browser)):
-        if given and not view:
+    for option, is_set in ((f"--port {port}", port is not None), ("--no-browser", no_browser)):
+        if is_set and not view:
             raise ConfigError(f"{option}: has no effect without --view; add --view to see the page, or leave it out")
     loaded = None if model is None else open_model(model)
     kept = None if log is None else DecisionLog(log)
@@ -180,9 +180,9 @@ def live(
             return {**running.counts.as_dict(), "stream": asdict(stream.counts)}
 
         def losses() -> list[int]:
-            told = state()
-            inner = told.pop("stream")
-            return [n for name, n in {**told, **inner}.items() if name not in ("frames", "windows", "received")]
+            facts = state()
+            inner = facts.pop("stream")
+            return [n for name, n in {**facts, **inner}.items() if name not in ("frames", "windows", "received")]
 
         put("start", {
             "source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz, "prf_hz": radar.prf_hz,

@@ -43,7 +43,7 @@ def export(
     ] = 2.0,
     data: Annotated[
         Path | None,
-        typer.Option("--data", help="C: dataset whose held-out signatures scale the integers; else simulated ones."),
+        typer.Option("--data", help="C: dataset with signatures that scale the integers; else simulated ones."),
     ] = None,
     n_examples: Annotated[int, typer.Option("--examples", min=1, max=10_000, help="C: golden vectors.")] = 16,
     seed: Annotated[int, typer.Option("--seed", min=0, help="C: of the simulated examples.")] = 0,

@@ -97,7 +97,7 @@ def fit(
             time_s=found.time_s,
             phase_rad=np.unwrap(np.angle(found.factor)),
             gain_db=power_to_db(np.abs(found.factor) ** 2),
-            title=f"Twin fitted from {found.source or 'a recording'}",
+            title=f"Sensor model fitted from {found.source or 'a recording'}",
         )
         print_message(f"figure: {viz.save_figure(figure, figures / f'twin-fit.{figure_format}')}")
     if as_json:
@@ -208,7 +208,7 @@ def compare(
 ) -> None:
     """Compare real recordings with simulated ones.
 
-    A classifier is trained to tell them apart, and tested on recordings that it has not seen: an AUC of 0.5 means that
+    A classifier is trained to separate them, and tested on recordings that it has not seen: an AUC of 0.5 means that
     it cannot, 1 that it always can. With fewer than four recordings it is tested on parts of them that it has not seen,
     which raises the AUC; the table says so. It has the distance of every statistic, too. Recordings of fewer than 32
     pulses or two bursts are left out.
@@ -246,7 +246,7 @@ def compare(
     found, pictures = {}, {"real": [plot_recording(one) for one in real[:SHOWN]]}
     for model in models:
         stem = Path(model).stem
-        name = stem if stems.count(stem) == 1 else model  # two files of one name are told apart by their folders
+        name = stem if stems.count(stem) == 1 else model  # two files of one name are distinguished by their folders
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # a sensor that clips does so here, too
             made = simulate_like(real, model, plan=loaded, folder=folder, seed=seed)
@@ -278,7 +278,7 @@ UNITS = {
 def points(
     log: Annotated[Path, typer.Argument(help="Log of a TI people-tracking demo: .csv, or .json of its visualizer.")],
     frame_period_s: Annotated[
-        float | None, typer.Option("--frame-period-s", help="Where the log counts frames and tells no time.")
+        float | None, typer.Option("--frame-period-s", help="Where the log counts frames and states no time.")
     ] = None,
     approaching_positive: Annotated[
         bool, typer.Option("--approaching-positive", help="Where Doppler is positive for a body that comes nearer.")

@@ -50,7 +50,7 @@ def limit_bytes(stored_bytes: int) -> int:
 def check_cost(
     path: Path, n_bytes: int | float, error: Callable[[str], Exception] = ValueError, *, what: str = "its values"
 ) -> None:
-    """Refuse a file whose values exceed the memory limit.
+    """Refuse a file with values that exceed the memory limit.
 
     Parameters
     ----------

@@ -110,13 +110,13 @@ def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling 
         if name == CYCLE:
             if not isinstance(numbers, list) or not numbers:
                 raise ConfigError(f"{key}: cycle = {numbers}: needs at least one value")
-            drawn = numbers[turn % len(numbers)]
+            outcome = numbers[turn % len(numbers)]
         else:
             try:
-                drawn = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
+                outcome = DISTRIBUTIONS[name](numbers, streams.generator("plan", key))
             except ConfigError as error:
                 raise ConfigError(f"{key}: {error}") from None
-        found = _sample(drawn, streams, f"{key}.{name}", turn, sibling)
+        found = _sample(outcome, streams, f"{key}.{name}", turn, sibling)
         return found if factor is None else _multiply(found, factor, key, sibling)
     if isinstance(value, list):
         return [_sample(v, streams, f"{key}.{n}", turn, sibling) for n, v in enumerate(value)]

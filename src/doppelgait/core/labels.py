@@ -137,7 +137,7 @@ class Plain:
 
 
 Signal = TypeVar("Signal", xr.DataArray, Plain)
-"""A labelled array, or one whose labels are still to be made."""
+"""A labelled array, or one without labels yet."""
 
 
 def make_like(like: Signal, schema: Schema, values: npt.NDArray[Any], coords: Mapping[str, Any]) -> Signal:

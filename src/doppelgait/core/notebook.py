@@ -1,7 +1,7 @@
 """Show objects in notebooks: a table of facts and a picture.
 
-The pictures are drawn above the layers of the objects, by :mod:`doppelgait.viz.objects`. It is named here and imported
-when something is drawn, as the built-in plug-ins of a group are (:mod:`doppelgait.core.plugins`).
+The pictures are made above the layers of the objects, by :mod:`doppelgait.viz.objects`. It is named here and imported
+when something is plotted, as the built-in plug-ins of a group are (:mod:`doppelgait.core.plugins`).
 """
 
 from __future__ import annotations

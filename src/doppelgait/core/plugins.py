@@ -159,7 +159,7 @@ class Group(Generic[T]):
     noun : str, optional
         For messages; by default the name with spaces.
     check : callable, optional
-        Refuses a plug-in whose facts the group cannot use, by a :class:`ConfigError`.
+        Refuses a plug-in with facts that the group cannot use, by a :class:`ConfigError`.
     """
 
     def __init__(

@@ -168,14 +168,14 @@ class Samples:
         """Complex64 array, one row per pulse."""
         if self._stored is not None:
             return self._stored(0, self.shape[0])
-        settled = self._add_noise()
-        if settled._matrix is not None:
-            return settled._matrix
+        noisy = self._add_noise()
+        if noisy._matrix is not None:
+            return noisy._matrix
         from doppelgait.core.kernels.synthesis import join_planes
 
-        assert settled._planes is not None
+        assert noisy._planes is not None
         joined = np.empty(self.shape, dtype=np.complex64)
-        join_planes(settled._planes[0], settled._planes[1], 0, self.shape[1], joined)
+        join_planes(noisy._planes[0], noisy._planes[1], 0, self.shape[1], joined)
         return joined
 
     def rows(self, first: int, stop: int) -> Matrix:
@@ -185,8 +185,8 @@ class Samples:
     @property
     def planes(self) -> Planes:
         """Real and imaginary planes, float32, one row per sample."""
-        settled = self if self._stored is not None else self._add_noise()
-        return settled._planes if settled._planes is not None else _split(settled.matrix, slice(0, self.shape[1]))
+        noisy = self if self._stored is not None else self._add_noise()
+        return noisy._planes if noisy._planes is not None else _split(noisy.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
         """Read planes of some samples (range bins).
@@ -258,7 +258,7 @@ class Samples:
         It is white, or correlated over samples by the taps ``factor`` of unit energy (E-18c). The values are shared,
         not copied, and so is the memory: from now on the result alone may change it.
         """
-        quiet = self.settle()
+        quiet = self.add_pending_noise()
         owned, quiet._owned, self._owned = quiet._owned, False, False
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
 
@@ -273,7 +273,7 @@ class Samples:
         add_noise_block(planes[0], planes[1], 0, n_pulses, 0, first_pulse, key, math.sqrt(power_v2), factor)
         return Samples.from_planes(planes, n_pulses)
 
-    def settle(self) -> Samples:
+    def add_pending_noise(self) -> Samples:
         """Add pending noise in place if memory is owned."""
         if self._stored is not None:
             return Samples.own(self.matrix)
@@ -292,7 +292,7 @@ class Samples:
 
     def _add_noise(self) -> Samples:
         """Add pending noise in memory of its own."""
-        return self._make(self.shape, self._matrix, self._planes, self._noise, False).settle()
+        return self._make(self.shape, self._matrix, self._planes, self._noise, False).add_pending_noise()
 
     def _make_writable(self, keep: bool = True) -> Samples:
         """Return samples that may be changed.
@@ -303,7 +303,7 @@ class Samples:
 
     def copy(self) -> Samples:
         """Copy the samples to memory of their own."""
-        return self._allocate(keep=True) if self._stored is None else self.settle()
+        return self._allocate(keep=True) if self._stored is None else self.add_pending_noise()
 
     def _allocate(self, keep: bool) -> Samples:
         matrix = None if self._matrix is None else np.empty_like(self._matrix)
@@ -335,9 +335,9 @@ class Samples:
         """
         from doppelgait.core.kernels.parts import quantise_parts
 
-        settled = self.settle()
-        changed = settled._make_writable(keep=False)
-        values, n = settled._rows()
+        noisy = self.add_pending_noise()
+        changed = noisy._make_writable(keep=False)
+        values, n = noisy._rows()
         n_beyond = quantise_parts(
             values, n, float(step), float(lowest), float(highest), float(limit), changed._rows()[0]
         )
@@ -356,21 +356,21 @@ class Samples:
         """
         from doppelgait.core.kernels.parts import LANES, rotate_parts
 
-        settled = self.settle()
-        if settled._planes is None:
-            settled = Samples.from_planes(settled.planes, self.shape[0])
-        changed = settled._make_writable(keep=False)
-        assert settled._planes is not None
+        noisy = self.add_pending_noise()
+        if noisy._planes is None:
+            noisy = Samples.from_planes(noisy.planes, self.shape[0])
+        changed = noisy._make_writable(keep=False)
+        assert noisy._planes is not None
         assert changed._planes is not None
         work = np.empty(LANES), np.empty(LANES, dtype=np.float32)
-        rotate_parts(*settled._planes, *map(np.ascontiguousarray, (common, phases, weights)), *work, *changed._planes)
+        rotate_parts(*noisy._planes, *map(np.ascontiguousarray, (common, phases, weights)), *work, *changed._planes)
         return changed
 
     def find_largest_part(self) -> float:
         """Return the largest in-phase or quadrature magnitude."""
         from doppelgait.core.kernels.parts import largest_bits
 
-        values, n = self.settle()._rows()
+        values, n = self.add_pending_noise()._rows()
         return float(np.int32(largest_bits(values.view(np.int32), n)).view(np.float32))
 
     def _rows(self) -> tuple[Planes, int]:
@@ -381,7 +381,7 @@ class Samples:
 
     def repeat(self, pulses: npt.NDArray[np.int64], sources: npt.NDArray[np.int64]) -> Samples:
         """Overwrite some pulses by other pulses."""
-        changed = self.settle()._make_writable()
+        changed = self.add_pending_noise()._make_writable()
         if changed._matrix is not None:
             changed._matrix[pulses] = changed._matrix[sources]
         elif changed._planes is not None:
@@ -397,7 +397,7 @@ class Samples:
         ----------
         pulses, columns, values : ndarray, broadcast against each other
         """
-        changed, added = self.settle()._make_writable(), np.asarray(values)
+        changed, added = self.add_pending_noise()._make_writable(), np.asarray(values)
         if changed._matrix is not None:
             changed._matrix[pulses, columns] += added
         elif changed._planes is not None:
@@ -410,7 +410,7 @@ class Samples:
 
         The result is Re y + j gain Im(y e^(j phase)).
         """
-        changed = self.settle()._make_writable()
+        changed = self.add_pending_noise()._make_writable()
         by_im, by_re = np.float32(gain * math.cos(phase_rad)), np.float32(gain * math.sin(phase_rad))
         if changed._planes is not None:
             re, im = changed._planes
@@ -481,7 +481,7 @@ def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
 
     The operand is a number, an array that fits (pulses, samples), or samples.
     """
-    changed = samples.settle()._make_writable()
+    changed = samples.add_pending_noise()._make_writable()
     if changed._matrix is not None:
         values = other.matrix if isinstance(other, Samples) else np.asarray(other)
         ufunc(changed._matrix, values, out=changed._matrix, casting="same_kind")

@@ -46,7 +46,7 @@ __all__ = ["BuildReport", "build_dataset", "make_index", "read_finished_record"]
 Progress = Callable[[int, int], None]
 
 CHECKED_EXAMPLES = 200
-"""Examples drawn before anything is written, spread over the plan, so that a wrong one shows early."""
+"""Examples resolved before anything is written, spread over the plan, so that a wrong one shows early."""
 RELEASE = (__version__, DATA_VERSION)
 
 
@@ -204,11 +204,11 @@ def build_dataset(
 
     target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
     plan = plan_dataset(config, folder=source)
-    drawn = list(sample_examples(plan, CHECKED_EXAMPLES))
+    examples = list(sample_examples(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():
         leaks = plan.config.dataset.leaks
-        warn_of_leaks(drawn, np.random.default_rng(0), leaks=leaks)
-        warn_of_default_rcs(drawn, np.random.default_rng(0), folder=source, leaks=leaks)
+        warn_of_leaks(examples, np.random.default_rng(0), leaks=leaks)
+        warn_of_default_rcs(examples, np.random.default_rng(0), folder=source, leaks=leaks)
     shards = tuple(plan.shards())
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
     job = _Job(target, plan, compute_dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)

@@ -362,10 +362,10 @@ class PlanConfig(FrozenModel):
         for key, place in (("motion", "[[classes]]"), ("label", "[[classes]]"), ("background", "[[background]]")):
             if key in self.target:
                 raise ValueError(f"target.{key}: belongs into {place}")
-        nobody = [c.label for c in self.classes if c.motion.get("kind") == "none"]
-        if nobody and self.noise.get("kind", "thermal") != "thermal":
+        empty = [c.label for c in self.classes if c.motion.get("kind") == "none"]
+        if empty and self.noise.get("kind", "thermal") != "thermal":
             raise ValueError(
-                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' (class {nobody[0]!r}): "
+                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' (class {empty[0]!r}): "
                 "an SNR needs a target; use 'thermal'"
             )
         unknown = set(self.scene) - set(SCENE_KEYS)

@@ -37,7 +37,7 @@ MAX_LOSSES = 5
 
 
 class WorkersLostError(Exception):
-    """Error of a build whose workers were lost."""
+    """Error of a build that lost its workers."""
 
 
 def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
@@ -69,7 +69,7 @@ def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequ
 
 
 UNGUARDED = 87
-"""Exit status of a worker whose main script starts a build when it is imported."""
+"""Exit status of a worker that starts a build when its main script is imported."""
 UNGUARDED_WORDS = (
     "the script starts the build again when a worker imports it; put what it runs under "
     'if __name__ == "__main__": or build with executor="serial"'
@@ -77,7 +77,7 @@ UNGUARDED_WORDS = (
 LOOK_SECONDS = 0.1
 """How often to look whether the build is to stop."""
 END_SECONDS = 10
-"""How long a worker that is told to end may take, before it is killed."""
+"""How long a worker that must end may take, before it is killed."""
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
@@ -126,7 +126,7 @@ def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
     """Start worker processes that end with the block.
 
     The pipe to each is returned. Every worker has a pipe of its own and shares no lock: whichever is killed, at
-    whatever moment, its pipe closes and nobody waits for it.
+    whatever moment, its pipe closes and no process waits for it.
     """
     spawn = multiprocessing.get_context("spawn")
     ends = [spawn.Pipe() for _ in range(workers)]

@@ -23,7 +23,7 @@ from doppelgait.core.labels import read_axis
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.pipeline.simulate import choose_lowest_prf, observe_scene, pulse_times_s, split_targets
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.signature import cut_out
+from doppelgait.processing.signature import make_gated_transform
 from doppelgait.radar.link import compute_scatterer_arrays, noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import warn_of_limits
@@ -114,7 +114,7 @@ def _leaves_frame(
     if radar.burst_pulses is not None:
         low, high = gate.edges(bins_m, slow_time_s, sharp=analysis.sharp_edges)
     else:
-        cut = cut_out(gate, slow_time_s, bins_m, analysis)
+        cut = make_gated_transform(gate, slow_time_s, bins_m, analysis)
         low, high = cut.low, cut.high
     return bool((low < -0.5).any() or (high > bins_m.size - 0.5).any())
 
@@ -141,7 +141,7 @@ class Feasibility:
     Parameters
     ----------
     n_examples, n_failed : int
-        Examples that were looked at, and those of them whose motion cannot be made.
+        Examples that were looked at, and those of them without a possible motion.
     limits : list of dict
         Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`.
     snr : list of dict

@@ -106,7 +106,7 @@ def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
 
 
 def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
-    """Group clips whose subjects are blended with each other.
+    """Group clips of subjects that are blended with each other.
 
     They are of one gait and one set of points.
     """

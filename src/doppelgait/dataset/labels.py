@@ -147,7 +147,7 @@ class LabelTable:
 
 
 def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
-    """Read a CSV file whose first line names the columns.
+    """Read a CSV file with column names in the first line.
 
     Parameters
     ----------
@@ -259,13 +259,13 @@ class LabelEntry:
     start_s, stop_s : float, optional
         The part that is meant, from the start of the recording; all of it by default.
     subject, split, session, licence, citation : str
-        Empty where not told.
+        Empty where not stated.
     nobody : bool
         Whether the scene is empty: then it is right to find nothing.
     options : dict
         For the reader of the format.
     further : dict
-        Columns that are kept as they are: ``meta_*`` (text) and ``truth_*`` (numbers, None where not told).
+        Columns that are kept as they are: ``meta_*`` (text) and ``truth_*`` (numbers, None where not stated).
     """
 
     line: int
@@ -373,10 +373,12 @@ def _make_entries(
         recordings = find(cells["file"])
     except ConfigError as error:
         raise ConfigError(f"file: {error}") from None
-    nobody = cells.get("nobody", "").lower()
-    if nobody not in YES + NO:
+    is_empty = cells.get("nobody", "").lower()
+    if is_empty not in YES + NO:
         raise ConfigError(f"nobody: {cells['nobody']!r} is not allowed; allowed are yes, no or nothing")
-    given = [f"{name.removeprefix(OPTION)}={cell}" for name, cell in cells.items() if name.startswith(OPTION) and cell]
+    changes = [
+        f"{name.removeprefix(OPTION)}={cell}" for name, cell in cells.items() if name.startswith(OPTION) and cell
+    ]
     further: dict[str, Any] = {
         name: cell for name, cell in cells.items() if name.startswith(META) or name in TEXT_TRUTHS
     }
@@ -387,7 +389,7 @@ def _make_entries(
     return [
         LabelEntry(
             line, recording, label, parse_gate(cells.get("gate") or gate, where="gate"), start_s, stop_s, **texts,
-            nobody=nobody in YES, options=apply_overrides({}, given), further=further,
+            nobody=is_empty in YES, options=apply_overrides({}, changes), further=further,
         )
         for recording in recordings
     ]  # fmt: skip

@@ -19,7 +19,7 @@ from doppelgait.motion.motion import Motion
 
 BOTH = " + "
 """Between the paths of a blended motion in the column ``recording``."""
-NOBODY = "none"
+EMPTY_SCENE = "none"
 """Motion kind of an example without a target."""
 PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 """How fast the gate of an example without a target moves, unless the plan says so."""
@@ -130,10 +130,10 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
                 f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
                 f"hybrid, {', '.join(allowed)}"
             )
-    elif kind == NOBODY:
+    elif kind == EMPTY_SCENE:
         validate(EmptySceneOptions, options, section=tuple(key.split(".")))
     elif kind not in MOTION_MODELS:
-        known = ", ".join(["file", NOBODY, *MOTION_MODELS])
+        known = ", ".join(["file", EMPTY_SCENE, *MOTION_MODELS])
         raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
     else:
         try:

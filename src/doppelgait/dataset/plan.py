@@ -187,12 +187,12 @@ def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress
     most : int, optional
         All by default.
     on_progress : callable, optional
-        Called with (examples drawn, examples in total).
+        Called with (examples resolved, examples in total).
 
     Returns
     -------
     int
-        How many were drawn.
+        How many were resolved.
 
     Raises
     ------

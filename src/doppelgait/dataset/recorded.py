@@ -121,8 +121,8 @@ def cut(
     begin, end = start_s or 0.0, duration_s if stop_s is None else stop_s
     for name, value in (("start_s", begin + blocks.period_s), ("stop_s", end)):
         if value > duration_s + margin_s:
-            given = begin if name == "start_s" else end
-            raise AnalysisError(f"{name} = {given:g}: the recording lasts {duration_s:.6g} s")
+            limit_s = begin if name == "start_s" else end
+            raise AnalysisError(f"{name} = {limit_s:g}: the recording lasts {duration_s:.6g} s")
     if window_s is None or step_s is None:
         return [_make_part(recording, blocks, begin, end)]
     count = int(np.floor((end - begin - window_s + margin_s) / step_s)) + 1

@@ -16,7 +16,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
 from doppelgait.dataset.motions import (
     BOTH,
-    NOBODY,
+    EMPTY_SCENE,
     PHANTOM_SPEED_MPS,
     check_motion,
     find_source_entry,
@@ -117,11 +117,11 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
     key = f"classes.{place}.motion"
     draw = _make_sampler(plan, number)
     motion = draw(section.motion, "motion")
-    if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
+    if isinstance(motion, Mapping) and motion.get("kind") == EMPTY_SCENE and "speed_mps" not in motion:
         motion = {**motion, "speed_mps": draw(PHANTOM_SPEED_MPS, "motion.speed_mps")}
     check_motion(motion, folder, key=key)
     motion = dict(motion)
-    alone = motion["kind"] == NOBODY  # a row of nobody must not show somebody
+    alone = motion["kind"] == EMPTY_SCENE  # a row of an empty scene must not show a target
     targets: list[dict[str, Any]] = [{"label": section.label, "motion": motion}]
     for count, companion in enumerate([] if alone else _sample_list(plan, draw, "companions")):
         known = isinstance(companion, Mapping) and companion.get("label")
@@ -145,7 +145,7 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
                 label=str(target["label"]),
                 subject=subject,
                 others=tuple(other for other in others if other != subject),
-                source="recording" if recordings else "none" if motion["kind"] == NOBODY else "model",
+                source="recording" if recordings else "none" if motion["kind"] == EMPTY_SCENE else "model",
                 recording=BOTH.join(dict.fromkeys(recordings)),
                 licence=" AND ".join(licences) if all(licences) else "",
             )
@@ -181,7 +181,7 @@ def resolve_example(
     Raises
     ------
     ConfigError
-        If a drawn value is not allowed or a motion file is missing; the message names class, example and key.
+        If a sampled value is not allowed or a motion file is missing; the message names class, example and key.
     """
     place, within = find_class(plan, number)
     section = plan.classes[place]
@@ -204,7 +204,7 @@ def _run_spec(
     """
     draw = _make_sampler(plan, number)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
-    if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
+    if section.motion.get("kind") == EMPTY_SCENE or targets[0]["motion"]["kind"] == EMPTY_SCENE:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
         first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
     scene = draw(plan.scene, "scene")
@@ -225,7 +225,7 @@ def _run_spec(
         "example": number,  # also names the streams of a preset's own distributions
     }
     run = parse_run(table, where="", folder=folder)
-    # what a plan may not hold, in whichever way it was written: here every distribution is drawn
+    # what a plan may not hold, however it was written: here every distribution is resolved
     if run.auto_prf and "radar.prf_hz" not in plan.dataset.leaks:
         raise ConfigError(AUTO_PRF_REFUSED)
     if run.analysis.method == "liland2018":
@@ -238,7 +238,7 @@ def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
 
     Entries that were sampled as ``{}`` are left out.
     """
-    drawn = draw(getattr(plan, key), key)
-    if not isinstance(drawn, list):
-        raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
-    return [entry for entry in drawn if entry != {}]
+    entries = draw(getattr(plan, key), key)
+    if not isinstance(entries, list):
+        raise ConfigError(f"{key}: {shorten(entries)} is not allowed: must be a list of tables")
+    return [entry for entry in entries if entry != {}]

@@ -96,7 +96,7 @@ def index_rows(
     messages : sequence of str
         Warnings of simulation and analysis.
     """
-    run, nobody = example.run, all(row.source == "none" for row in example.rows)
+    run, is_empty = example.run, all(row.source == "none" for row in example.rows)
     scene = {
         "carrier_hz": run.radar.carrier_hz,
         "prf_hz": recording.radar.prf_hz,
@@ -108,7 +108,7 @@ def index_rows(
         "environment": _format_specs(run.environment),
         "impairments": _format_specs(run.impairments),
         "radar_height_m": run.scene.radar_position_m[2],
-        "snr_frame_db": None if nobody else recording.snr_frame_db,
+        "snr_frame_db": None if is_empty else recording.snr_frame_db,
         "gate_error_m": example.gate_error_m,
     }
     rows = []

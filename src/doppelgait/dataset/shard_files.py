@@ -196,7 +196,7 @@ class ShardFiles:
     folder : Path
         Folder ``shards`` of a dataset.
     identity : str, optional
-        Id of the dataset, which every file must have; None for datasets whose files have none.
+        Id of the dataset, which every file must have; None for datasets with files that have none.
     """
 
     def __init__(self, folder: Path, identity: str | None = None) -> None:

@@ -41,7 +41,7 @@ class PlanSummary:
     files : list of dict
         Motion files with the number of examples made from each, licence and subject.
     n_checked : int
-        Examples that were drawn in full to see whether they are allowed.
+        Examples that were resolved in full to check whether they are allowed.
     estimate : dict
         From a pilot of a few examples, nothing where none was made: ``seconds_per_example`` of one processor,
         ``bytes_per_example``, ``total_bytes``, ``total_seconds`` with all ``processors``.

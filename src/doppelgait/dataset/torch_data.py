@@ -90,7 +90,7 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
 
 
 class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Dataset whose rows a loader's workers share.
+    """Dataset with rows that a loader's workers share.
 
     See :meth:`doppelgait.dataset.Dataset.torch_iterable`.
     """
@@ -117,7 +117,7 @@ class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-igno
 
 
 class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
-    """Endless dataset whose numbers a loader's workers share.
+    """Endless dataset with numbers that a loader's workers share.
 
     See :meth:`ExampleStream.torch`.
     """

@@ -361,9 +361,9 @@ def _component_mps(observed: Observation, number: int) -> float:
 def alternate_likeness(observed: Observation) -> float | None:
     """Compare autocorrelations of neighbouring and alternate periods.
 
-    The value is at most about 1. Near 1 where a period is a step whose mirror image looks the same to the radar; less
-    where left and right, or the two halves of a stride, differ. Noise lowers both alike; rows without signal are left
-    out (K+ of E-38).
+    The value is at most about 1. Near 1 where a period is a step with a mirror image that looks the same to the radar;
+    less where left and right, or the two halves of a stride, differ. Noise lowers both alike; rows without signal are
+    left out (K+ of E-38).
     """
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None

@@ -19,7 +19,7 @@ NEEDS = ("gait_frequency", "direction", "envelope", "line")
 
 
 def check_feature(feature: Plugin[Any]) -> None:
-    """Refuse a feature whose facts cannot be used (:class:`ConfigError`)."""
+    """Refuse a feature with facts that cannot be used (:class:`ConfigError`)."""
     where, needs = f"feature {feature.name!r} of {feature.module}", feature.facts.get("needs", ())
     if not isinstance(needs, tuple | list) or not set(needs) <= set(NEEDS):
         raise ConfigError(f"{where}: needs {needs!r} is not allowed; it is a tuple of {', '.join(NEEDS)}")

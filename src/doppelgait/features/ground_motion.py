@@ -28,7 +28,7 @@ LEAST_SCALE_M = 1e-6
 OUTLIER_SD = 3.0
 
 RANGE_SD_M = 0.02
-"""Error of a range whose error is unknown: the body's sway against its path."""
+"""Error of a range of unknown error: the body's sway against its path."""
 ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
 """What a steady walker's mean acceleration, speed and direction depart from constant velocity. Set on simulated people,
 dogs and cats of other seeds than those of the tables."""
@@ -51,7 +51,7 @@ class GroundMotion:
     aspect_deg : float or None
         psi at the middle of the observation, 0 approaching, 180 receding.
     ground_speed_sd_mps, aspect_sd_deg : float or None
-        Their standard deviations; known where the fit is good but too uncertain to be told, too.
+        Their standard deviations; known, too, where the fit is good but too uncertain for a statement.
     reason : str
         Empty, ``"unknown"`` without a track, ``"too_short"`` (a recording shorter than 3 s, its history than 2.6 s),
         ``"path_is_not_straight"`` or ``"too_uncertain"`` (above 10 % of the speed or 15 degrees).

@@ -450,13 +450,13 @@ def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int,
 
     Samples are frames times points.
 
-    Points are given up one by one, the one seen least first (by name where two are seen as often); what is complete in
+    Points are dropped one by one, the one seen least first (by name where two are seen as often); what is complete in
     the segment stays anyway.
     """
     best, score = (0, 0), -1
     order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
-    for given_up in range(max(1, len(order) - MIN_MARKERS + 1)):
-        rest = order[given_up:]
+    for n_dropped in range(max(1, len(order) - MIN_MARKERS + 1)):
+        rest = order[n_dropped:]
         whole = find_runs(np.asarray(seen[:, rest].all(axis=1))) if rest.size else []
         a, b = max(whole, key=lambda run: run[1] - run[0], default=(0, 0))
         if (b - a) * len(rest) > score:
@@ -471,7 +471,7 @@ def find_floor_height(position: FloatArray, parts: Sequence[str]) -> float:
 
     It is the 1st percentile of the feet's z, or of the z of the three lowest points.
 
-    A body whose parts are known but whose feet were not recorded stays where it is, unless it reaches below z = 0.
+    A body with known parts but without recorded feet stays where it is, unless it reaches below z = 0.
 
     Parameters
     ----------

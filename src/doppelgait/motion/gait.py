@@ -171,11 +171,11 @@ SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
 STILL = 0.01
 """A foot that has slowed down to this part of its highest speed in swing has landed."""
 STANCE_SPEED = 0.5
-"""A foot bears weight while its slowest point goes at less than half the body's speed."""
+"""A foot bears weight while its slowest point moves at less than half the body's speed."""
 SLOWEST_BODY_MPS = 0.2
 """A body slower than this stands: a foot must outrun this speed to be in swing."""
 LOW_POINTS = 0.15
-"""Without named feet, points whose 5th percentile of height is in the lowest 15 % of the body's are taken for feet."""
+"""Without named feet, points with a 5th percentile of height in the lowest 15 % of the body's are taken for feet."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +294,7 @@ def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> d
 NAN = float("nan")
 
 SYMMETRICAL = ("walk", "run", "pace", "trot")
-"""Gaits whose half strides mirror each other: a step is half a stride and f_mu = 2 f_stride (E-07)."""
+"""Gaits with half strides that mirror each other: a step is half a stride and f_mu = 2 f_stride (E-07)."""
 ASYMMETRICAL = ("canter", "gallop", "transverse_gallop", "bound")
 """Gaits without that symmetry: f_mu = f_stride; ``gallop`` is the rotary one."""
 
@@ -313,7 +313,7 @@ LEAST_LIFT_M = 0.02
 LARGEST_SCATTER = 0.15
 """Touchdowns that scatter more than this part of a stride about an even beat give no stride frequency."""
 FLIGHT_ACCELERATION_MPS2 = -5.9
-"""A body without support falls at 9.81 m/s^2; 60 % of it tells flight from the dip of a brisk walk."""
+"""A body without support falls at 9.81 m/s^2; 60 % of it separates flight from the dip of a brisk walk."""
 PAIRS = {
     "lh_lf": ("left_hind", "left_fore"),
     "lh_rh": ("left_hind", "right_hind"),
@@ -472,9 +472,9 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     After Hildebrand 1965 and 1977.
 
     Hind pair and fore pair both half a stride apart: symmetrical, and the lag of the fore limb behind the hind limb of
-    its side tells pace (0), walk (0.25 or 0.75) and trot (0.5). Neither: hind pair and fore pair each at once is a
-    bound; leads on different sides a rotary gallop; on the same side a canter where the leading hind and the trailing
-    fore limb land together, else a transverse gallop.
+    its side distinguishes pace (0), walk (0.25 or 0.75) and trot (0.5). Neither: hind pair and fore pair each at once
+    is a bound; leads on different sides a rotary gallop; on the same side a canter where the leading hind and the
+    trailing fore limb land together, else a transverse gallop.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ RUN = SpeedLaw(0.74, 0.08, (0.43, 1.32))
 """Of five shared recordings of runners (tuning half), exponent +-0.10; spread and range of all fourteen."""
 QUADRUPED = SpeedLaw(0.60, 0.07, (0.20, 2.4))
 """L/h = c Fr^0.3 of the models of dogs; in 37 recordings of a pacing dog the exponent is 0.50 +-0.04, in four trots of
-another 0.69 +-0.05. The spread is the largest of pace, walk and trot. The speeds are those of 76 straight stretches of
+another 0.69 +-0.05. The spread is the largest of pace, walk and trot. The speeds are those of 76 straight segments of
 the shared recordings of dogs, 0.22 to 2.32, rounded."""
 FACTOR = (0.8, 1.25)
 """Allowed factors on speed and size: a quarter at most (assumed; a path changes the speed of a motion by as much)."""
@@ -91,7 +91,7 @@ Factor = Annotated[float, Field(ge=FACTOR[0], le=FACTOR[1])]
 class Hybrid(FrozenModel):
     """Changes of a recorded clip: speed, size, stride and blend.
 
-    It is a table of a scene or a plan; ``other`` and ``share`` go together.
+    It is a table of a scene or a plan; ``other`` and ``share`` are set together.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ class Hybrid(FrozenModel):
     @model_validator(mode="after")
     def _check_pair(self) -> Self:
         if (self.other is None) if self.share else (self.other is not None and "share" not in self.model_fields_set):
-            given, lacking = ("share", "other") if self.other is None else ("other", "share")
+            present, lacking = ("share", "other") if self.other is None else ("other", "share")
             raise ValueError(
-                f'{given} without {lacking} is not allowed: a blend needs both, other = {{ kind = "file", path = '
+                f'{present} without {lacking} is not allowed: a blend needs both, other = {{ kind = "file", path = '
                 '"..." } and share = 0.4; to retarget only, leave both out'
             )
         return self
@@ -196,7 +196,7 @@ def retarget(
 def _retarget(
     known: Motion, sources: Sequence[Motion], speed_factor: float, size_factor: float, stride_factor: float
 ) -> Motion:
-    """Retarget a motion whose joints bend as in its sources."""
+    """Retarget a motion and keep the joint angles of its sources."""
     law = find_speed_law(known)
     _check_factor(known, "speed_factor", speed_factor, FACTOR)
     _check_factor(known, "size_factor", size_factor, FACTOR)
@@ -216,14 +216,14 @@ def _retarget(
     heading = travel_heading_rad(known)
     ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
     forward = position @ ahead
-    # each point goes `longer` times its way about its mean place in the body over whole strides
+    # each point moves `longer` times as far about its mean place in the body over whole strides
     stride = known.rate_hz / known.facts.stride_frequency_hz
     whole = max(1, round(math.floor((known.n_frames - 1) / stride) * stride))
     speed = (forward[-1] - forward[0]).mean() / (known.n_frames - 1)
     place = (forward - speed * np.arange(known.n_frames)[:, np.newaxis])[:whole].mean(axis=0)
-    stretched = position + ((longer - 1.0) * (forward - place))[..., np.newaxis] * ahead
-    anchor = np.array([*stretched[0].mean(axis=0)[:2], 0.0])
-    scaled = anchor + size_factor * (stretched - anchor)
+    lengthened = position + ((longer - 1.0) * (forward - place))[..., np.newaxis] * ahead
+    anchor = np.array([*lengthened[0].mean(axis=0)[:2], 0.0])
+    scaled = anchor + size_factor * (lengthened - anchor)
     wanted = size_factor * measure_pair_lengths(position, wanted_pairs)
     restored = restore_lengths(scaled, wanted_pairs, wanted, weigh_feet(known), ridge=RIDGE, steps=STEPS)
     facts = known.facts.with_frequencies(lambda hz: hz / slower)

@@ -38,7 +38,7 @@ def measure_foot_slide(motion: Motion) -> float:
     """Measure how fast feet slide while they bear weight.
 
     It is relative to the speed of the body: the mean, over all feet and the frames in which the slowest point of a foot
-    goes at less than half the body's speed, of the speed of that point in the ground plane; NaN without known feet.
+    moves at less than half the body's speed, of the speed of that point in the ground plane; NaN without known feet.
     """
     rate, speed_mps = motion.rate_hz, travel_speed_mps(motion)
     found = []

@@ -159,7 +159,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     share = variation / math.sqrt(seam.strides)
     cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
     speed_mps = cycle_mps * _compute_speed_ratio(cycle, known)
-    position, clocks, stretch = _vary(cycle, known, count, speed_mps, spread, share, source)
+    position, clocks, length_factor = _vary(cycle, known, count, speed_mps, spread, share, source)
     if share:  # limbs that vary on their own would leave their joints
         pairs = find_rigid_pairs(np.asarray(motion.position_m, dtype=np.float64))
         wanted_m = measure_pair_lengths(cycle.at(clocks[""]), pairs)
@@ -189,7 +189,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
             "clip_speed_mps": travel_speed_mps(known),
             "cycle_speed_mps": cycle_mps,
             "speed_mps": speed_mps,
-            "stride_length_factor": stretch,
+            "stride_length_factor": length_factor,
             "stride_time_sd": share * spread.time,
             "stride_length_sd": share * spread.length,
         },
@@ -287,8 +287,8 @@ def _vary(
     body = clock(frames * (ends / (count - 1)))
 
     def series(sd: float, values: FloatArray | None = None) -> FloatArray:
-        drawn = sample_autoregressive(strides, rng) if values is None else values
-        return np.asarray(fit_cubic_spline(number * stride, share * sd * drawn)(body))
+        deviations = sample_autoregressive(strides, rng) if values is None else values
+        return np.asarray(fit_cubic_spline(number * stride, share * sd * deviations)(body))
 
     common = spread.length_with_time
     longer = common * shorter + math.sqrt(1.0 - common**2) * sample_autoregressive(strides, rng)
@@ -297,7 +297,7 @@ def _vary(
     per_frame = cycle.advance / seam.lag
     way = np.concatenate([[0.0], np.cumsum((length[1:] + length[:-1]) / 2.0 * np.diff(body))])
     cycle_m, clip_m = float(np.hypot(*per_frame[:2])) * way[-1], speed_mps * (count - 1) / cycle.rate_hz
-    stretch = float(clip_m / cycle_m) if cycle_m > 0 else 1.0
+    length_factor = float(clip_m / cycle_m) if cycle_m > 0 else 1.0
     ahead = per_frame / np.hypot(*per_frame[:2]) if cycle_m > 0 else np.zeros(3)
     # place of each point about which it swings
     grid = np.linspace(0.0, seam.lag, max(64, math.ceil(seam.lag)), endpoint=False)
@@ -306,7 +306,7 @@ def _vary(
         limbs.setdefault(_find_limb(part), []).append(point)
     swings = {"head": spread.head, "tail": spread.tail, "": spread.trunk}
     aside = np.array([-ahead[1], ahead[0], 0.0])
-    stride_m = stretch * float(np.hypot(*per_frame[:2])) * stride
+    stride_m = length_factor * float(np.hypot(*per_frame[:2])) * stride
     poses = POSES_PER_STRIDE * strides
     knots = np.arange(poses) / POSES_PER_STRIDE - KNOT_MARGIN
     position, clocks = np.empty((count, *cycle.shape[1:])), {"": body}
@@ -322,7 +322,7 @@ def _vary(
         swing = cycle.at(at, points) - np.multiply.outer(at, per_frame)[:, np.newaxis] - middle
         swing = np.where(known, own, 1.0) * swing
         forward = (swing @ ahead)[..., np.newaxis] * ahead
-        moved = middle + swing + (stretch * length[:, np.newaxis, np.newaxis] - 1.0) * forward
+        moved = middle + swing + (length_factor * length[:, np.newaxis, np.newaxis] - 1.0) * forward
         kind = limb.rpartition("_")[2] or "trunk"
         sds = spread.pose.get("leg" if kind in ("fore", "hind") else kind, (0.0, 0.0, 0.0))
         # counted along the travel of each point: a foot on the ground keeps its place
@@ -330,5 +330,5 @@ def _vary(
         for sd, direction in zip(sds, (ahead, aside, np.array([0.0, 0.0, 1.0])), strict=True):
             pose = fit_cubic_spline(knots, share * sd * stride_m * sample_autoregressive(poses, rng))(step)
             moved += np.where(known, pose[..., np.newaxis], 0.0) * direction
-        position[:, points] = moved + stretch * np.multiply.outer(way, per_frame)[:, np.newaxis]
-    return position, clocks, stretch
+        position[:, points] = moved + length_factor * np.multiply.outer(way, per_frame)[:, np.newaxis]
+    return position, clocks, length_factor

@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 HEADING_WINDOW_M = 0.5
 """The body turns over this distance where the curvature of its path jumps: about a step, assumed."""
-SETTLE_S = 0.6
+TRANSITION_S = 0.6
 """Time from the freeze in double support to standing, and back, assumed."""
 _HALVINGS = 80
 
@@ -206,12 +206,12 @@ def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
 def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
     """Return the sum of all turns on the spot.
 
-    A turn fills its pause but for settling before and after it.
+    A turn fills its pause except for the transition to standing before and after it.
     """
     turned = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
-        settle_s = _settle_s(stop)
-        first_s, lasts_s = pace.rest_s(number) + settle_s, max(stop.pause_s - 2 * settle_s, 1e-9)
+        transition_s = _get_transition_s(stop)
+        first_s, lasts_s = pace.rest_s(number) + transition_s, max(stop.pause_s - 2 * transition_s, 1e-9)
         turned += stop.turn_rad * _ramp_half_cosine((time_s - first_s) / lasts_s)
     return turned
 
@@ -221,19 +221,19 @@ def compute_stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray
 
     0 is the frozen stride, 1 the standing body.
 
-    A pause shorter than two settling times fades in part, so that limbs do not move faster in it.
+    A pause shorter than two transition times fades in part, so that limbs do not move faster in it.
     """
     rest_s, stop = pace.rest_s(number), pace.stops[number]
-    settle_s = _settle_s(stop)
-    if settle_s <= 0:
+    transition_s = _get_transition_s(stop)
+    if transition_s <= 0:
         return np.zeros_like(time_s)
-    rise = _ramp_half_cosine((time_s - rest_s) / settle_s)
-    fall = _ramp_half_cosine((time_s - rest_s - stop.pause_s + settle_s) / settle_s)
-    return np.asarray(settle_s / SETTLE_S * (rise - fall))
+    rise = _ramp_half_cosine((time_s - rest_s) / transition_s)
+    fall = _ramp_half_cosine((time_s - rest_s - stop.pause_s + transition_s) / transition_s)
+    return np.asarray(transition_s / TRANSITION_S * (rise - fall))
 
 
-def _settle_s(stop: Stop) -> float:
-    return min(SETTLE_S, stop.pause_s / 2)
+def _get_transition_s(stop: Stop) -> float:
+    return min(TRANSITION_S, stop.pause_s / 2)
 
 
 def _ramp_half_cosine(share: FloatArray) -> FloatArray:
@@ -444,7 +444,7 @@ def lay_out_turn(path: TurnAroundPath) -> Layout:
     """
     if path.radius_m is not None:
         return Layout((CurveElement(path.out_m), make_arc(path.radius_m, math.pi), ENDLESS))
-    stop = Stop(path.out_m, 2 * SETTLE_S + (path.turn_s or TURN_S), math.pi)
+    stop = Stop(path.out_m, 2 * TRANSITION_S + (path.turn_s or TURN_S), math.pi)
     return Layout((ENDLESS,), (stop,), path.acceleration_mps2 or ACCELERATION_MPS2)
 
 

@@ -140,7 +140,7 @@ def scale_to_height(
 def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:
     """Rotate and move a motion to a heading and position.
 
-    Its body centre is at the ground point at the given time.
+    Its body centre is at the ground point at that time.
 
     Parameters
     ----------

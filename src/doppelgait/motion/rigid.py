@@ -26,7 +26,7 @@ MIN_TRAVEL_M = 1.0
 
 
 def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
-    """Group points whose mutual distances all stay constant.
+    """Group points with constant mutual distances.
 
     The spread of a distance is 1.4826 times its median absolute deviation from its median. Groups grow by complete
     linkage: every pair of a group stays within the limit. Parts of a body that do not move against each other come out
@@ -157,7 +157,7 @@ TIES = 9
 def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     """Return the bones of a moving body.
 
-    They are the tree through all of its points whose branches are short and keep their length.
+    They are the tree through all of its points with short branches of constant length.
 
     A minimum spanning tree (Kruskal 1956) of ``mean(d) + 40 sd(d)``, d being the distance of two points over time: the
     two ends of a bone keep theirs, a hand and the thigh it passes do not. No names are needed.

@@ -154,7 +154,7 @@ DOG_PARTS = (
 """Parts of a four-legged animal; "upper" is scapula + humerus or femur, "lower" forearm or tibia + metatarsus."""
 
 BODY_CENTRE_PARTS = ("torso", "trunk")
-"""Parts whose mean position is the centre of the body; without any, the mean of all points is."""
+"""Parts with a mean position that is the centre of the body; without any, the mean of all points is."""
 
 FOOT_PARTS = tuple(p for p in (*HUMAN_PARTS, *DOG_PARTS) if p.endswith(("_foot", "_paw")))
 """Parts that stand on the floor."""
@@ -182,7 +182,7 @@ _PART_OF = {
 }
 _ONLY_ANIMALS = re.compile(r"tail|paw|withers|hock|stifle|fetlock|muzzle|snout|hoof")
 MIN_HUMAN_PARTS = 10
-"""So many of the 14 parts of a person must be named before names alone tell that it is one."""
+"""So many of the 14 parts of a person must be named before names alone show that it is one."""
 
 _CMU_SIDED = "FHD BHD SHO UPA ELB FRM WRA WRB FIN FWT BWT THI KNE SHN ANK HEE TOE MT5"
 _PIG_SIDED = "FHD BHD SHO UPA ELB FRA WRA WRB FIN ASI PSI THI KNE TIB ANK HEE TOE"
@@ -254,7 +254,7 @@ def find_parts(names: Iterable[str]) -> list[str]:
 
     ``""`` where a name is not known.
 
-    The species comes from :func:`guess_species`, a person's words are taken where it does not tell. A joint counts to
+    The species comes from :func:`guess_species`, a person's words are taken where it is unknown. A joint counts to
     the part above it, whatever it is called: in skeletons whose joints carry the name of the bone that starts there
     (BVH: ``LeftUpLeg``), ``LeftLeg`` is the knee and counts to the thigh, ``LeftFoot`` is the ankle and counts to the
     shank, and the end of the foot counts to the foot.

@@ -173,8 +173,8 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
 
     Unknown points that live short (seen in less than a fifth of the frames in which points of this recording usually
     are), points that go with another (closer than 5 mm half of the time, than 2 cm 95 % of it; the one that is
-    seen less goes, then the one without a part, then the one whose name sorts last; points at rest cannot be judged),
-    and points that lie farther than 1.5 m and four times the usual from the middle of the body.
+    seen less goes, then the one without a part, then the one with the name that sorts last; points at rest cannot be
+    judged), and points that lie farther than 1.5 m and four times the usual from the middle of the body.
 
     Parameters
     ----------

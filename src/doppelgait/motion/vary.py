@@ -2,7 +2,7 @@
 
 A model's bodies resemble each other more than recorded ones do. Here a motion is taken apart into its way, the ripple
 of its trunk and the swing of every point about the trunk. Each part is changed by some amount, and they are put
-together again. A plan draws the amounts for all classes alike, so that none of them tells the class.
+together again. A plan draws the amounts for all classes alike, so that none of them predicts the class.
 """
 
 from __future__ import annotations

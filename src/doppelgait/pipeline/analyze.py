@@ -21,7 +21,7 @@ from doppelgait.pipeline.verdicts import is_echo
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
-from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, cut_out
+from doppelgait.processing.signature import compute_plane_signature, compute_tiled_signature, make_gated_transform
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import Recording
 
@@ -135,7 +135,9 @@ def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analys
         clean = processing.remove_clutter(recording.baseband, analysis)
         return [processing.burst_signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
     cuts = [
-        cut_out(gate, recording.slow_time_s, recording.range_m, analysis, bin_share=recording.independent_bin_share)
+        make_gated_transform(
+            gate, recording.slow_time_s, recording.range_m, analysis, bin_share=recording.independent_bin_share
+        )
         for gate in gates
     ]
     analysis = analysis.resolved(None)

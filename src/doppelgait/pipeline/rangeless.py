@@ -14,8 +14,8 @@ from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, burst_signature, get_burst_pulses, noise_floor_v2
 from doppelgait.processing.detect import Detector
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
-from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
 from doppelgait.processing.track import Tracker
+from doppelgait.processing.track_segments import SegmentationSettings, TrackSegment, find_track_segments
 
 FloatArray = npt.NDArray[np.float64]
 

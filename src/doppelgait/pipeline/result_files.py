@@ -72,7 +72,7 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
     """Build the document that ``doppelgait analyze --json`` prints.
 
     Values that are not finite become None; an empty list of targets has its ``reason``. ``n_bodies`` leaves out targets
-    whose verdict is reflection, folded or thing.
+    with the verdict reflection, folded or thing.
 
     See Also
     --------

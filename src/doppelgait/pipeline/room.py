@@ -165,11 +165,11 @@ def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatAr
     """Interpolate the columns of a table by cubic splines."""
     from doppelgait.core.kernels.spline import spline_moments, values_between
 
-    given = np.ascontiguousarray(values)
-    moments, step_s = np.empty_like(given), float(looks_s[1] - looks_s[0])
-    spline_moments(given, step_s, moments)
-    out = np.empty((times_s.size, given.shape[1]))
-    values_between(given, moments, step_s, times_s - looks_s[0], out)
+    heights = np.ascontiguousarray(values)
+    moments, step_s = np.empty_like(heights), float(looks_s[1] - looks_s[0])
+    spline_moments(heights, step_s, moments)
+    out = np.empty((times_s.size, heights.shape[1]))
+    values_between(heights, moments, step_s, times_s - looks_s[0], out)
     return out
 
 

@@ -194,8 +194,8 @@ def _measure_ground_motion(
         if "low_confidence" not in flags:
             flags.append("low_confidence")
     values = (motion.ground_speed_mps, motion.aspect_deg, step_m)
-    told = motion.ground_speed_mps is not None
-    sd = (motion.ground_speed_sd_mps if told else None, motion.aspect_sd_deg if told else None, step_sd_m)
+    is_known = motion.ground_speed_mps is not None
+    sd = (motion.ground_speed_sd_mps if is_known else None, motion.aspect_sd_deg if is_known else None, step_sd_m)
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
@@ -227,7 +227,7 @@ def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observati
         track = main_line.track_velocity(read_axis(mu, "time"), read_axis(mu, "centre_range"))
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
-        straight, agreed = main_line.settle_velocity(mu, floor_v2, straight, track_hz)
+        straight, agreed = main_line.choose_velocity(mu, floor_v2, straight, track_hz)
     excess = replace_array_values(mu, mu.values - mu.values.dtype.type(floor_v2))
     aligned = normalised
     if main_line.has_drift(main_line.fit_line(peaks_hz, bin_hz, order=1)):

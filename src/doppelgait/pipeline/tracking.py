@@ -36,8 +36,8 @@ from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.detect.maps import compute_maps, noise_factor
 from doppelgait.processing.detections import Scan
-from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.processing.track import Track, Tracker, split_tracks, track
+from doppelgait.processing.track_segments import SegmentationSettings, find_track_segments
 from doppelgait.radar.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]

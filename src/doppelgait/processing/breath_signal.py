@@ -241,8 +241,8 @@ def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArra
               w_m = 1 / \overline{|y_m - \bar y_m|^2}
 
     over the bins m at least 0.75 m away, so that a body's own motion is never in its own reference. Three passes: the
-    weights become those of the corrected series. Bins whose reference is too weak, or that fluctuate more with it than
-    without, stay unchanged.
+    weights become those of the corrected series. Bins with a reference that is too weak, or that fluctuate more with it
+    than without, stay unchanged.
 
     Parameters
     ----------

@@ -45,8 +45,8 @@ def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kep
     .. math:: X_{q,k} = \left| \sum_j a_j v_{j,k}\, e^{-2 \pi i q j / L} \right|, \quad q = 0 \ldots Q - 1
 
     A padded transform repeats what it knows, and a fast column rate adds unwanted lines. So (1) the rows
-    are smeared onto a coarser time grid by a kernel whose transform vanishes (1e-13) where its aliases fall on the
-    lines wanted; (2) a transform with little padding gives every d-th line; (3) the lines between are interpolated
+    are smeared onto a coarser time grid by a kernel with a transform that vanishes (1e-13) where its aliases fall on
+    the lines wanted; (2) a transform with little padding gives every d-th line; (3) the lines between are interpolated
     by the same kernel in frequency, exactly for a record of finite length. Both smears are divided out: (1) after the
     transform, (3) before it. This is the non-uniform fast Fourier transform (Kaiser-Bessel kernel) on uniform grids.
 

@@ -51,7 +51,7 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     Returns
     -------
     DataArray (slow_time, range)
-        The same object for ``clutter = "none"``, and for ``"auto"``, as in a given gate.
+        The same object for ``clutter = "none"``, and for ``"auto"``, as in a fixed gate.
 
     See Also
     --------
@@ -266,8 +266,8 @@ def clutter_gain(
 
     With :math:`\theta = \pi f / f_p`: ``mean`` over I pulses leaves, as a mean over the recording,
     :math:`\sqrt{1 - D^2}, D = \sin(I \theta) / (I \sin \theta)`, and so does ``median`` to within 0.04;
-    ``exponential``, settled,
-    :math:`|2 \sin \theta| (1 - \alpha) / |1 - (1 - \alpha) e^{-2 j \theta}|`; ``mti``, settled,
+    ``exponential``, in the steady state,
+    :math:`|2 \sin \theta| (1 - \alpha) / |1 - (1 - \alpha) e^{-2 j \theta}|`; ``mti``, in the steady state,
     :math:`1 / \sqrt{1 + (\tan(\pi f_c / f_p) / \tan \theta)^4}`, the Butterworth gain through the bilinear transform.
 
     Parameters

@@ -61,7 +61,7 @@ class Analysis(FrozenModel):
         Compute the extended features and the standard deviations; not with ``liland2018``.
     parts : bool
         Resolve the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40). It takes several
-        times as long as the rest of the analysis in a given gate.
+        times as long as the rest of the analysis in a fixed gate.
 
     Examples
     --------

@@ -260,7 +260,7 @@ def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
     return np.asarray(np.linalg.pinv(np.polynomial.legendre.legvander(position, 3)), dtype=np.float64), position
 
 
-def settle_velocity(
+def choose_velocity(
     signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Decide between main line and track velocity (E-34).

@@ -25,7 +25,7 @@ INDEPENDENT_AFTER_S = 0.06
 QUIET_SHARE = 1.0 / 3.0
 LEAST_QUIET_ROWS = 12
 COUNTED_EVERY = 4
-"""Neighbouring columns share most of their pulses: every fourth tells as much of the noise's spread as all."""
+"""Neighbouring columns share most of their pulses: every fourth shows as much of the noise's spread as all."""
 
 
 def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
@@ -204,9 +204,9 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     check_signal(signature, SIGNATURE)
     from doppelgait.core.kernels.columns import scale_excess, sum_excess
 
-    given, floor = np.ascontiguousarray(signature.values), float(floor_v2)
-    values, (sums, highest) = np.empty(given.shape), np.empty((2, given.shape[0]))
-    sum_excess(given, floor, sums, highest)
+    power, floor = np.ascontiguousarray(signature.values), float(floor_v2)
+    values, (sums, highest) = np.empty(power.shape), np.empty((2, power.shape[0]))
+    sum_excess(power, floor, sums, highest)
     if mode == "sum":
         scale = sums
     elif mode == "max":
@@ -216,5 +216,5 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
         scale = (centre.mean() / centre) ** 4 * sums.mean()
     else:
         raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")
-    scale_excess(given, floor, np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0), values)
+    scale_excess(power, floor, np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0), values)
     return replace_array_values(signature, values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})

@@ -5,7 +5,7 @@ the torso's velocity when it is farthest ahead or behind, and the torso's range 
 lies inside an ellipse around the origin. Its width in velocity is a share of the body's speed (the torso sways with
 every step) plus a share of the Doppler resolution. Its length is that of the body's own ridge: of what is at the
 torso's velocity for at least half of the time, which limbs are not and the long trunk of a dog is. What is faster or
-slower than arms ever are is a leg. Arms and thighs move alike, so that the rest is told apart no further.
+slower than arms ever are is a leg. Arms and thighs move alike, so the rest is not separated further.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ LEAST_SNR_DB = 5.0
 LEAST_BINS = 5
 RIDGE_STEP_M = 0.05
 BLOCK = 32
-"""Columns whose maps are computed together, in the bins that their gates touch."""
+"""Columns with maps that are computed together, in the bins that their gates touch."""
 
 
 @dataclass(frozen=True)

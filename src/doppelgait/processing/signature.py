@@ -165,7 +165,7 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     48
     """
     check_signal(baseband, BASEBAND)
-    cut = cut_out(
+    cut = make_gated_transform(
         gate,
         read_axis(baseband, "slow_time"),
         read_axis(baseband, "range"),
@@ -257,7 +257,7 @@ NEED_BLOCK = 32
 """Columns that :meth:`GatedTransform.find_needed_pulses` looks at together."""
 
 
-def cut_out(
+def make_gated_transform(
     gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0
 ) -> GatedTransform:
     """Prepare a recording's gate and transform."""
@@ -280,7 +280,7 @@ def compute_plane_signature(
     plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
         Rows are range bins ``first_bin`` and up; at least those of :meth:`GatedTransform.find_needed_pulses`.
     first_bin : int
-    cut : Cut
+    cut : GatedTransform
     wavelength_m : float
     """
     from doppelgait.core.kernels.signature import gated_signature
@@ -311,7 +311,7 @@ def compute_tiled_signature(read_tile: ReadTile, cut: GatedTransform, *, wavelen
     ----------
     read_tile : callable
         Gets a slice of pulses and one of range bins, and returns their planes, as :meth:`Samples.read_tile`.
-    cut : Cut
+    cut : GatedTransform
     wavelength_m : float
 
     Raises

@@ -25,7 +25,7 @@ ENVELOPE_POINTS = 25
 """Values at a change point, about the range measured there, at which histories are compared."""
 REFERENCE_STEP_S = 0.1
 HOPELESS = 1e3
-"""Cost above the lowest, beyond that of a change point, at which a start is given up: one range 30 sd off."""
+"""Cost above the lowest, beyond that of a change point, at which a start is dropped: one range 30 sd off."""
 GIVE_UP_EVERY = 64
 """Samples from one look for hopeless starts to the next."""
 
@@ -44,11 +44,11 @@ def find_best_knots(
     The cost is that of :func:`doppelgait.processing.find_track_segments`; returns indices of the inner points.
 
     Everything is in s = R^2 (E-34b). Within a segment the state is (s, s', s''), s'' constant but for the departures
-    :math:`2 R a`; at a change point s stays and s', s'' begin anew. For segments from i to j the least cost, given the
-    values at both ends, is a quadratic form of the two, which a Kalman filter with the first value kept in its state
-    yields for all i at once. The least cost up to j, given the value there, is the lower envelope of parabolas, one a
-    history; those nowhere lowest are dropped (the envelope is compared at 25 values). Starts whose cost is hopelessly
-    above that of a change point at j are given up, so that the time is that of the track's length.
+    :math:`2 R a`; at a change point s stays and s', s'' begin anew. For segments from i to j the least cost for known
+    values at both ends is a quadratic form of the two, which a Kalman filter with the first value kept in its state
+    yields for all i at once. The least cost up to j for a known value there is the lower envelope of parabolas, one a
+    history; those nowhere lowest are dropped (the envelope is compared at 25 values). Starts with a cost hopelessly
+    above that of a change point at j are dropped, so that the time is that of the track's length.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class _Histories:
         self.abc = np.array([[noise**-2], [value], [0.0]])
         self.at = np.zeros(1, dtype=np.int64)
         self.before = np.full(1, -1, dtype=np.int64)
-        self.alive = np.zeros(1, dtype=np.int64)  # numbers of those whose start is not given up
+        self.alive = np.zeros(1, dtype=np.int64)  # numbers of those with a start that was not dropped
         self.least = np.zeros(0)  # cost of those of them that could end at the last sample, and what more to allow
         self.more = 0.0
 
@@ -176,8 +176,8 @@ class _Filters:
 
     def select_column(self, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Return where the filters of some starts are."""
-        given_up = self.starts[self.count - 1] >= self.count
-        return np.searchsorted(self.starts[: self.count], starts) if given_up else starts
+        has_gaps = self.starts[self.count - 1] >= self.count
+        return np.searchsorted(self.starts[: self.count], starts) if has_gaps else starts
 
     def keep(self, starts: npt.NDArray[np.int64]) -> None:
         """Keep the filters from these starts on."""
@@ -226,8 +226,8 @@ class SegmentationSettings(FrozenModel):
         Standard deviation of a steady walker's acceleration along the range, averaged over 0.1 s and independent from
         one 0.1 s to the next: slow changes of speed are followed, sudden ones are cut.
     straight_level : float
-        A segment whose ranges fit straight motion at constant velocity with a lower chance than this is cut again, and
-        is no good for gait where it is too short for that. 0 switches this off.
+        A segment with ranges that fit straight motion at constant velocity with a lower chance than this is cut again,
+        and is no good for gait where it is too short for that. 0 switches this off.
     min_usable_s : float
         Shortest remaining segment that is used for gait.
     still_mps : float

@@ -108,7 +108,7 @@ class Antenna(FrozenModel):
             if cut_db.min() < -300 or cut_db.max() > 0:
                 raise ValueError(
                     f"{name} reaches from {cut_db.min():g} to {cut_db.max():g} dB; allowed are -300 to 0 dB relative "
-                    "to the peak, whose gain is tx_gain_dbi and rx_gain_dbi"
+                    "to the peak; its gain is tx_gain_dbi and rx_gain_dbi"
                 )
             if angles[-1] - angles[0] == 360 and cut_db[0] != cut_db[-1]:
                 raise ValueError(f"{name}: {cut_db[0]:g} dB at -180 and {cut_db[-1]:g} dB at 180, which are one angle")
@@ -208,7 +208,7 @@ def apply_antenna(
     Returns
     -------
     Dataset
-        A new table whose ``path_gain`` is multiplied by the square of :func:`compute_antenna_gain`, since transmission
+        A new table with its ``path_gain`` multiplied by the square of :func:`compute_antenna_gain`, since transmission
         and reception have the same pattern; the table itself for an isotropic antenna.
 
     Raises

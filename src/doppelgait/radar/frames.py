@@ -160,7 +160,7 @@ def parse_header(payload: bytes, where: str) -> Header:
     n_bins = table["range_bins"]
     if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= MAX_RANGE_BINS:
         raise RecordingError(f"{where}: range_bins of the header = {n_bins!r} is not allowed; 1 to {MAX_RANGE_BINS:,}")
-    told: dict[str, Any] = {"carrier_hz": facts["carrier_hz"], "prf_hz": facts["prf_hz"]}
+    stated: dict[str, Any] = {"carrier_hz": facts["carrier_hz"], "prf_hz": facts["prf_hz"]}
     named = table["radar"]
     if not isinstance(named, dict) and named not in list_preset_names():  # never the path of a file
         raise RecordingError(
@@ -168,11 +168,11 @@ def parse_header(payload: bytes, where: str) -> Header:
             f"{', '.join(list_preset_names())}"
         )
     try:
-        radar = validate(Radar, named, where="radar") if isinstance(named, dict) else Radar.preset(named, **told)
+        radar = validate(Radar, named, where="radar") if isinstance(named, dict) else Radar.preset(named, **stated)
     except ConfigError as error:
         raise RecordingError(f"{where}: {error}") from None
     if isinstance(named, str) and radar.waveform.ranged:
-        radar = adapt_preset(place, named, n_range_bins=n_bins, range_start_m=facts["range_start_m"], **told)
+        radar = adapt_preset(place, named, n_range_bins=n_bins, range_start_m=facts["range_start_m"], **stated)
     header = Header(radar, facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(n_bins, dtype=np.float64))
     for key in ("carrier_hz", "prf_hz"):
         if not math.isclose(facts[key], header.facts[key], rel_tol=SAME):

@@ -82,7 +82,7 @@ def label_measured(
     slow_time_s, range_m : ndarray, shapes (I,), (N,)
         Axes as the file has them.
     notes : sequence of str
-        What the file does not tell.
+        What the file does not state.
     attrs : mapping, optional
         Further attributes of the baseband.
 

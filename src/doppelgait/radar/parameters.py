@@ -71,8 +71,8 @@ class Waveform(FrozenModel):
 
     A waveform is a subclass with the default of ``kind``, parameters of its own as further fields where it has any,
     and at least :meth:`synthesise` and :meth:`resolution_m`; ``plugin("waveform")`` registers it. Everything else has
-    the default of a pulse whose receiver samples along fast time are the range bins (E-15). Methods take the radar
-    whose ``waveform`` they belong to.
+    the default of a pulse with receiver samples along fast time that are the range bins (E-15). Methods take the radar
+    that has this ``waveform``.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class Waveform(FrozenModel):
         """True where the receiver samples are the range bins."""
         return type(self).compress is Waveform.compress
 
-    def check_given(self, radar: Radar) -> None:
+    def check_parameters(self, radar: Radar) -> None:
         """Refuse missing or unused parameters of the waveform (``ValueError``)."""
         missing = [name for name in self.needs if getattr(radar, name) == OPTIONAL[name]]
         if missing:
@@ -317,7 +317,7 @@ class Radar(FrozenModel):
         (rectangular, lfm), sample_rate_hz (fmcw, stepped) or prf_hz (cw).
     noise_correlation : tuple of float
         Correlation rho_1, rho_2, ... (E-18c) between the noise of bins 1, 2, ... apart, as the receiver's filter makes
-        it; of waveforms whose samples are the range bins. Empty: white. At most 16 values, and no noise may have a
+        it; of waveforms with samples that are the range bins. Empty: white. At most 16 values, and no noise may have a
         negative spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
     pulse_rate_hz : float
         Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels) of them, times integration_share
@@ -400,7 +400,7 @@ class Radar(FrozenModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        self.waveform.check_given(self)
+        self.waveform.check_parameters(self)
         self.waveform.check(self)
         if self.range_stop_m <= self.range_start_m:
             raise ValueError(f"range_stop_m {self.range_stop_m} must be larger than range_start_m {self.range_start_m}")
@@ -573,7 +573,7 @@ class Radar(FrozenModel):
     def folds_pulses(self) -> bool:
         """True if earlier pulses' echoes appear (E-10b).
 
-        False for sweeps, whose samples fold by themselves, and without range.
+        False for sweeps, because their samples fold by themselves, and without range.
         """
         return self.fold_echoes and self.waveform.samples_are_bins and self.waveform.ranged
 

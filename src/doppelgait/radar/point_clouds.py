@@ -81,7 +81,7 @@ def read_points(
     Parameters
     ----------
     path : path-like
-        ``.csv`` whose first line names the columns (x, y, doppler or velocity, track; optional z, snr, time in s,
+        ``.csv`` with a first line that names the columns (x, y, doppler or velocity, track; optional z, snr, time in s,
         frame), or ``.json`` of the Industrial Visualizer.
     frame_period_s : float, optional
         Time from frame to frame, where the log counts frames only.
@@ -92,12 +92,12 @@ def read_points(
     -------
     DataFrame
         One row a point: ``time_s``, ``x_m``, ``y_m``, ``z_m``, ``velocity_mps`` (approaching positive), ``snr`` (NaN
-        where not told), ``track`` (-1 for none); times from that of the first frame.
+        where not stated), ``track`` (-1 for none); times from that of the first frame.
 
     Raises
     ------
     RecordingError
-        If the file cannot be read, a column is missing, a value is no number, or times are not told or fall.
+        If the file cannot be read, a column is missing, a value is no number, or times are missing or fall.
     """
     import pandas as pd
 

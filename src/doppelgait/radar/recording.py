@@ -206,7 +206,7 @@ class Recording:
         ----------
         start_s, stop_s : float
             The part has the pulses with start_s <= time < stop_s; the rest of the recording is ignored where they lie
-            outside it. Of a recording whose ``facts`` state ``burst_pulses``, only whole bursts are taken.
+            outside it. Of a recording with ``burst_pulses`` in its ``facts``, only whole bursts are taken.
 
         Returns
         -------

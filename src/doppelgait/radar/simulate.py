@@ -284,7 +284,7 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
 
     2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
 
-    For reproducing the report only: chosen per recording it tells the speed to every feature.
+    For reproducing the report only: chosen per recording it reveals the speed to every feature.
 
     Examples
     --------

@@ -313,8 +313,8 @@ def open_stream(
         Time of radar that the queue holds. When it is full, files and standard input wait; of sockets the oldest
         frames are dropped and counted.
     **options
-        Of recordings, as :func:`doppelgait.radar.read_recording` takes them; XeThru files whose records state no frame
-        rate need ``prf_hz``.
+        Of recordings, as :func:`doppelgait.radar.read_recording` takes them; XeThru files with records that state no
+        frame rate need ``prf_hz``.
 
     Returns
     -------
@@ -445,7 +445,7 @@ def _file_bytes(path: Path, stream: Stream) -> Iterator[bytes]:
 
 
 def _listen(text: str, name: str) -> socket.socket:
-    """Bind a socket; to this machine alone unless told otherwise."""
+    """Bind a socket; to this machine alone unless set otherwise."""
     try:
         parts = urlsplit(text)
         port = parts.port
@@ -538,7 +538,7 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]
     """Yield frames of a growing XeThru data file."""
     kind = find_data_type_by_file(path.name)
     assert kind is not None
-    told = {key: options.get(key) for key in TYPICAL}
+    stated = {key: options.get(key) for key in TYPICAL}
     further = {key: value for key, value in options.items() if key not in TYPICAL}
     head = np.dtype(list(kind.header))
     content, first = b"", None
@@ -552,7 +552,7 @@ def _follow_xethru_frames(path: Path, stream: Stream, options: Mapping[str, Any]
         for block in blocks:
             if not block["count"][0]:
                 raise RecordingError(f"{path}: a record declares no values")
-            source = Records(path, kind.name, block, np.empty(0, dtype=np.int64), told)
+            source = Records(path, kind.name, block, np.empty(0, dtype=np.int64), stated)
             volts, radar, range_m = convert_records(source, **further)
             yield Header(radar, range_m)
             for counter, row in zip(source.counters.tolist(), volts, strict=True):

@@ -117,7 +117,7 @@ def make_2_15(material: Material) -> EntryResult:
         )
     panels[0].set_title("from the side", fontsize=11.5, loc="left")
     panels[1].set_title("from the front", fontsize=11.5, loc="left")
-    readings = [Reading("points of the walker", len(names), "1", 17.0, given=True)]
+    readings = [Reading("points of the walker", len(names), "1", 17.0, fixed=True)]
     return EntryResult(
         figure, readings, format_judgement(readings, "one point for every joint and end of the limbs, as published.")
     )
@@ -200,7 +200,7 @@ def make_2_12(material: Material) -> EntryResult:
     steps = sum(start_s + 1e-6 < time <= start_s + cycle_s + 1e-6 for time in landings)
     readings = [
         Reading("points of the body", len(motion.markers), "1", note="the report's person carries 41 markers"),
-        Reading("steps in the gait cycle", steps, "1", 2.0, given=not person.real),
+        Reading("steps in the gait cycle", steps, "1", 2.0, fixed=not person.real),
         Reading("right foot against the body, last view minus first", right_m[ends[1]] - right_m[ends[0]], "m", 0.0,
                 0.05, "the same place to within the size of a dot", not person.real),
         Reading("right foot ahead of the left in the first view", right_m[ends[0]] - left_m[ends[0]], "m"),
@@ -227,7 +227,7 @@ def make_2_13(material: Material) -> EntryResult:
         swings.setdefault(pair, []).append(measure_departure(average_part_line(range_m, part)))
     readings = [
         Reading(
-            "phase between left and right foot", phase, "deg", 180.0, OPPOSITE_TOLERANCE_DEG, given=not person.real
+            "phase between left and right foot", phase, "deg", 180.0, OPPOSITE_TOLERANCE_DEG, fixed=not person.real
         ),
         Reading("right foot about its straight line (rms)", measure_departure(right_m), "m"),
         Reading("torso about its straight line (rms)", measure_departure(torso_m), "m", note="the report: very little"),
@@ -261,7 +261,7 @@ def make_2_14(material: Material) -> EntryResult:
     feet_hz = [highest_hz.pop(f"{side}_foot") for side in ("left", "right")]
     torso_hz = average_part_line(doppler_hz, "torso")
     readings = [
-        Reading("wavelength", wavelength_m, "m", 0.0411, 5e-5, "of the radar as set", given=True),
+        Reading("wavelength", wavelength_m, "m", 0.0411, 5e-5, "of the radar as set", fixed=True),
         Reading("torso, mean", float(torso_hz.mean()), "Hz"),
         Reading("torso, rms variation", float(np.std(torso_hz)), "Hz", note="the report: little"),
         Reading("feet, highest", max(feet_hz), "Hz"),

@@ -31,8 +31,8 @@ CARRIER_HZ = 7.2e9
 CPI_FRAMES = 31
 RANGE_M = 5.0
 SHIFT_3_11_HZ = 24.0
-MOVERS_3_12 = {-90.0: 0.02, -45.0: 0.005, 70.0: 0.01}
-"""Shift in Hz and radar cross section in m^2 of the movers of Figure 3.12."""
+TARGETS_3_12 = {-90.0: 0.02, -45.0: 0.005, 70.0: 0.01}
+"""Shift in Hz and radar cross section in m^2 of the targets of Figure 3.12."""
 WALL_M2 = 0.2
 SPACINGS_3_13_HZ = {"a": 72.0, "b": 24.0, "c": 14.0, "d": 5.0}
 PEAK_LEVEL_DB = -6.0
@@ -71,7 +71,7 @@ def make_3_11(material: Material) -> EntryResult:
     place_legend_below(figure, figure.axes[0])
     measured_hz = periods[CPI_FRAMES] * PRF_HZ / (CPI_FRAMES - 1)
     readings = [
-        Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05, given=True),
+        Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05, fixed=True),
         Reading("periods in 10 frames", periods[10], "1", note="the report: less than one"),
         Reading("less than one period in 10 frames (1: yes)", float(periods[10] < 1), "1", 1.0),
         Reading("periods in 31 frames", periods[CPI_FRAMES], "1", 2.0, 0.5, "the report: about two"),
@@ -83,9 +83,9 @@ def make_3_11(material: Material) -> EntryResult:
 def make_3_12(material: Material) -> EntryResult:
     """Make Fig. 3.12: Doppler spectrum with noise and targets."""
     radar, frames = _make_radar(material), 300
-    shifts_hz = np.array([0.0, *MOVERS_3_12])
+    shifts_hz = np.array([0.0, *TARGETS_3_12])
     table = make_point_table(
-        radar, frames, range_m=RANGE_M, rcs_m2=[WALL_M2, *MOVERS_3_12.values()],
+        radar, frames, range_m=RANGE_M, rcs_m2=[WALL_M2, *TARGETS_3_12.values()],
         velocity_mps=doppler_to_velocity_mps(shifts_hz, radar.wavelength_m),
     )  # fmt: skip
     rng = Streams(material.seed).generator("noise", "fig-3.12")
@@ -119,9 +119,9 @@ def make_3_12(material: Material) -> EntryResult:
     shifted = _measure_power_at(signal, (trial_hz[:, None] + grid_hz).ravel()).reshape(trial_hz.size, grid_hz.size)
     unlike = np.abs(shifted - own_hz).sum(axis=1) / own_hz.sum()
     readings = [
-        Reading("wall, at shift", places[0], "Hz", 0.0, 0.5, given=True),
+        Reading("wall, at shift", places[0], "Hz", 0.0, 0.5, fixed=True),
         Reading(
-            "movers, largest error of the shift",
+            "targets, largest error of the shift",
             float(np.abs(np.array(places) - shifts_hz).max()),
             "Hz",
             note="against 2 v / λ; half a bin of 1 / T_d is 0.5 Hz",
@@ -182,7 +182,7 @@ def make_3_13(material: Material) -> EntryResult:
                   note="the report: they begin to blend" if letter == "c" else "a null")
           for letter in ("b", "c")],
         Reading("smallest spacing with two peaks, in phase", smallest_spacing_hz(radar), "Hz",
-                note="in phase in the middle, as drawn here; the report does not say where its phase is zero"),
+                note="in phase in the middle, as plotted here; the report does not say where its phase is zero"),
     ]  # fmt: skip
     counts = ", ".join(f"{seen[letter][0]} at {spacing:.0f} Hz" for letter, spacing in SPACINGS_3_13_HZ.items())
     text = (
@@ -312,10 +312,10 @@ def make_3_15(material: Material) -> EntryResult:
     seconds = min(first.seconds, second.seconds, 4.0)
     targets = [
         Target(
-            mover.motion, label="human", rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]), range_m=CROSSING_M,
+            body.motion, label="human", rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]), range_m=CROSSING_M,
             bearing_deg=bearing_deg,
         )
-        for mover, bearing_deg in ((first, -BEARING_DEG), (second, BEARING_DEG))
+        for body, bearing_deg in ((first, -BEARING_DEG), (second, BEARING_DEG))
     ]  # fmt: skip
     radar = material.radar(range_stop_m=10.0)
     recording = simulate(Scene(targets, duration_s=seconds), radar, angles=False)
@@ -324,7 +324,7 @@ def make_3_15(material: Material) -> EntryResult:
     power = (np.abs(recording.baseband.values) ** 2).sum(axis=1)
     rises_db = _gain_db(power, radar.prf_hz)
     readings = [
-        Reading("times that the ranges cross", float(crossings.size), "1", 1.0, note="placed so", given=True),
+        Reading("times that the ranges cross", float(crossings.size), "1", 1.0, note="placed so", fixed=True),
         Reading("they cross at", float(crossings[0] / radar.prf_hz) if crossings.size else float("nan"), "s"),
         *[Reading(f"radial velocity, {name}", float(truth.centre_velocity_mps.mean()), "m/s")
           for name, truth in zip(("first", "second"), recording.truth, strict=True)],
@@ -336,10 +336,10 @@ def make_3_15(material: Material) -> EntryResult:
     return EntryResult(_plot_two_panels(recording, "two people"), readings, format_judgement(readings, text))
 
 
-def _speed_mps(mover: NamedMotion) -> float:
+def _speed_mps(body: NamedMotion) -> float:
     from doppelgait.motion.retime import travel_speed_mps
 
-    return travel_speed_mps(mover.motion)
+    return travel_speed_mps(body.motion)
 
 
 def make_table_3_2(material: Material) -> EntryResult:
@@ -347,17 +347,17 @@ def make_table_3_2(material: Material) -> EntryResult:
     import pandas as pd
 
     rows, readings = [], []
-    for mover in (material.person(), material.find_galloping_dog()):
-        scatterers = material.recording(mover, prf_hz=1491.0).truth[0].scatterers
+    for body in (material.person(), material.find_galloping_dog()):
+        scatterers = material.recording(body, prf_hz=1491.0).truth[0].scatterers
         total_m2 = float(scatterers["rcs"].values.sum(axis=1).mean())
-        mass_kg = mover.motion.facts.mass_kg
+        mass_kg = body.motion.facts.mass_kg
         rows.append({
-            "target": mover.label, "report (m²)": RCS_M2[mover.label], "sum of the scatterers (m²)": total_m2,
+            "target": body.label, "report (m²)": RCS_M2[body.label], "sum of the scatterers (m²)": total_m2,
             "scatterers": scatterers.sizes["scatterer"], "mass (kg)": mass_kg,
             "in datasets (m²)": RCS_PER_MASS_M2_PER_KG * mass_kg,
         })  # fmt: skip
         readings.append(
-            Reading(f"sum of the scatterers, {mover.label}", total_m2, "m²", RCS_M2[mover.label], 1e-9, given=True)
+            Reading(f"sum of the scatterers, {body.label}", total_m2, "m²", RCS_M2[body.label], 1e-9, fixed=True)
         )
     text = (
         "every scatterer takes an equal share of the report's total. As the totals are a label in disguise, "

@@ -158,7 +158,7 @@ def make_3_8(material: Material) -> EntryResult:
     legend_under(right)
     width_hz = measure_half_power_width(frequency_hz, power)
     readings = [
-        Reading("highest power, at frequency", float(frequency_hz[power.argmax()]) / 1e9, "GHz", 7.2, 0.01, given=True),
+        Reading("highest power, at frequency", float(frequency_hz[power.argmax()]) / 1e9, "GHz", 7.2, 0.01, fixed=True),
         Reading("half-power bandwidth", width_hz / 1e9, "GHz", 1.0, 0.05,
                 "the printed pulse exp(-t²/2τ²) has √ln2 / (π τ) = 0.265 / τ (E-11)"),
         Reading("pulse width that gives 1 GHz", sigma_s * width_hz, "ns", note="an X4 has 0.345 ns"),
@@ -222,7 +222,7 @@ def make_3_9(material: Material) -> EntryResult:
     apart_m = float(np.diff(synthesise(table, full).coords["range"].values).mean())
     readings = [
         Reading("distance of the samples at 23.328 GS/s", apart_m * 1000, "mm", SPEED_OF_LIGHT / 2 / 23.328e6, 1e-3,
-                "the report's Eq. 3.21, c t_s / 2", given=True),
+                "the report's Eq. 3.21, c t_s / 2", fixed=True),
         Reading("length of chapter 4's frame of 1189 bins at 23 GS/s", 1189 * SPEED_OF_LIGHT / 2 / 23e9, "m"),
         Reading("strongest bin less true range", (peak_m - RANGE_M) * 1000, "mm",
                 note=f"half a bin is {full.bin_spacing_m * 500:.2f} mm"),
@@ -264,7 +264,7 @@ def make_3_10(material: Material) -> EntryResult:
     closed, sampled = synthesise(table, radar).values, synthesise_rf(table, radar).values
     readings = [
         Reading("highest power before, at frequency", _highest_ghz(before_hz[positive], before[positive]), "GHz",
-                radar.carrier_hz / 1e9, 0.01, "the carrier", given=True),
+                radar.carrier_hz / 1e9, 0.01, "the carrier", fixed=True),
         Reading("highest power after, at frequency", _highest_ghz(after_hz, after), "GHz", 0.0, 0.01),
         Reading("highest power left beyond 7 GHz", float(power_to_db(after[image].max())), "dB"),
         Reading("the same as printed, without a filter", float(power_to_db(printed[image].max())), "dB"),

@@ -162,12 +162,12 @@ def make_range_doppler(material: Material) -> EntryResult:
             "1",
             1.0,
             note="the moment is chosen so",
-            given=True,
+            fixed=True,
         ),
         Reading("true Doppler of the part that moves back", lowest_hz, "Hz"),
         Reading("level of what moves back, below the strongest cell", float(foot_db), "dB"),
         Reading(
-            "Doppler bins K = M", float(power.sizes["doppler"]), "1", 101.0, 1.0, "there M = 100, not odd", given=True
+            "Doppler bins K = M", float(power.sizes["doppler"]), "1", 101.0, 1.0, "there M = 100, not odd", fixed=True
         ),
     ]
     figure = viz.range_doppler_map(shown, db_range=40.0, title="Range-Doppler map of a walking person")
@@ -193,7 +193,7 @@ def make_gate_figure(material: Material) -> EntryResult:
     rows = (read_axis(power, "doppler") >= band_hz[0]) & (read_axis(power, "doppler") <= band_hz[1])
     inside = float(power.values[np.ix_(rows, ranges)].sum() / power.values.sum())
     readings = [
-        Reading("range span R_t of the gate", gate.span_m, "m", 1.0, 0.0, given=True),
+        Reading("range span R_t of the gate", gate.span_m, "m", 1.0, 0.0, fixed=True),
         Reading("Doppler band of the gate", band_hz[1] - band_hz[0], "Hz"),
         Reading("share of the map's power inside", inside, "1"),
     ]
@@ -213,15 +213,15 @@ def make_gate_figure(material: Material) -> EntryResult:
 
 def make_span_table(material: Material) -> EntryResult:
     """Make Table 4.1."""
-    movers = {"human": [material.make_walker(), material.person()], "dog": [material.find_galloping_dog()]}
+    bodies = {"human": [material.make_walker(), material.person()], "dog": [material.find_galloping_dog()]}
     readings, too_long = [], []
-    for label, several in movers.items():
-        for mover in several:
+    for label, several in bodies.items():
+        for body in several:
             prf_hz = DOG_PRF_HZ if label == "dog" else 1000.0
-            range_m = material.recording(mover, prf_hz=prf_hz).truth[0].scatterers["range"].values
+            range_m = material.recording(body, prf_hz=prf_hz).truth[0].scatterers["range"].values
             extent_m = range_m.max(axis=1) - range_m.min(axis=1)
             note = f"R_t = {SPANS_M[label]:g} m; median over time {np.median(extent_m):.2f} m"
-            readings.append(Reading(f"largest span, {mover.about}", float(extent_m.max()), "m", note=note))
+            readings.append(Reading(f"largest span, {body.about}", float(extent_m.max()), "m", note=note))
             too_long += [label] if extent_m.max() > SPANS_M[label] else []
     words = f"at full stride the points of a {' and of a '.join(dict.fromkeys(too_long))} spread further than the gate"
     held = "both hold all points of their target at all times"
@@ -230,7 +230,7 @@ def make_span_table(material: Material) -> EntryResult:
         readings,
         f"{summarise_readings(readings)}: the spans are a choice, not a measurement; {words if too_long else held}. "
         f"Taking "
-        "the span by class tells the class to the signature.",
+        "the span by class reveals the class to the signature.",
         pd.DataFrame({"target": list(SPANS_M), "R_t (m)": list(SPANS_M.values())}),
     )
 
@@ -282,7 +282,7 @@ def make_normalisation(material: Material) -> EntryResult:
                 note=f"the fourth power of the range alone gives {expected_db:.1f} dB"),
         Reading("stronger on the right before normalisation (1: yes)", float(rise_db > 0.0), "1", 1.0),
         Reading("the same after normalisation", column_level_rise_db(result.normalised_signature), "dB", 0.0, 0.01,
-                "by its definition", given=True),
+                "by its definition", fixed=True),
     ]  # fmt: skip
     return EntryResult(
         figure,
@@ -406,7 +406,7 @@ def make_five_cycles(material: Material) -> EntryResult:
     swing = main_frequency_hz(torso_hz, rate_hz)
     readings = [
         Reading("steps: peaks of the upper edge", float(steps.size), "1", 10.0, 0.0),
-        Reading("gait cycles in the observation", observed_s * truth.stride_frequency_hz, "1", 5.0, 0.01, given=True),
+        Reading("gait cycles in the observation", observed_s * truth.stride_frequency_hz, "1", 5.0, 0.01, fixed=True),
         Reading("oscillation of the main line over the gait frequency", swing / truth.stride_frequency_hz, "1", 2.0,
                 0.1, "a line oscillates at whole multiples; a tenth is what a record of five cycles resolves"),
         Reading("mean of the main line", float(torso_hz.mean()), "Hz", TORSO_HZ, TORSO_READ_HZ),

@@ -155,7 +155,7 @@ def make_bandwidth(material: Material) -> EntryResult:
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     ours = material.result(material.make_walker(), method="standard", prf_hz=1000.0)
     readings = [
-        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, given=True),
+        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, fixed=True),
         Reading("B_mu by the report's method", float(result.features.doppler_bandwidth_hz or float("nan")), "Hz",
                 note=f"true span of all points {doppler_hz.max() - doppler_hz.min():.0f} Hz"),
         Reading("B_mu by ours (edges of the signature)", float(ours.features.doppler_bandwidth_hz or float("nan")),

@@ -61,15 +61,15 @@ def analyze_four(material: Material) -> list[tuple[str, NamedMotion, Recording, 
     """Analyse slow and fast persons and walkers."""
     people = material.people()
     fast = material.use(max(people, key=lambda one: travel_speed_mps(one.motion)))
-    movers = [
+    bodies = [
         material.person(),
         fast,
         material.make_walker(SLOW_WALKER_MPS, cycles=5),
         material.make_walker(FAST_WALKER_MPS, cycles=6),
     ]
     return [
-        (name, mover, material.recording(mover, prf_hz=PRF_HZ), material.result(mover, prf_hz=PRF_HZ))
-        for name, mover in zip(NAMES, movers, strict=True)
+        (name, body, material.recording(body, prf_hz=PRF_HZ), material.result(body, prf_hz=PRF_HZ))
+        for name, body in zip(NAMES, bodies, strict=True)
     ]
 
 
@@ -77,9 +77,9 @@ def _plot_four_panels(
     material: Material, draw: Callable[[Axes, Recording, Result], None], *, height_in: float = 7.6
 ) -> Figure:
     figure, axes = make_panels(2, 2, height_in=height_in)
-    for letter, panel, (name, mover, recording, result) in zip("abcd", axes, analyze_four(material), strict=True):
+    for letter, panel, (name, body, recording, result) in zip("abcd", axes, analyze_four(material), strict=True):
         draw(panel, recording, result)
-        speed = f"{travel_speed_mps(mover.motion):.1f} m/s"
+        speed = f"{travel_speed_mps(body.motion):.1f} m/s"
         panel.set_title(f"({letter}) {name}, {speed}", fontsize=11, loc="left")
     return figure
 
@@ -88,7 +88,7 @@ def make_radar_table(material: Material) -> EntryResult:
     """Make Table 5.1."""
     radar = material.radar()
     readings = [
-        Reading(words, float(getattr(radar, name)) / scale, unit, value, 1e-9, given=True)
+        Reading(words, float(getattr(radar, name)) / scale, unit, value, 1e-9, fixed=True)
         for name, (words, value, unit, scale) in REPORT_RADAR.items()
     ]
     readings += [
@@ -115,10 +115,10 @@ def make_analysis_table(material: Material) -> EntryResult:
     cpi_s = result.signature.attrs["cpi_pulses"] / PRF_HZ
     readings = [
         Reading(
-            "coherent processing interval T_d", cpi_s, "s", 0.1, 1.0 / PRF_HZ, "an odd number of frames", given=True
+            "coherent processing interval T_d", cpi_s, "s", 0.1, 1.0 / PRF_HZ, "an odd number of frames", fixed=True
         ),
-        Reading("steepness sigma_w", STEEPNESS, "1", 0.4, 0.0, given=True),
-        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, given=True),
+        Reading("steepness sigma_w", STEEPNESS, "1", 0.4, 0.0, fixed=True),
+        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, fixed=True),
     ]
     return EntryResult(
         None, readings, format_judgement(readings, "these are the parameters of all figures of this chapter.")
@@ -127,14 +127,14 @@ def make_analysis_table(material: Material) -> EntryResult:
 
 def make_ranges(material: Material) -> EntryResult:
     """Make Fig. 5.1: range of every walking point."""
-    movers = (material.person(), material.make_walker(SLOW_WALKER_MPS, cycles=5))
+    bodies = (material.person(), material.make_walker(SLOW_WALKER_MPS, cycles=5))
     figure, axes = make_panels(2, height_in=5.4)
     counts, swings = [], []
-    for letter, panel, mover in zip("ab", axes, movers, strict=True):
-        truth = material.recording(mover, prf_hz=PRF_HZ).truth[0]
+    for letter, panel, body in zip("ab", axes, bodies, strict=True):
+        truth = material.recording(body, prf_hz=PRF_HZ).truth[0]
         scatterers = truth.scatterers
         plot_part_lines(panel, group_lines(scatterers["range"]))
-        name_axes(panel, title=f"({letter}) {mover.about}"[:80], x="time (s)", y="range (m)")
+        name_axes(panel, title=f"({letter}) {body.about}"[:80], x="time (s)", y="range (m)")
         draw_grid(panel)
         counts.append(scatterers.sizes["scatterer"])
         # Span of the distance of a foot ahead of the body centre; NaN where no foot is known.
@@ -144,8 +144,8 @@ def make_ranges(material: Material) -> EntryResult:
     place_legend_below(figure, axes[0])
     readings = [
         Reading("points of the recorded person", float(counts[0]), "1", 50.0, 20.0,
-                "the report: 30 to 70" + ("" if movers[0].real else "; a model of 17 points stands in")),
-        Reading("points of the walker", float(counts[1]), "1", 17.0, 0.0, given=True),
+                "the report: 30 to 70" + ("" if bodies[0].real else "; a model of 17 points stands in")),
+        Reading("points of the walker", float(counts[1]), "1", 17.0, 0.0, fixed=True),
         *(Reading(f"swing of the feet about the body, {name}", swing, "m")
           for name, swing in zip(("person", "walker"), swings, strict=True)),
     ]  # fmt: skip
@@ -157,7 +157,7 @@ def make_ranges(material: Material) -> EntryResult:
         )
         + (
             ""
-            if movers[0].real
+            if bodies[0].real
             else " Without recordings a model stands in for the person and has no more points than "
             "the walker; --motion-folder brings the dense bundle of lines of a real one."
         ),

@@ -59,7 +59,7 @@ LONG_M = 1.5
 NEAR_RATIO = 0.1
 SPEED_OFF_MPS, SLOW_MPS = 0.3, 0.1
 FEWEST_STRIDES = 1.2
-"""Shorter recorded stretches show no repetition at all."""
+"""Shorter recorded segments show no repetition at all."""
 
 
 def make_study_table(material: Material) -> pd.DataFrame:
@@ -72,10 +72,10 @@ def make_study_table(material: Material) -> pd.DataFrame:
         # recorded motions with a known stride that is seen more than once
         people, dogs = (
             {
-                one.name: one.motion for one in movers
+                one.name: one.motion for one in motions
                 if one.real and one.seconds * one.motion.facts.stride_frequency_hz >= FEWEST_STRIDES
             }
-            for movers in (material.people(), material.dogs())
+            for motions in (material.people(), material.dogs())
         )  # fmt: skip
         found = run_study(make_scenarios(people, dogs, seed=material.seed), material.radar())
         unsigned = {name: found[name].abs() for name in ("torso_velocity_mps", "step_length_m")}
@@ -323,13 +323,13 @@ def _read_ratio(part: pd.DataFrame, name: str) -> float:
 
 def _describe_features(table: pd.DataFrame, separation: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
-    told = separation.assign(apart=(separation["roc_area"] - 0.5).abs()).sort_values("apart")
-    best = told[told["method"] == METHOD_NAMES[METHODS[0]]].iloc[-1]
+    ranked = separation.assign(apart=(separation["roc_area"] - 0.5).abs()).sort_values("apart")
+    best = ranked[ranked["method"] == METHOD_NAMES[METHODS[0]]].iloc[-1]
     higher = _read_ratio(report, "limb_torso_ratio") > 1.0
     return (
         f"by the report's method rho is {'higher' if higher else 'not higher'} for people than for dogs; its rho adds "
         "up rows and so depends on the frame rate of the scenario. "
-        f"{'No single feature tells' if best['apart'] < 0.45 else 'One feature nearly tells'} the classes apart; the "
+        f"{'No single feature separates' if best['apart'] < 0.45 else 'One feature nearly separates'} the classes; the "
         f"best is {best['feature']} (ROC area {best['roc_area']:.2f})."
     )
 
@@ -342,7 +342,7 @@ ENTRIES = (
     ),
     Entry(
         "fig-5.9", "The six features of all scenarios",
-        "v_m alone tells nothing; B_mu follows it and is high for the walkers; beta_1 and beta_2 are mostly 2 and 3; "
+        "v_m alone shows nothing; B_mu follows it and is high for the walkers; beta_1 and beta_2 are mostly 2 and 3; "
         "rho is higher for the walkers and expected to be higher for people than for pets, of which there was one.",
         make_features,
     ),

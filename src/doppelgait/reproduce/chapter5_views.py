@@ -138,7 +138,7 @@ def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
         )
     return (
         f"another dog, hence its f_m, f_2, B_mu, A_fd and f_d are not compared. The highest peak here, {found:.2f} "
-        f"Hz, is not at the stride frequency of {stride_hz:.2f} Hz, so this dog does not tell whether the 2.98 Hz "
+        f"Hz, is not at the stride frequency of {stride_hz:.2f} Hz, so this dog does not show whether the 2.98 Hz "
         "that the report calls an error is the stride of its own."
     )
 

@@ -44,7 +44,7 @@ class Reading:
         requires exact agreement.
     note : str
         Reason of a difference, or source of the number.
-    given : bool
+    fixed : bool
         Set as the report has it, or a fact of the model that stands in: that it is as stated shows nothing, so it never
         counts as agreeing. It still differs where it is not as stated.
     """
@@ -55,7 +55,7 @@ class Reading:
     stated: float | None = None
     tolerance: float | None = None
     note: str = ""
-    given: bool = False
+    fixed: bool = False
 
     @property
     def kind(self) -> str:
@@ -64,7 +64,7 @@ class Reading:
             return "not stated"
         if not abs(self.ours - self.stated) <= (self.tolerance or 0.0):
             return "differs"
-        return "set" if self.given else "agrees"
+        return "set" if self.fixed else "agrees"
 
     @property
     def agrees(self) -> bool | None:
@@ -150,7 +150,7 @@ class Outcome:
     made : Made, optional
         None if it could not be made; ``error`` says why.
     used : sequence of str
-        Movers it was made from: "model: ..." or "recording: ...".
+        Sources it was made from: "model: ..." or "recording: ...".
     remarks : sequence of str
         Warnings while it was made.
     seconds : float

@@ -30,7 +30,7 @@ FOLDERS = {"human": "human", "dog": "dog"}
 PERSON_M = 1.8
 """Stature of people in the report."""
 CHEN_SPEED_MPS = 2 * 0.491 * PERSON_M
-"""Nominal speed of the walker whose ankle the report shows at about 300 Hz: two leg lengths a second."""
+"""Nominal speed of the walker with the ankle that the report shows at about 300 Hz: two leg lengths a second."""
 DOG_WITHERS_M = 0.5
 DOG_SPEED_MPS = 3.0
 SHOWN_REASONS = 3
@@ -172,7 +172,7 @@ def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
                 warnings.simplefilter("ignore", DoppelgaitWarning)  # of cleaning; the command "motion info" shows them
                 motion, name = read(file), file.relative_to(folder).as_posix()
                 found += [
-                    NamedMotion(f"{name}, stretch {number}", label, add_gait_facts(crop(motion, segment)), real=True)
+                    NamedMotion(f"{name}, segment {number}", label, add_gait_facts(crop(motion, segment)), real=True)
                     for number, segment in enumerate(find_segments(motion), start=1)
                 ]
         except DoppelgaitError as error:
@@ -181,7 +181,7 @@ def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
         shown = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:SHOWN_REASONS])
         text = f"{root.name}: {len(refused)} of {len(files)} motion files are left out: {shown}"
         warn_caller(text)
-    return sorted(found, key=lambda mover: (-mover.seconds, mover.name))
+    return sorted(found, key=lambda body: (-body.seconds, body.name))
 
 
 def make_point_table(
@@ -256,7 +256,7 @@ class Material:
     seed : int
         Root seed of the study of scenarios.
     motion_folder : Path, optional
-        Folder with ``human/`` and ``dog/``, whose recordings take the place of models.
+        Folder with ``human/`` and ``dog/``; their recordings take the place of models.
 
     Raises
     ------
@@ -287,10 +287,10 @@ class Material:
         """Return the entry's sources, such as "model: ..."."""
         return tuple(self._used)
 
-    def use(self, mover: NamedMotion) -> NamedMotion:
+    def use(self, body: NamedMotion) -> NamedMotion:
         """Note a target as the entry's source."""
-        self._used[mover.about] = None
-        return mover
+        self._used[body.about] = None
+        return body
 
     def note(self, text: str) -> None:
         """Note the entry's sources as one text."""
@@ -343,7 +343,7 @@ class Material:
         return Radar.preset("liland2018", **changes)
 
     def recording(
-        self, mover: NamedMotion, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
+        self, body: NamedMotion, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
         duration_s: float | None = None,
     ) -> Recording:  # fmt: skip
         """Simulate a target's noise-free recording.
@@ -352,7 +352,7 @@ class Material:
 
         Parameters
         ----------
-        mover : Mover
+        body : NamedMotion
         prf_hz : float
         aspect_deg : float
             psi at the middle of the observation, 0 approaching.
@@ -361,29 +361,29 @@ class Material:
         duration_s : float, optional
             Observation time; the whole motion by default.
         """
-        self.use(mover)
-        key = ("recording", mover.name, prf_hz, aspect_deg, range_m, duration_s)
+        self.use(body)
+        key = ("recording", body.name, prf_hz, aspect_deg, range_m, duration_s)
         target = Target(
-            mover.motion, label=mover.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[mover.label]),
+            body.motion, label=body.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[body.label]),
             aspect_deg=aspect_deg, range_m=range_m,
         )  # fmt: skip
         return self.compute_once(
             key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz))
         )
 
-    def result(self, mover: NamedMotion, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
+    def result(self, body: NamedMotion, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
         """Analyse a target in its true gate.
 
         Parameters
         ----------
-        mover : Mover
+        body : NamedMotion
         method : {"liland2018", "standard"}
         cpi_s : float
             T_d.
         **recording
             As for :meth:`recording`.
         """
-        seen = self.recording(mover, **recording)
+        seen = self.recording(body, **recording)
         analysis = Analysis(
             method=method, cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]
         )  # fmt: skip

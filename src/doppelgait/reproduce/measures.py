@@ -236,7 +236,7 @@ def average_part_line(lines: xr.DataArray, part: str) -> FloatArray:
     """
     chosen = read_axis(lines, "part").astype(str) == part
     if not chosen.any():
-        raise MotionError(f"no point is known to be of the {part.replace('_', ' ')}, whose line is needed")
+        raise MotionError(f"no point is known to be of the {part.replace('_', ' ')}; its line is needed")
     return np.asarray(lines.values[:, chosen].mean(axis=1), dtype=np.float64)
 
 

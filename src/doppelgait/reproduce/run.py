@@ -70,7 +70,7 @@ def format_heading(number: str) -> str:
 
 
 def _format_introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
-    agree, given, differ, unstated = (sum(one.count_kind(kind) for one in outcomes) for kind in KINDS)
+    agree, fixed, differ, unstated = (sum(one.count_kind(kind) for one in outcomes) for kind in KINDS)
     failed = sum(one.made is None for one in outcomes)
     motion = (
         "People and dogs are real recordings as far as the motion folder has them."
@@ -81,7 +81,7 @@ def _format_introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
         f"<p>Made by doppelgait {escape(__version__)} in {sum(one.seconds for one in outcomes):.0f} s: {len(outcomes)} "
         f"figures and tables{f', {failed} of them could not be made' if failed else ''}. {motion} "
         f'Of the numbers read, <span class="yes">{agree} agree</span> with what the report states, '
-        f'<span class="no">{differ} differ</span>, <span class="set">{given} were set</span> as the report has them or '
+        f'<span class="no">{differ} differ</span>, <span class="set">{fixed} were set</span> as the report has them or '
         f"follow from the model that stands in, and for {unstated} it states none. "
         "What a number is compared with, and how closely, comes from the report's text; notes say why some differ. "
         'All numbers are in <a href="readings.json">readings.json</a>.</p>'

@@ -194,7 +194,7 @@ def make_scenarios(
     Parameters
     ----------
     people, dogs : mapping of name to DataArray (time, marker, space)
-        Recorded stretches, straight and steady; taken first, as long as they are.
+        Recorded segments, straight and steady; taken first, as long as they are.
     seed : int
     counts : (int, int, int)
         People, walkers and dogs; recordings beyond are left out.

@@ -216,7 +216,7 @@ def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list
     nearest = min(lacking, key=lambda name: len(lacking[name]))
     shown = ", ".join(lacking[nearest][:6]) + (", ..." if len(lacking[nearest]) > 6 else "")
     raise ConfigError(
-        f"{source}: rcs kind 'ellipsoids' and occlusion need a body whose joints are known ({', '.join(BODIES)}); of "
+        f"{source}: rcs kind 'ellipsoids' and occlusion need a body with known joints ({', '.join(BODIES)}); of "
         f"these points the nearest set is {nearest}, which lacks {shown}; use rcs kind 'auto' without occlusion"
     )
 

@@ -276,14 +276,14 @@ def build_motion(
 
     wanted = None if "hybrid" not in options else validate(Hybrid, options.pop("hybrid"), where="hybrid")
     made_later = {} if options.get("clean") is False else {"loop_to_s": None, "loop_variation": 1.0}
-    given = {name: options.pop(name, default) for name, default in made_later.items()}
-    check_types(Path(str(options.get("path", ""))), given)
+    loop_options = {name: options.pop(name, default) for name, default in made_later.items()}
+    check_types(Path(str(options.get("path", ""))), loop_options)
     motion = _read_clip(options, folder)
     if wanted is not None:
         motion = make_hybrid(motion, wanted, lambda table: build_motion(table, duration_s=duration_s, folder=folder))
-    if given.get("loop_to_s") is None:
+    if loop_options.get("loop_to_s") is None:
         return motion
-    return loop(motion, duration_s=given["loop_to_s"], variation=given["loop_variation"], rng=rng)
+    return loop(motion, duration_s=loop_options["loop_to_s"], variation=loop_options["loop_variation"], rng=rng)
 
 
 def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:

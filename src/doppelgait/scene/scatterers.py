@@ -207,7 +207,7 @@ def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 
 
 def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:
-    """Merge points whose median distance is below a limit (E-08).
+    """Merge points with a median distance below a limit (E-08).
 
     Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: L of them send back up to L times
     what their cross sections add up to. The groups are fixed once for the whole motion, by complete
@@ -251,7 +251,7 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 
 
 def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
-    """Group points whose median distances are below the limit.
+    """Group points with median distances below the limit.
 
     All pairs within a group are; groups are in order of their first points.
     """

@@ -106,7 +106,7 @@ class Target(FrozenModel):
     Raises
     ------
     ConfigError
-        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is given, both forms are
+        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is set, both forms are
         mixed, or a path has no start.
 
     Examples

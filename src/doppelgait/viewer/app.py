@@ -176,7 +176,7 @@ MEDIA_TYPES = {
 }
 PAYLOAD, JSON, WAV = "application/octet-stream", "application/json", "audio/wav"
 GONE = 499
-"""Status for a request whose sender has left; nobody sees it."""
+"""Status for a request after its sender has left; it is never shown."""
 
 
 def make_app(
@@ -447,7 +447,7 @@ async def _answer_http_error(request: Request, error: Exception) -> Response:
 
 async def _answer_fault(request: Request, error: Exception) -> Response:
     traceback.print_exception(error)
-    return _make_error(500, f"{type(error).__name__} in the viewer's server; its terminal tells more")
+    return _make_error(500, f"{type(error).__name__} in the viewer's server; see its terminal")
 
 
 def _make_error(status: int, reason: str) -> Response:

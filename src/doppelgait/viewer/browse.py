@@ -94,7 +94,7 @@ class Browser:
 
     @property
     def filtered(self) -> list[str]:
-        """Columns whose filters are shown from the start."""
+        """Columns with filters that are shown from the start."""
         kinds = self.columns.kinds
         return [name for choice in FILTERED if (name := next((n for n in choice if n in kinds), "")) != ""]
 
@@ -134,7 +134,7 @@ class Browser:
         found = filters.rows(self.columns)
         known = found[np.isfinite(self.columns.numbers(x)[found]) & np.isfinite(self.columns.numbers(y)[found])]
         numbers = self._class_numbers
-        drawn = choose_evenly(known, numbers[known], self._lots[known], MOST_POINTS)
+        chosen = choose_evenly(known, numbers[known], self._lots[known], MOST_POINTS)
         facts = {
             "x": self.columns.facts(x),
             "y": self.columns.facts(y),
@@ -143,10 +143,10 @@ class Browser:
             "n_known": int(known.size),
         }
         return pack(facts, {
-            "x": self.columns.numbers(x)[drawn].astype(np.float32),
-            "y": self.columns.numbers(y)[drawn].astype(np.float32),
-            "class": numbers[drawn].astype(np.min_scalar_type(max(len(self.classes) - 1, 0))),
-            "row": drawn.astype(np.int32),
+            "x": self.columns.numbers(x)[chosen].astype(np.float32),
+            "y": self.columns.numbers(y)[chosen].astype(np.float32),
+            "class": numbers[chosen].astype(np.min_scalar_type(max(len(self.classes) - 1, 0))),
+            "row": chosen.astype(np.int32),
         })  # fmt: skip
 
     def make_sheet(self, query: Pairs) -> bytes:

@@ -27,7 +27,7 @@ MOST_VALUES = 40
 NAMES = ("id", "scene_id", "group", "subject", "recording")
 """Whose or which one it is: no category either, however few there are."""
 RESERVED = ("sort", "descending", "offset", "limit", "x", "y", "text", "flag", "no_flag")
-"""Parameters of the requests: a column of such a name could not be told from them."""
+"""Parameters of the requests: a column of such a name could not be distinguished from them."""
 UNKNOWN = "(none)"
 """Value of a category in rows that do not know it."""
 GROUPS = {
@@ -37,7 +37,7 @@ GROUPS = {
 """Beginning of a column's name, and what such columns are."""
 
 OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"), "rcs_total_m2": ("total RCS", "m²")}
-"""Words and unit of columns whose names tell less."""
+"""Words and unit of columns with names that say less."""
 
 
 class Columns:

@@ -45,7 +45,7 @@ PATH_KEYS = ("path", "skeleton")
 
 
 def check_size(run: pipeline_run.Run) -> None:
-    """Refuse an example whose simulation would take minutes and gigabytes.
+    """Refuse an example with a simulation of minutes and gigabytes.
 
     Raises
     ------
@@ -181,7 +181,7 @@ class ExampleRuns:
             spec = resolve_example(plan, number, self.folder or Path())
             check_size(spec.run)
         except DoppelgaitError as error:
-            run.reason = self.told(error)
+            run.reason = self.describe_error(error)
             return run
         run.settings = replace(run.settings, analysis=spec.run.analysis)
 
@@ -191,7 +191,7 @@ class ExampleRuns:
                 try:
                     recording = run_simulation(spec.run, folder=self.folder)
                 except DoppelgaitError as error:
-                    raise DatasetError(self.told(error)) from None
+                    raise DatasetError(self.describe_error(error)) from None
             if first.get("source") == "none":
                 return recording
             # Another truth than when the dataset was built: a motion file has changed.
@@ -208,7 +208,7 @@ class ExampleRuns:
         run.load = simulate
         return run
 
-    def told(self, error: Exception) -> str:
+    def describe_error(self, error: Exception) -> str:
         """Return an error's text without the folders of this computer."""
         return remove_folders(str(error), *self.folders)
 

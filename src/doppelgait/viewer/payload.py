@@ -34,7 +34,7 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
     facts : mapping
         The header's content, ready for :func:`as_json`.
     arrays : mapping
-        Arrays by name; the header's ``arrays`` tells ``dtype``, ``shape`` and ``offset`` (bytes from its end) of each.
+        Arrays by name; the header's ``arrays`` states ``dtype``, ``shape`` and ``offset`` (bytes from its end) of each.
 
     Raises
     ------

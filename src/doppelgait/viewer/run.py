@@ -50,7 +50,7 @@ def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths
     Each item gives the truth of that body between two times.
 
     A gate of the truth is of the body of the same number. Other gates are matched by range: each body to the result
-    whose gate is nearest to it, on the median over the times of the result and within 0.8 m, and to no other result of
+    with the gate nearest to it, on the median over the times of the result and within 0.8 m, and to no other result of
     the same time. In a gate that stays where the user said, it is the only body there.
 
     Parameters

@@ -89,7 +89,7 @@ def parse_changes(parameters: Mapping[str, str]) -> Changes:
     Raises
     ------
     ConfigError
-        Naming the parameter whose value is not allowed.
+        Naming the parameter with a value that is not allowed.
     """
     found: dict[str, Any] = {}
     for key in CHANGEABLE:

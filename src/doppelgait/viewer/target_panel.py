@@ -75,7 +75,9 @@ def select_segment(targets: Sequence[TargetView], number: int, segment: int) -> 
         raise ConfigError(f"segment: {number}:{segment} is not allowed; {known}")
     views = targets[number].segment_views
     if segment >= len(views):
-        known = f"target {number} has segments 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
+        known = (
+            f"target {number} has segments 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
+        )
         raise ConfigError(f"segment: {number}:{segment} is not allowed; {known}")
     shown = replace(views[segment], segment_views=views, track_picture=targets[number].track_picture)
     return [*targets[:number], shown, *targets[number + 1 :]]

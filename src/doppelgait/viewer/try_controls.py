@@ -184,7 +184,7 @@ def place_beside(range_m: float, aspect_deg: float) -> dict[str, float]:
 
 Value = str | float | int
 
-MOVERS = {
+TARGETS = {
     "person": "person", "dog": "dog", "cat": "cat", "fan": "fan", "curtain": "curtain", "vacuum": "robot vacuum",
 }  # fmt: skip
 LEGGED = ("person", "dog", "cat")
@@ -206,7 +206,7 @@ class Control:
     values : mapping
         Words by value, of a choice; the first is the default unless ``default`` says otherwise.
     who : tuple of str
-        Movers that have it; all by default.
+        Targets with this control; all by default.
     by_who : mapping
         Other limits and defaults by target.
     values_by_who : mapping
@@ -225,7 +225,7 @@ class Control:
     step: float = 0.0
     default: Value = ""
     values: Mapping[str, str] = field(default_factory=dict)
-    who: tuple[str, ...] = tuple(MOVERS)
+    who: tuple[str, ...] = tuple(TARGETS)
     by_who: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     values_by_who: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
@@ -243,7 +243,7 @@ class Control:
             If it is not allowed for this target.
         """
         if who not in self.who:
-            owners = ", ".join(MOVERS[name] for name in self.who)
+            owners = ", ".join(TARGETS[name] for name in self.who)
             raise ConfigError(f"{self.name}: is not for who = {who}; it is for {owners}")
         if self.kind == "choice":
             allowed = self.values_by_who.get(who, tuple(self.values))
@@ -270,7 +270,7 @@ def list_controls() -> tuple[Control, ...]:
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}
     return (
         *(
-            Control("who", "who", "What moves in front of the radar.", "choice", default="person", values=MOVERS),
+            Control("who", "who", "What moves in front of the radar.", "choice", default="person", values=TARGETS),
             Control(
                 "speed_mps",
                 "speed",
@@ -318,7 +318,7 @@ def list_controls() -> tuple[Control, ...]:
         ),
         Control(
             "company", "beside it", "A second target, one metre to the side, at the same speed.", "choice",
-            default="nobody", values={"nobody": "nobody", "person": "a person", "dog": "a dog"}, who=LEGGED,
+            default="nobody", values={"nobody": "no one", "person": "a person", "dog": "a dog"}, who=LEGGED,
         ),
         # Where it moves, seen from the radar.
         Control(

@@ -15,8 +15,8 @@ from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.try_controls import (
     BUILD_OF,
     COMPANY_M,
-    MOVERS,
     SIZE_OF,
+    TARGETS,
     Value,
     format_moved_note,
     list_controls,
@@ -92,14 +92,14 @@ def make_scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _make_person(values: Mapping[str, Value]) -> dict[str, Value]:
-    given = {name: values[name] for name in ("gait", "speed_mps", "height_m")}
-    return {"kind": "human", **given, "step_time_sd": STEP_TIME_SD, "step_length_sd": STEP_LENGTH_SD}
+    shared = {name: values[name] for name in ("gait", "speed_mps", "height_m")}
+    return {"kind": "human", **shared, "step_time_sd": STEP_TIME_SD, "step_length_sd": STEP_LENGTH_SD}
 
 
 def _make_animal(who: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
     def motion(values: Mapping[str, Value]) -> dict[str, Value]:
-        given = {name: values[name] for name in ("gait", "speed_mps", "withers_m")}
-        return {"kind": "quadruped", "build": BUILD_OF[who], **given, "stride_variation": STRIDE_VARIATION}
+        shared = {name: values[name] for name in ("gait", "speed_mps", "withers_m")}
+        return {"kind": "quadruped", "build": BUILD_OF[who], **shared, "stride_variation": STRIDE_VARIATION}
 
     return motion
 
@@ -112,7 +112,7 @@ MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
     "curtain": lambda values: {"kind": "curtain"},
     "vacuum": lambda values: {"kind": "vacuum", "speed_mps": values["speed_mps"]},
 }
-"""Motion model of every mover, and its parameters."""
+"""Motion model of every target, and its parameters."""
 
 
 def run_of(parameters: Mapping[str, str]) -> Run:
@@ -146,7 +146,7 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     values = parse_controls(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)
     return Run(
-        name=f"Try it: {MOVERS[str(values['who'])]}", kind="try", settings=settings, load=lambda: recording,
+        name=f"Try it: {TARGETS[str(values['who'])]}", kind="try", settings=settings, load=lambda: recording,
         notes=(*format_moved_note(values), *notes),
     )  # fmt: skip
 

@@ -1,7 +1,7 @@
-"""Figures of labelled arrays, drawn without pyplot.
+"""Figures of labelled arrays, without pyplot.
 
 Every function returns a ``matplotlib.figure.Figure``. Everything here is imported on first use, so that matplotlib is
-loaded only where something is drawn.
+loaded only where something is plotted.
 """
 
 from importlib import import_module

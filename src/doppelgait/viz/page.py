@@ -72,7 +72,7 @@ def overview(
         Values by name, None where undetermined; the unit is read from the name's ending. ``harmonic_ratio_2`` and
         ``harmonic_ratio_3`` place the harmonics' marks.
     gate : Dataset (time) or mapping of str to Dataset, optional
-        Gate limits drawn on the range-time map.
+        Gate limits on the range-time map.
     main_line_hz : array_like, shape (J,) or scalar, optional
         Main Doppler line.
     gait_frequency_hz : float, optional

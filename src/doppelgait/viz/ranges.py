@@ -74,7 +74,7 @@ def range_time(
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-        Complex, V. Of more than 32,768 pulses every n-th is drawn, about 4,096 of them.
+        Complex, V. Of more than 32,768 pulses every n-th is plotted, about 4,096 of them.
     tracks : Dataset (time) or mapping of str to Dataset, optional
         Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
     db_range : float, optional

@@ -210,7 +210,7 @@ def mean_doppler_spectrum(
         Micro-Doppler bandwidth B_mu, shaded: its two edges, or its width alone, which is then put where it holds the
         most power.
     threshold : float, optional
-        t_mu relative to the maximum, drawn as a level.
+        t_mu relative to the maximum, plotted as a level.
     db_range : float
         Range of the level axis, dB.
     title : str

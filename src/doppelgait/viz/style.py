@@ -164,7 +164,7 @@ def draw_grid(axes: Axes) -> None:
 def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
     """Put a legend below the axes, or inside them.
 
-    Without labelled artists there is none. Below, it needs a figure whose layout makes room.
+    Without labelled artists there is none. Below, it needs a figure with a layout that makes room.
     """
     handles, labels = axes.get_legend_handles_labels()
     if handles:

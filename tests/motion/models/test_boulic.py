@@ -79,8 +79,8 @@ def test_left_is_right_mirrored_half_a_cycle_later(q):
         now, later = (
             compute_boulic_points(PHASE + d, q, 1.75, offset_scale_m=0.86, offset_signs=signs) for d in (0, 0.5)
         )
-        twin = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
-        mirrored = later[:, [INDEX[name] for name in twin]] * [1, -1, 1]
+        opposite = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
+        mirrored = later[:, [INDEX[name] for name in opposite]] * [1, -1, 1]
         np.testing.assert_allclose(now, mirrored, rtol=0, atol=2e-13)
 
 

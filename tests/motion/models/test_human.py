@@ -116,9 +116,9 @@ def test_it_goes_at_its_speed_and_left_is_right_half_a_stride_later(speed_mps):
     motion = gait(speed_mps, 2 * stride_s, rate_hz=400 / stride_s)
     way = motion.position_m[400] - motion.position_m[0]
     np.testing.assert_allclose(way, np.tile([speed_mps * stride_s, 0, 0], (17, 1)), atol=1e-9)
-    twin = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
+    opposite = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
     half = [speed_mps * stride_s / 2, 0, 0]
-    np.testing.assert_allclose(motion.position_m[200], points(motion, *twin)[0] * [1, -1, 1] + half, atol=1e-9)
+    np.testing.assert_allclose(motion.position_m[200], points(motion, *opposite)[0] * [1, -1, 1] + half, atol=1e-9)
 
 
 @pytest.mark.parametrize("speed_mps", [1.4, 3.0])
@@ -211,10 +211,10 @@ def test_the_feet_land_at_the_drawn_steps(speed_mps):
     options = {"step_time_sd": 0.04, "time_asymmetry": 0.05}
     motion = gait(speed_mps, 12, rng=np.random.default_rng(6), **options)
     stride_s = 1 / gait(speed_mps).facts.stride_frequency_hz
-    drawn = step_series(
+    sampled = step_series(
         12, stride_s=stride_s, stride_m=1, time_sd=0.04, time_asymmetry=0.05, rng=np.random.default_rng(6)
     )
-    times = drawn[0][(drawn[0] > -1e-9) & (drawn[0] <= 12)]
+    times = sampled[0][(sampled[0] > -1e-9) & (sampled[0] <= 12)]
     falls = motion.facts.footfalls
     np.testing.assert_allclose(np.sort(falls["left_foot"] + falls["right_foot"]), times, atol=1e-9)
     assert np.std(np.diff(times)) > 0.02 * stride_s / 2

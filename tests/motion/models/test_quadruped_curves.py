@@ -32,9 +32,9 @@ def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, seg
     own = np.degrees(segment_elevation_rad(gait, segment, PHASE, measured))
     np.testing.assert_allclose(own[::100], CURVES[gait, segment], atol=3.5)
     longer = 1.2 * measured
-    stretched = np.degrees(segment_elevation_rad(gait, segment, np.array([longer, 1.0 - 1e-9]), longer))
+    scaled = np.degrees(segment_elevation_rad(gait, segment, np.array([longer, 1.0 - 1e-9]), longer))
     expected = np.degrees(segment_elevation_rad(gait, segment, np.array([measured, 1.0 - 1e-9]), measured))
-    np.testing.assert_allclose(stretched, expected, atol=1e-5)
+    np.testing.assert_allclose(scaled, expected, atol=1e-5)
     rate = np.diff(segment_elevation_rad(gait, segment, np.linspace(0, 2, 40_001), longer))
     assert np.abs(np.diff(rate)).max() < 3e-5, "no jump of the angular speed"
 

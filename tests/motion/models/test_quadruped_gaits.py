@@ -91,13 +91,13 @@ def test_paws_leave_and_touch_the_ground_at_the_stated_times(name):
 @pytest.mark.parametrize("build", ["standard", "cat", "dachshund"])
 @pytest.mark.parametrize("name", SYMMETRICAL)
 def test_walk_pace_and_trot_are_their_own_mirror_image_half_a_stride_later(name, build):
-    twin = {"left": "right", "right": "left"}
+    other = {"left": "right", "right": "left"}
     for froude in GAITS[name].froude:
         now, stride, _ = stride_points(name, froude, build=build)
         later, _, _ = stride_points(name, froude, PHASE + 0.5, build=build)
         for point, path in now.items():
             side, _, rest = point.partition("_")
-            mirrored = later[f"{twin[side]}_{rest}" if side in twin else point] * [1, -1, 1] - [stride / 2, 0, 0]
+            mirrored = later[f"{other[side]}_{rest}" if side in other else point] * [1, -1, 1] - [stride / 2, 0, 0]
             np.testing.assert_allclose(path, mirrored, atol=1e-12, err_msg=point)
 
 
@@ -143,8 +143,8 @@ def test_auto_goes_through_the_gaits_with_speed():
         assert motion.facts.gait == gait
     for parameters, text in (
         ({}, "'auto' goes by the speed: give speed_mps or froude"),
-        ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 goes at 2.17 to 6.26 m/s in a gallop"),
-        ({"speed_mps": 0.1}, "goes at 0.443 to 1.4 m/s in a walk"),
+        ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 moves at 2.17 to 6.26 m/s in a gallop"),
+        ({"speed_mps": 0.1}, "moves at 0.443 to 1.4 m/s in a walk"),
     ):
         with pytest.raises(ConfigError, match=text):
             quadruped_gait(gait="auto", **parameters)

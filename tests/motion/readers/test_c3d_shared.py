@@ -315,7 +315,7 @@ def test_block_layouts_of_one_walk_agree(shared: Path) -> None:
         )
 
 
-def test_integer_twin_of_the_coda_walk(shared: Path) -> None:
+def test_integer_version_of_the_coda_walk(shared: Path) -> None:
     floats, integers = (
         _read(shared, name, clean=False).position_m for name in ("btk_coda_walk.c3d", "coda_integer.c3d")
     )

@@ -144,7 +144,7 @@ def test_settings_in_toml_json_and_ti_text(tmp_path):
     (tmp_path / "elsewhere.txt").write_text(CFG.replace("adcbufCfg -1 0", "adcbufCfg 0").format(swap=1))
     assert read_config(tmp_path / "elsewhere.txt").q_first  # as older kits write it, without the subframe
     (tmp_path / "elsewhere.txt").write_text(CFG.format(swap=0).replace("% Platform:xWR18xx", ""))
-    with pytest.raises(RecordingError, match="does not tell the device; give the option device"):
+    with pytest.raises(RecordingError, match="does not state the device; give the option device"):
         read_dca1000(path, config="elsewhere.txt")
     assert read_dca1000(path, config="elsewhere.txt", device="xwr18xx").baseband.identical(found.baseband)
 

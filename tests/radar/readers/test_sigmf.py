@@ -220,7 +220,7 @@ def test_a_checksum_guards_the_samples(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"datatype": "rf32_le"}, "real samples: they cannot tell approaching from receding"),
+        ({"datatype": "rf32_le"}, "real samples: they cannot separate approaching and receding"),
         ({"datatype": "cx9"}, "core:datatype is 'cx9'"),
         ({"core:version": "0.0.2"}, "is SigMF 0.0.2; only 1.x"),
         ({"rate_hz": 20e6}, "samples within pulses. Give samples_per_pulse"),
@@ -253,7 +253,7 @@ def test_more_refusals(tmp_path):
     with pytest.raises(RecordingError, match="archives are not read"):
         read_sigmf(tmp_path / "none.sigmf")
     write_sigmf(make_recording(), tmp_path / "walk")
-    with pytest.raises(RecordingError, match="tells its own axes; leave out prf_hz"):
+    with pytest.raises(RecordingError, match="states its own axes; leave out prf_hz"):
         read_sigmf(tmp_path / "walk.sigmf-meta", prf_hz=3.0)
     with pytest.raises(OutputError):
         write_sigmf(make_recording(), tmp_path / "no" / "walk")

@@ -180,7 +180,7 @@ def test_the_raw_recording(shared: Path) -> None:
     assert (len(records), records["values"].shape[1]) == (1518, 182)
     assert records["info"][0] == 1
     assert raw.session_id == "test_recording"
-    with pytest.raises(RecordingError, match="do not tell range_start_m, bin_spacing_m, carrier_hz"):
+    with pytest.raises(RecordingError, match="do not state range_start_m, bin_spacing_m, carrier_hz"):
         read_xethru_recording(folder)
     frame = {"range_start_m": 0.38576, "bin_spacing_m": 0.05144033, "carrier_hz": 7.29e9}
     recording = read_xethru_recording(folder, **frame)

@@ -45,19 +45,19 @@ FEATURE_MODELS = ["six-logistic", "six-boosting", "six-svm"]
 
 
 def made_up(
-    n=240, *, seed=0, classes=("human", "dog"), apart=4.0, per_mover=2, split=(0.6, 0.2), identity="a", **columns
+    n=240, *, seed=0, classes=("human", "dog"), apart=4.0, per_target=2, split=(0.6, 0.2), identity="a", **columns
 ):
     """A dataset of an index alone: the step length tells the classes, nothing else does, a tenth of it is unknown."""
     rng = np.random.default_rng(seed)
-    movers = rng.permutation(n // per_mover)
-    labels = np.repeat(np.array(classes)[np.arange(n // per_mover) % len(classes)], per_mover)
-    share = np.repeat(movers / (n // per_mover), per_mover)
+    bodies = rng.permutation(n // per_target)
+    labels = np.repeat(np.array(classes)[np.arange(n // per_target) % len(classes)], per_target)
+    share = np.repeat(bodies / (n // per_target), per_target)
     index = pd.DataFrame({
         "id": [f"e{k}" for k in range(n)],
         "scene_id": [f"e{k}" for k in range(n)],
         "label": labels,
         "split": np.where(share < split[0], "train", np.where(share < sum(split), "validation", "test")),
-        "group": np.repeat([f"recording/{identity}-{k}" for k in range(n // per_mover)], per_mover),
+        "group": np.repeat([f"recording/{identity}-{k}" for k in range(n // per_target)], per_target),
         "source": "recording",
         "prf_hz": rng.uniform(900, 1300, n),
         "carrier_hz": 7.29e9,
@@ -126,14 +126,14 @@ def test_plain_form_answers_as_sklearn_does(classes):
     values, labels = collect_inputs(rows, "six").values.copy(), rows.labels
     values[0] = np.nan
     values[:, 3] = np.nan  # never known
-    train, nobody = LabelledRows(values[:150], labels[:150]), LabelledRows(values[:0], labels[:0])
+    train, no_rows = LabelledRows(values[:150], labels[:150]), LabelledRows(values[:0], labels[:0])
     weights = row_weights(train.labels, len(classes))
     boosting = HistGradientBoostingClassifier(**BOOSTING, random_state=4)
     known = [0, 1, 2, 4, 5]
     with threadpool_limits(1):
         boosting.fit(train.values[:, known], train.labels, sample_weight=weights)
         expected = boosting.predict_proba(values[:, known])
-    found = fit(Kind("six", "boosting"), train, nobody, n_classes=len(classes), seed=4)
+    found = fit(Kind("six", "boosting"), train, no_rows, n_classes=len(classes), seed=4)
     assert np.allclose(np.exp(found.log_probability(values)), expected, atol=1e-12)
     floor = 0.03 * np.nanmedian(train.values[:, known], axis=0)  # all of them are above 0
     assert np.nanmin(train.values[:, known]) > 0
@@ -150,9 +150,9 @@ def test_plain_form_answers_as_sklearn_does(classes):
         LogisticRegression(max_iter=2000),
     )
     logistic.fit(train.values, train.labels, logisticregression__sample_weight=weights)
-    found = fit(Kind("six", "logistic"), train, nobody, n_classes=len(classes), seed=4)
+    found = fit(Kind("six", "logistic"), train, no_rows, n_classes=len(classes), seed=4)
     assert np.allclose(np.exp(found.log_probability(values)), logistic.predict_proba(values), atol=1e-9)
-    found = fit(Kind("six", "svm"), train, nobody, n_classes=len(classes), seed=4)
+    found = fit(Kind("six", "svm"), train, no_rows, n_classes=len(classes), seed=4)
     columns, distances = logistic[:-1].transform(values), []
     for number in range(len(classes)):
         machine = SVC(C=SVM_C, gamma=SVM_GAMMA / columns.shape[1])
@@ -192,8 +192,8 @@ def test_answers_agree_with_the_scores(found):
 
 def test_shuffled_labels_give_chance():
     dataset = made_up(600)
-    movers = dataset.index["group"].unique()
-    dealt = dict(zip(movers, np.random.default_rng(5).permutation(["human", "dog"] * (len(movers) // 2)), strict=True))
+    bodies = dataset.index["group"].unique()
+    dealt = dict(zip(bodies, np.random.default_rng(5).permutation(["human", "dog"] * (len(bodies) // 2)), strict=True))
     dataset.index["label"] = dataset.index["group"].map(dealt)
     for model in evaluate(dataset, models=FEATURE_MODELS).document["models"].values():
         assert model["balanced_accuracy"]["low"] <= 0.5 <= model["balanced_accuracy"]["high"]
@@ -245,7 +245,7 @@ def test_conditions_that_are_not_known_are_said():
 # --- who is on which side ---
 
 
-def test_movers_stay_on_one_side():
+def test_targets_stay_on_one_side():
     rows = collect_rows(made_up())
     fold, _ = use_own_splits(rows, seed=0)
     for each in [fold, *split_into_folds(rows, 4, seed=0)]:
@@ -289,8 +289,8 @@ def test_another_dataset_to_test_on():
     document = evaluate(dataset, other=other, models=["six-logistic"]).document
     assert sum(document["tested"].values()) == len(other)
     assert document["models"]["six-logistic"]["balanced_accuracy"]["value"] > 0.8
-    learnt = dataset.index.loc[dataset.index["split"] == "train", "group"].iloc[0]
-    other.index.loc[:9, "group"] = learnt
+    trained = dataset.index.loc[dataset.index["split"] == "train", "group"].iloc[0]
+    other.index.loc[:9, "group"] = trained
     document = evaluate(dataset, other=other, models=["six-logistic"]).document
     assert sum(document["tested"].values()) == len(other) - 10
     assert "10 of 240 rows of the test dataset left out" in document["notes"][0]
@@ -314,14 +314,14 @@ BLENDED = {
 
 @pytest.mark.parametrize("known", [{"subject": "person/ben"}, {"recording": "ben.bvh"}])
 @pytest.mark.parametrize("is_learnt", [True, False])
-def test_a_part_of_a_blended_motion_is_not_learnt_from_and_tested(known, is_learnt):
+def test_a_part_of_a_blended_motion_is_not_learnt_from_and_tested(known, is_trained):
     columns = {name: [f"{name} {k}" for k in range(240)] for name in ("subject", "recording", "motion")}
     dataset, other = (made_up(identity=name, others="", **columns) for name in "ab")
     for name in columns:  # nobody but whom the test is about is in both
         other.index[name] += " of b"
-    learnt = dataset.index.index[dataset.index["split"] == "train"][0]
-    sides = ((dataset, learnt), (other, 4))
-    for (side, place), cells in zip(sides if is_learnt else sides[::-1], (BLENDED, known), strict=True):
+    trained = dataset.index.index[dataset.index["split"] == "train"][0]
+    sides = ((dataset, trained), (other, 4))
+    for (side, place), cells in zip(sides if is_trained else sides[::-1], (BLENDED, known), strict=True):
         side.index.loc[place, list(cells)] = list(cells.values())
     other.index.loc[5, "scene_id"] = other.index.loc[4, "scene_id"]
     fold, notes = use_own_splits(collect_rows(dataset, other), seed=0)
@@ -809,8 +809,8 @@ def test_the_page_shows_both_plans_of_one_name(tmp_path):
     one, other = made_up(), made_up(seed=7, identity="b")
     other.description["config"] = {"analysis": {"cpi_s": 0.7}}
     page = write_report(evaluate(one, other=other, models=["six-logistic"]), tmp_path / "out")[-1].read_text()
-    learnt, tested = page.index("Plan, learnt: made-up, id a"), page.index("Plan, tested: made-up, id b")
-    assert learnt < page.index("&quot;cpi_s&quot;: 0.1") < tested < page.index("&quot;cpi_s&quot;: 0.7")
+    trained, tested = page.index("Plan, trained on: made-up, id a"), page.index("Plan, tested on: made-up, id b")
+    assert trained < page.index("&quot;cpi_s&quot;: 0.1") < tested < page.index("&quot;cpi_s&quot;: 0.7")
 
 
 def test_one_class_tested_has_recalls_and_no_balanced_accuracy(tmp_path):
@@ -826,20 +826,20 @@ def test_one_class_tested_has_recalls_and_no_balanced_accuracy(tmp_path):
     assert "not all classes are tested" in write_report(found, tmp_path / "out")[-1].read_text()
 
 
-def few_movers():
-    """So few movers that none can be held back."""
-    return made_up(8, per_mover=1, split=(0.75, 0.0), seed=1)
+def few_targets():
+    """So few targets that none can be held back."""
+    return made_up(8, per_target=1, split=(0.75, 0.0), seed=1)
 
 
 def test_without_held_rows_nothing_is_the_best(tmp_path):
     with pytest.raises(ConfigError, match=r"--save: no rows can be held back to choose among six-logistic, six-boost"):
-        evaluate(few_movers(), models=FEATURE_MODELS, keep=True)
-    found = evaluate(few_movers(), models=FEATURE_MODELS)
+        evaluate(few_targets(), models=FEATURE_MODELS, keep=True)
+    found = evaluate(few_targets(), models=FEATURE_MODELS)
     assert found.best is None
     assert found.document["kept"] is None
     assert "six-logistic, six-boosting, six-svm: not calibrated" in " ".join(found.document["notes"])
     assert "not calibrated" in write_report(found, tmp_path / "out")[-1].read_text()
-    assert evaluate(few_movers(), models=["six-logistic"], keep=True).best == "six-logistic"
+    assert evaluate(few_targets(), models=["six-logistic"], keep=True).best == "six-logistic"
 
 
 def test_an_alarm_says_how_many_people_it_rests_on(found):

@@ -59,8 +59,8 @@ def test_targets_of_one_scene_are_rows_with_their_own_label_signature_and_truth(
 
 
 def test_nobody_gives_a_row_of_noise_without_features_or_truth():
-    nobody = plan(classes=[{"label": "empty", "motion": "none"}], noise={"kind": "thermal"})
-    ((row, stored),) = rows_of(nobody)
+    empty = plan(classes=[{"label": "empty", "motion": "none"}], noise={"kind": "thermal"})
+    ((row, stored),) = rows_of(empty)
     assert (row["source"], row["motion_kind"], row["motion"]) == ("none", "none", "")
     assert row["truth_ground_speed_mps"] is None
     assert row["truth_gait_frequency_hz"] is None

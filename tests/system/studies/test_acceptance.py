@@ -73,7 +73,7 @@ def test_the_report_is_compared_cell_by_cell(tables: ModuleType) -> None:
     assert [row["met?"] for row in tables.report_demands(without).to_dict("records")] == ["met", "met"]
 
 
-def test_limits_are_doubled_below_three_periods_of_recorded_movers_only(tables: ModuleType) -> None:
+def test_limits_are_doubled_below_three_periods_of_recorded_targets_only(tables: ModuleType) -> None:
     few = {"periods": 2.9, "seconds": 2.0}
     condition = "psi <= 30, SNR_mu >= 10 dB, T_o >= 2 s"
     models = demand(tables.acceptance(rows(100, 2, **few)), condition)
@@ -144,7 +144,7 @@ def test_trials_are_the_same_again_and_hold_every_gait(study: ModuleType) -> Non
     assert trials == study.model_trials("table", 10)
     assert len(trials) == 10 * 5
     assert len({trial.example.number for trial in trials}) == 50
-    gaits = [f"{trial.example.label} {trial.example.mover[1]['gait']}" for trial in trials[:10]]
+    gaits = [f"{trial.example.label} {trial.example.body[1]['gait']}" for trial in trials[:10]]
     assert gaits == list(study.GAITS) * 2
 
 

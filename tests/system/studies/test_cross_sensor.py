@@ -22,7 +22,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def seen(study, tmp_path_factory):
-    """Six movers as two radars see them."""
+    """Six targets as two radars see them."""
     return {name: study.examples(name, 3, 3, tmp_path_factory.mktemp("rows")) for name in SENSORS[:2]}
 
 
@@ -38,7 +38,7 @@ def test_plans_differ_in_the_radar_alone_and_see_the_same_velocities(study):
         assert not any([plan.environment, plan.impairments, plan.background])
 
 
-def test_radars_see_the_same_movers_and_others_are_refused(study, seen):
+def test_radars_see_the_same_targets_and_others_are_refused(study, seen):
     study.check_same(seen)
     one, other = seen.values()
     assert one["label"].tolist() == ["human", "dog"] * 3
@@ -51,7 +51,7 @@ def test_radars_see_the_same_movers_and_others_are_refused(study, seen):
 
 
 def test_features_do_not_depend_on_the_carrier(study, seen):
-    """In hertz the bandwidths of the same movers are as the carriers; as inputs they are not."""
+    """In hertz the bandwidths of the same targets are as the carriers; as inputs they are not."""
     in_hz = [rows["extended_doppler_bandwidth_envelope_hz"].to_numpy() for rows in seen.values()]
     inputs = [study.features_of(rows) for rows in seen.values()]
     in_mps = [each["extended_doppler_bandwidth_envelope_mps"] for each in inputs]
@@ -60,7 +60,7 @@ def test_features_do_not_depend_on_the_carrier(study, seen):
     assert not [name for name in inputs[0] if name.endswith("bandwidth_hz") and "doppler" in name]
 
 
-def test_movers_are_shared_out_in_pairs_once_each(study):
+def test_targets_are_shared_out_in_pairs_once_each(study):
     parts = [pd.DataFrame({"number": np.arange(4000, 4024), "radar": radar}) for radar in "abc"]
     rows = study.shared_out(parts)
     assert sorted(rows["number"]) == list(range(4000, 4024))

@@ -104,7 +104,7 @@ def test_flags_excuse_what_they_concern(study: ModuleType) -> None:
 
 
 @pytest.mark.parametrize(
-    ("distances_m", "movers", "state", "wrong"),
+    ("distances_m", "targets", "state", "wrong"),
     [
         ([[0.1]], 1, "right", (0, 0, 0)),
         ([[0.1, 0.5]], 2, "silent", (1, 0, 0)),
@@ -118,11 +118,11 @@ def test_flags_excuse_what_they_concern(study: ModuleType) -> None:
     ],
 )
 def test_number_of_targets(
-    study: ModuleType, distances_m: object, movers: int, state: str, wrong: tuple[int, int, int]
+    study: ModuleType, distances_m: object, targets: int, state: str, wrong: tuple[int, int, int]
 ) -> None:
-    found = study.number_state(np.array(distances_m, dtype=float), movers, flagged=False)
+    found = study.number_state(np.array(distances_m, dtype=float), targets, flagged=False)
     assert found == (state, dict(zip(("missing", "false", "twice"), wrong, strict=True)))
-    assert study.number_state(np.array(distances_m, dtype=float), movers, flagged=True)[0] in ("cautious", "flagged")
+    assert study.number_state(np.array(distances_m, dtype=float), targets, flagged=True)[0] in ("cautious", "flagged")
 
 
 def row(seed: int, number: str, **states: str) -> dict[str, object]:

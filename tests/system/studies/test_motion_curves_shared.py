@@ -1,4 +1,4 @@
-"""Studies of recorded movers against the models: curves, halves, table."""
+"""Studies of recorded targets against the models: curves, halves, table."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_the_table_gives_differences_in_pooled_and_in_recorded_standard_deviatio
     np.testing.assert_allclose(table["difference_sd"], 1 / np.sqrt(0.625), atol=0.1)
 
 
-def test_clips_whose_gait_frequency_is_read_wrongly_are_found_by_the_movers_own():
+def test_clips_whose_gait_frequency_is_read_wrongly_are_found_by_the_targets_own():
     from motion_comparison import is_misread
 
     rows = pd.DataFrame({"gait_frequency_hz": [2.0, 1.0, 2.6, np.nan, 1.0], "own_frequency_hz": [2.1, 2, 2, 2, np.nan]})
@@ -126,14 +126,14 @@ def test_the_horse_is_compared_with_a_model_of_the_same_marked_points(mocap):
     assert rows.groupby(["mover", "source"]).size().min() >= 6
     assert (rows["gait_frequency_hz"] / rows["own_frequency_hz"] - 1).abs().max() < 0.05
     means = rows.groupby(["mover", "source"])["bandwidth"].mean()
-    for mover in ("horse walk", "horse trot"):
-        assert means[mover, "model"] == pytest.approx(means[mover, "recorded"], rel=0.15)
+    for target in ("horse walk", "horse trot"):
+        assert means[target, "model"] == pytest.approx(means[target, "recorded"], rel=0.15)
 
 
 def test_pictures_show_held_people_and_animals_apart_without_misread_clips():
     from motion_pictures import LABELS, draw, select
 
-    movers = [
+    targets = [
         ("walk", "held", 5),
         ("run", "tuning", 5),
         ("trot", "Tencent", 3),
@@ -141,9 +141,9 @@ def test_pictures_show_held_people_and_animals_apart_without_misread_clips():
         ("trot", "MANN", 2),
     ]
     rows = pd.DataFrame(
-        {"mover": mover, "half": half, "source": source, "bandwidth": 1.0 + number, "rho": np.nan}
+        {"mover": target, "half": half, "source": source, "bandwidth": 1.0 + number, "rho": np.nan}
         | {"alternate_steps": 0.5 * number, "gait_frequency_hz": 2.0, "own_frequency_hz": 2.0}
-        for mover, half, count in movers
+        for target, half, count in targets
         for source in ("recorded", "model")
         for number in range(count)
     )

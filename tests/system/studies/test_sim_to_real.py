@@ -1,4 +1,4 @@
-"""The parts of the sim-to-real studies whose answers are known: movers, images, what is learnt from and what is not."""
+"""The parts of the sim-to-real studies whose answers are known: motions, images, training and held-out data."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ SECONDS = 3.0
 
 
 @pytest.fixture(scope="module")
-def movers() -> ModuleType:
-    return import_module("sim_to_real_movers")
+def motions() -> ModuleType:
+    return import_module("sim_to_real_motions")
 
 
 @pytest.fixture(scope="module")
@@ -28,19 +28,19 @@ def models() -> ModuleType:
     return import_module("sim_to_real_models")
 
 
-def walk(movers: ModuleType) -> Any:
-    return movers.model_mover("human", 1.2, SECONDS, np.random.default_rng(1), varied=False).motion
+def walk(motions: ModuleType) -> Any:
+    return motions.make_model_motion("human", 1.2, SECONDS, np.random.default_rng(1), varied=False).motion
 
 
-def test_at_its_own_pace_a_motion_is_itself(movers: ModuleType) -> None:
-    motion = walk(movers)
-    same = movers.hurried(motion, SECONDS, np.ones_like)
+def test_at_its_own_pace_a_motion_is_itself(motions: ModuleType) -> None:
+    motion = walk(motions)
+    same = motions.hurried(motion, SECONDS, np.ones_like)
     assert np.abs(same.position_m - motion.position_m[: same.time_s.size]).max() < 1e-9
 
 
-def test_at_half_the_pace_it_goes_half_as_far(movers: ModuleType) -> None:
-    motion = walk(movers)
-    slow = movers.hurried(motion, SECONDS, lambda times_s: np.full_like(times_s, 0.5))
+def test_at_half_the_pace_it_goes_half_as_far(motions: ModuleType) -> None:
+    motion = walk(motions)
+    slow = motions.hurried(motion, SECONDS, lambda times_s: np.full_like(times_s, 0.5))
     whole, half = (one.position_m[450].mean(axis=0)[0] - one.position_m[0].mean(axis=0)[0] for one in (motion, slow))
     assert half / whole == pytest.approx(0.5, abs=0.05)
     frame = 300
@@ -48,27 +48,27 @@ def test_at_half_the_pace_it_goes_half_as_far(movers: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("speed_mps", [0.6, 1.1])
-def test_large_animals_are_large_and_as_fast_as_asked(movers: ModuleType, speed_mps: float) -> None:
+def test_large_animals_are_large_and_as_fast_as_asked(motions: ModuleType, speed_mps: float) -> None:
     for seed in range(3):
-        found = movers.model_mover("large", speed_mps, SECONDS, np.random.default_rng(seed))
+        found = motions.make_model_motion("large", speed_mps, SECONDS, np.random.default_rng(seed))
         assert 1.2 <= found.motion.facts.height_m <= 1.7
-        assert movers.speed_of(found, SECONDS) == pytest.approx(speed_mps, rel=0.1)
+        assert motions.speed_of(found, SECONDS) == pytest.approx(speed_mps, rel=0.1)
         withers = found.motion.markers.index("withers")
         assert found.motion.position_m[:, withers, 2].mean() > 1.0
 
 
 @pytest.mark.parametrize("label", ["human", "dog", "large"])
-def test_varied_motions_keep_their_speed_and_are_long_enough(movers: ModuleType, label: str) -> None:
+def test_varied_motions_keep_their_speed_and_are_long_enough(motions: ModuleType, label: str) -> None:
     plain, varied = (
-        movers.model_mover(label, 1.2, SECONDS, np.random.default_rng(3), moved=moved) for moved in (False, True)
+        motions.make_model_motion(label, 1.2, SECONDS, np.random.default_rng(3), moved=moved) for moved in (False, True)
     )
-    assert movers.speed_of(varied, SECONDS) == pytest.approx(1.2, rel=0.1)
-    assert varied.motion.duration_s >= movers.SPARE * SECONDS - 1.0 / movers.RATE_HZ
+    assert motions.speed_of(varied, SECONDS) == pytest.approx(1.2, rel=0.1)
+    assert varied.motion.duration_s >= motions.SPARE * SECONDS - 1.0 / motions.RATE_HZ
     assert varied.motion.facts.stride_frequency_hz != pytest.approx(plain.motion.facts.stride_frequency_hz)
 
 
-def test_a_waving_person_stands(movers: ModuleType) -> None:
-    motion = movers.model_mover("waving", 1.2, SECONDS, np.random.default_rng(1), moved=True).motion
+def test_a_waving_person_stands(motions: ModuleType) -> None:
+    motion = motions.make_model_motion("waving", 1.2, SECONDS, np.random.default_rng(1), moved=True).motion
     moved_m = np.ptp(motion.position_m, axis=0)
     hands = [motion.markers.index(f"{side}_hand") for side in ("left", "right")]
     assert moved_m.max(axis=1)[hands].max() > 0.3
@@ -80,10 +80,10 @@ def test_speed_and_place_do_not_know_the_class(images: ModuleType, monkeypatch: 
     """The same speed, companions and places are drawn for an example whatever its class."""
     asked: list[tuple[str, float]] = []
 
-    def drawn(plan: Any, label: str, speed_mps: float, rng: Any) -> None:
+    def record(plan: Any, label: str, speed_mps: float, rng: Any) -> None:
         asked.append((label, speed_mps))
 
-    monkeypatch.setattr(images, "draw_mover", drawn)
+    monkeypatch.setattr(images, "sample_motion", record)
     for label in ("human", "dog", "large"):
         plan = images.Plan(kinds=(label,), groups=0.5)
         places = [images.draw_company(plan, number, np.random.default_rng(number))[1] for number in range(20)]
@@ -95,7 +95,7 @@ def test_speed_and_place_do_not_know_the_class(images: ModuleType, monkeypatch: 
 def test_a_pair_is_a_person_and_a_dog(images: ModuleType) -> None:
     plan = images.Plan(kinds=("pair",), groups=0.0)
     company, behind_m = images.draw_company(plan, 0, np.random.default_rng(0))
-    assert [mover.label for mover in company] == ["human", "dog"]
+    assert [one.label for one in company] == ["human", "dog"]
     assert behind_m[0] == 0.0
     assert abs(behind_m[1]) <= 2.0
 
@@ -131,8 +131,8 @@ def test_ground_and_clipping_can_be_left_out(images: ModuleType) -> None:
 def test_few_samples_and_slow_ground_change_no_echo(images: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """72 samples a sweep against the radar's 1008, and ground at 100 sweeps/s against all 595: the same echoes."""
     quick = images.echoes_of(images.Plan(), 2)
-    monkeypatch.setattr(images, "RADAR", images.twin.RADAR)
-    monkeypatch.setattr(images, "GROUND_RADAR", images.twin.RADAR.model_copy(update={"sample_rate_hz": 50e3}))
+    monkeypatch.setattr(images, "RADAR", images.sensor.RADAR)
+    monkeypatch.setattr(images, "GROUND_RADAR", images.sensor.RADAR.model_copy(update={"sample_rate_hz": 50e3}))
     full = images.echoes_of(images.Plan(), 2)
     for name, least in (("mover", 0.99), ("ground", 0.99)):
         likeness = abs(np.vdot(quick[name], full[name])) / np.linalg.norm(quick[name]) / np.linalg.norm(full[name])
@@ -154,7 +154,7 @@ def some_inputs(models: ModuleType, count: int, *, prefix: str = "model-") -> An
     return store.Inputs(columns, np.empty(count, dtype=object), labels, groups, 0.03)
 
 
-def test_a_fifth_of_the_movers_is_held_back(models: ModuleType) -> None:
+def test_a_fifth_of_the_targets_is_held_back(models: ModuleType) -> None:
     inputs = some_inputs(models, 60)
     held = models.held_rows(inputs)
     assert held.sum() == 12

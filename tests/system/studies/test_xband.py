@@ -21,8 +21,8 @@ def measures() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def twin() -> ModuleType:
-    return import_module("xband_twin")
+def sensor() -> ModuleType:
+    return import_module("xband_sensor")
 
 
 def tone(velocity_mps: float) -> np.ndarray:
@@ -135,23 +135,23 @@ def test_distances_of_a_shifted_image(measures: ModuleType) -> None:
     assert measures.profile_distance(image, changed, ground=True)[0] > 1.0
 
 
-def test_ground_sways_as_much_as_stated(twin: ModuleType) -> None:
+def test_ground_sways_as_much_as_stated(sensor: ModuleType) -> None:
     """Gaussian sway of exponentially distributed size: the mean square over points is 2 m^2."""
-    motion = twin.ground(400.0, np.random.default_rng(4))
+    motion = sensor.ground(400.0, np.random.default_rng(4))
     along_m = motion.position_m[:, :, 0]
     sway_m = along_m - along_m.mean(axis=0)
-    assert np.mean(sway_m**2) == pytest.approx(2 * twin.SWAY_M**2, rel=0.15)
+    assert np.mean(sway_m**2) == pytest.approx(2 * sensor.SWAY_M**2, rel=0.15)
     speed_mps = np.diff(along_m, axis=0) * motion.rate_hz
-    assert np.mean(speed_mps**2) == pytest.approx(2 * (twin.SWAY_M / twin.SWAY_S) ** 2, rel=0.15)
+    assert np.mean(speed_mps**2) == pytest.approx(2 * (sensor.SWAY_M / sensor.SWAY_S) ** 2, rel=0.15)
 
 
-def test_velocity_axis_ends_where_the_figures_do(twin: ModuleType) -> None:
-    assert pytest.approx(4.6, abs=0.005) == twin.RADAR.unambiguous_velocity_mps
+def test_velocity_axis_ends_where_the_figures_do(sensor: ModuleType) -> None:
+    assert pytest.approx(4.6, abs=0.005) == sensor.RADAR.unambiguous_velocity_mps
 
 
-def test_missing_data_are_named(twin: ModuleType, tmp_path: Path) -> None:
+def test_missing_data_are_named(sensor: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"decoded_levels\.npz: not there"):
-        twin.main(tmp_path, tmp_path / "out")
+        sensor.main(tmp_path, tmp_path / "out")
     np.savez(tmp_path / "decoded_levels.npz", human__NormalToward=np.zeros((256, 624), dtype=np.uint8))
     with pytest.raises(SystemExit, match="has no human__NormalAway"):
-        twin.main(tmp_path, tmp_path / "out")
+        sensor.main(tmp_path, tmp_path / "out")

@@ -1,4 +1,4 @@
-"""The X-band study on the real figures, and one twin beside its recording."""
+"""The X-band study on the real figures, and one simulated image next to its recording."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ MEASURED_MPS = {
 
 
 @pytest.fixture(scope="module")
-def twin() -> ModuleType:
-    return import_module("xband_twin")
+def sensor() -> ModuleType:
+    return import_module("xband_sensor")
 
 
 @pytest.fixture(scope="module")
-def real(twin: ModuleType, shared: Path) -> dict[str, np.ndarray]:
-    levels = twin.real_levels(shared / "data" / "radar" / "fmcw_xband_manga")
-    return {p.key: twin.measures.towards(levels[p.key], direction=p.direction) for p in twin.PAIRS}
+def real(sensor: ModuleType, shared: Path) -> dict[str, np.ndarray]:
+    levels = sensor.real_levels(shared / "data" / "radar" / "fmcw_xband_manga")
+    return {p.key: sensor.measures.towards(levels[p.key], direction=p.direction) for p in sensor.PAIRS}
 
 
-def test_torso_speeds(twin: ModuleType, real: dict[str, np.ndarray]) -> None:
+def test_torso_speeds(sensor: ModuleType, real: dict[str, np.ndarray]) -> None:
     for key, speed_mps in MEASURED_MPS.items():
-        assert twin.measures.torso_speed_mps(real[key]) == pytest.approx(speed_mps, abs=0.1), key
+        assert sensor.measures.torso_speed_mps(real[key]) == pytest.approx(speed_mps, abs=0.1), key
 
 
 def test_joints_of_bursts_show_where_the_display_puts_them(real: dict[str, np.ndarray]) -> None:
@@ -45,15 +45,15 @@ def test_joints_of_bursts_show_where_the_display_puts_them(real: dict[str, np.nd
     assert abs(int(quiet.reshape(19, 32).mean(axis=0).argmax()) - 24) <= 2
 
 
-def test_a_twin_is_nearer_than_other_people_are(twin: ModuleType, real: dict[str, np.ndarray]) -> None:
-    pair = twin.PAIRS[0]
+def test_a_simulation_is_nearer_than_other_people_are(sensor: ModuleType, real: dict[str, np.ndarray]) -> None:
+    pair = sensor.PAIRS[0]
     own = real[pair.key]
-    model, rcs = twin.MODELS["human"]["human"]
-    measures = twin.measures
-    levels = twin.twin_levels(
+    model, rcs = sensor.MODELS["human"]["human"]
+    measures = sensor.measures
+    levels = sensor.simulate_levels(
         pair, model, rcs, speed_mps=measures.torso_speed_mps(own), noise_db=measures.noise_db(own)
     )
-    others = [real[p.key] for p in twin.PAIRS if p.label == "human" and p is not pair]
+    others = [real[p.key] for p in sensor.PAIRS if p.label == "human" and p is not pair]
     apart = measures.profile_distance(own, levels, ground=False)[0]
     assert apart < np.mean([measures.profile_distance(own, other, ground=False)[0] for other in others])
     assert measures.modulation_hz(levels) == pytest.approx(measures.modulation_hz(own), rel=0.1)

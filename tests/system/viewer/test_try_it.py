@@ -43,7 +43,7 @@ def test_radars_are_those_that_can_show_a_gait():
 
 
 @pytest.mark.parametrize("who", ["person", "dog", "cat", "fan", "curtain", "vacuum"])
-def test_every_mover_can_be_simulated_as_it_stands(who):
+def test_every_target_can_be_simulated_as_it_stands(who):
     run = run_of({"who": who, **SHORT})
     recording = run.require_recording()
     assert recording.n_pulses == 510
@@ -124,7 +124,7 @@ def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
     assert np.array_equal(again.baseband.values, run_of(parameters).require_recording().baseband.values)
 
 
-def test_defaults_go_with_the_mover():
+def test_defaults_go_with_the_target():
     assert parse_controls({})["speed_mps"] == 1.2
     assert parse_controls({"who": "cat"})["withers_m"] == 0.25
     assert "height_m" not in parse_controls({"who": "cat"})

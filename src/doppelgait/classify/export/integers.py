@@ -30,7 +30,7 @@ class IntegerLayer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class IntegerNetwork(Network):
-    """Network whose layers are computed in integers.
+    """Network with layers in integers.
 
     Bit for bit as in the exported C.
 
@@ -64,7 +64,7 @@ class IntegerNetwork(Network):
 def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> FloatArray:
     """Convolve and take the maximum of 2 x 2.
 
-    Exact for integers, whose sums are far below 2^53.
+    Exact for integers with sums far below 2^53.
     """
     padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1))).astype(np.float64)
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))

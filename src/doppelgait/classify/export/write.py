@@ -53,7 +53,7 @@ class CSettings:
     still_time_s : float or None
         Time constant of the running mean that is subtracted as static echoes; None: the samples have none.
     data : Path, optional
-        Dataset whose held-out signatures set the scales of the integers and are golden vectors; by default both are
+        Dataset with held-out signatures that set the scales of the integers and are golden vectors; by default both are
         simulated.
     n_examples : int
         Golden vectors of each kind.
@@ -211,7 +211,7 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
 
 
 def convert_to_integers(model: Model, examples: list[Any]) -> Model:
-    """Return a model whose networks compute in integers."""
+    """Return a model with networks in integers."""
     learned = model.learned
     if isinstance(learned, Network):
         return replace(model, learned=quantise(learned, examples))

@@ -100,8 +100,8 @@ def list_some(names: Sequence[str]) -> str:
     return f"{', '.join(map(str, names[:SHOWN_NAMES]))}{more}"
 
 
-MOST_DRAWN = 2000
-"""Examples whose distributions are drawn again, at most."""
+MAX_EXAMPLES = 2000
+"""Largest number of examples that are resolved again."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Contents:
             return ""
         return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
 
-    def resolve_sample(self, rng: np.random.Generator, *, most: int = MOST_DRAWN) -> list[ExampleSpec]:
+    def resolve_sample(self, rng: np.random.Generator, *, most: int = MAX_EXAMPLES) -> list[ExampleSpec]:
         """Resolve index examples again, up to ``most``.
 
         They are chosen at random, as many of every class.

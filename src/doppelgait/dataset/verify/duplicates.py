@@ -68,9 +68,9 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
     They may not be the same, or differ in level and rounding only.
 
     Identical: equal bytes, of all rows. Near-identical: a correlation above 0.999 of amplitudes (square root of the
-    power, mean removed), found among pairs whose small pictures in dB, above the median level, correlate above 0.98.
-    Amplitudes weigh the body's lines, not the noise: other noise on the same echoes at 30 dB is still near-identical.
-    Empty scenes look alike by right and are compared for identity only. Without stored signatures equal
+    power, mean removed), found among pairs with small pictures that, in dB, above the median level, correlate above
+    0.98. Amplitudes weigh the body's lines, not the noise: other noise on the same echoes at 30 dB is still
+    near-identical. Empty scenes look alike by right and are compared for identity only. Without stored signatures equal
     features are looked for.
     """
     splits = contents.index["split"].to_numpy(dtype=str)

@@ -139,9 +139,9 @@ def _p_value(
     """
     made = better = 0
     while made < PERMUTATIONS or (not better and made < MOST_PERMUTATIONS):
-        drawn = np.column_stack([permute_labels(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
-        better += int((score_folds(cells, folds, drawn) >= accuracy - 1e-12).sum())
-        made += drawn.shape[1]
+        permuted = np.column_stack([permute_labels(labels, groups, rng) for _ in range(min(AT_A_TIME, PERMUTATIONS))])
+        better += int((score_folds(cells, folds, permuted) >= accuracy - 1e-12).sum())
+        made += permuted.shape[1]
     return (better + 1) / (made + 1)
 
 
@@ -235,14 +235,14 @@ def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator)
     low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
     np.minimum.at(low, groups, labels)
     np.maximum.at(high, groups, labels)
-    given = low.copy()
-    given[low == high] = rng.permutation(low[low == high])
+    swapped = low.copy()
+    swapped[low == high] = rng.permutation(low[low == high])
     pure = (low == high)[groups]
-    drawn = np.where(pure, given[groups], labels)
+    permuted = np.where(pure, swapped[groups], labels)
     mixed = np.flatnonzero(~pure)
     in_order = mixed[np.argsort(groups[mixed], kind="stable")]
-    drawn[in_order] = labels[mixed[np.lexsort((rng.random(mixed.size), groups[mixed]))]]
-    return drawn
+    permuted[in_order] = labels[mixed[np.lexsort((rng.random(mixed.size), groups[mixed]))]]
+    return permuted
 
 
 MEASURED = ("prf_hz", "observation_s", "rcs_total_m2", "gate_error_m", "radar_height_m")
@@ -264,7 +264,7 @@ MOST_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
 
-def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
+def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
     """Check that nuisance parameters do not predict the class.
 
     Parameters are PRF, range, bearing, aspect, level, noise, gate error and the like.
@@ -276,8 +276,8 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     """
     index = contents.index
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
-    if drawn:
-        table = tabulate_nuisances(index, drawn)
+    if examples:
+        table = tabulate_nuisances(index, examples)
     elif len(index) <= MOST_ROWS:
         table = _select_measured(index)
     else:
@@ -285,10 +285,10 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     table = drop_leaks(table, (*leaks, *UNJUDGED))
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # classes with targets by all parameters, and all classes by those that an empty room has, too
-    nobody = table["nobody"].to_numpy(dtype=bool)
-    table = table.drop(columns="nobody")
-    questions = [("classes of movers" if nobody.any() else "classes", select_varying(table[~nobody]))]
-    if nobody.any():
+    empty = table["empty"].to_numpy(dtype=bool)
+    table = table.drop(columns="empty")
+    questions = [("classes with a target" if empty.any() else "classes", select_varying(table[~empty]))]
+    if empty.any():
         seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
         questions.append(("all classes", select_varying(table[seen])))
     findings = [
@@ -350,28 +350,28 @@ def round_values(values: pd.Series) -> pd.Series:
     return pd.Series(numbers, index=values.index)
 
 
-def tabulate_nuisances(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate the nuisance parameters of examples that were resolved again.
 
     The values of the index are in the table, too.
     """
-    flat = tabulate_examples(drawn).drop(columns=["label", "group"])
+    flat = tabulate_examples(examples).drop(columns=["label", "group"])
     rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
     stated = _select_measured(rows).rename(
-        columns=lambda name: name if name in ("label", "group", "nobody") else f"index.{name}"
+        columns=lambda name: name if name in ("label", "group", "empty") else f"index.{name}"
     )
     if (flat["noise.kind"] == "snr").all():
         stated["index.snr_frame_db"] = rows["snr_frame_db"]  # of a thermal level of noise the motion is a part of it
     return pd.concat([flat, stated], axis=1)  # a value that both have is judged under the key of the plan
 
 
-def tabulate_examples(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate label, group and nuisance parameters of resolved examples.
 
     Rows are named by their identifiers.
     """
     records, names = [], []
-    for example in drawn:
+    for example in examples:
         snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan
         for number, row in enumerate(example.rows):
             stated = {"label": row.label, "group": example.group, **collect_nuisance(example, number)}
@@ -382,7 +382,7 @@ def tabulate_examples(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
 
 def _select_measured(rows: pd.DataFrame) -> pd.DataFrame:
     kept = rows[["label", "group", *(name for name in MEASURED if name in rows)]].copy()
-    return kept.assign(nobody=(rows["source"] == "none").to_numpy(dtype=bool))
+    return kept.assign(empty=(rows["source"] == "none").to_numpy(dtype=bool))
 
 
 def describe_guess(words: str, guess: Guess, table: pd.DataFrame) -> str:

@@ -30,7 +30,7 @@ ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
 10 log10 has steps of up to 3 % of the power, so that a cell on an edge moves by as much."""
 FEATURE_TOLERANCE = 1e-2
 MOST_OTHER = 0.05
-"""Share of rows whose features may be off by more: a decision between two nearly equal candidates can turn over."""
+"""Share of rows with features that may be off by more: a decision between two nearly equal candidates can turn over."""
 NAMES = ("label", "split", "subject", "others", "group", "source", "recording", "motion")
 
 FACTS = ("truth_", "prf_hz", "observation_s", "radar_height_m", "rcs_total_m2", "snr_frame_db", "gate_error_m")

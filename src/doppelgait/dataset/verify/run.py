@@ -43,15 +43,15 @@ from doppelgait.dataset.verify.truth import (
     check_aspect,
     check_feasibility,
     check_gait_frequency,
-    check_movers,
     check_snr,
     check_velocity,
+    check_visibility,
 )
 from doppelgait.features import FEATURE_UNITS
 
 SHEET_SIZE, SHEET_COLUMNS = 24, 6
 MOST_TIMES = 400
-"""Columns of a signature that are drawn, 400 to 800 of longer ones: a small picture has no more pixels."""
+"""Columns of a signature that are plotted, 400 to 800 of longer ones: a small picture has no more pixels."""
 
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
@@ -267,17 +267,17 @@ def _run_checks(
     for_sample, for_draws, for_pairs, for_guess = rng.spawn(4)
     chosen = choose(contents, share, for_sample)
     steps.total += len(chosen)
-    drawn = contents.resolve_sample(for_draws)
+    examples = contents.resolve_sample(for_draws)
     yield check_rows(contents)
     yield check_balance(contents, missing_shards=n_missing)
     yield check_resimulation(contents, chosen, steps)
     yield check_measured_snr(contents, chosen, steps)
     yield check_velocity(contents.index)
     yield check_gait_frequency(contents.index)
-    yield check_snr(contents.index, drawn)
-    yield check_aspect(contents.index, drawn)
-    yield check_movers(contents)
+    yield check_snr(contents.index, examples)
+    yield check_aspect(contents.index, examples)
+    yield check_visibility(contents)
     yield check_feasibility(contents)
     yield check_groups(contents)
     yield check_duplicates(contents, for_pairs, steps)
-    yield check_nuisance(contents, drawn, for_guess)
+    yield check_nuisance(contents, examples, for_guess)

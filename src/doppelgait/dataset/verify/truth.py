@@ -102,12 +102,12 @@ def check_gait_frequency(index: pd.DataFrame) -> Check:
     return judge("gait frequency", table[known], what)
 
 
-def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
+def check_snr(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
     """Check SNR_frame of the index against the plan.
 
     A plan that sets a level of noise has nothing to check.
     """
-    asked = {e.id: e.run.noise.snr_db for e in drawn if e.run.noise.kind == "snr"}
+    asked = {e.id: e.run.noise.snr_db for e in examples if e.run.noise.kind == "snr"}
     if not asked:
         return Check("planned SNR", "not applicable", "the plan sets no SNR")
     rows = index[index["scene_id"].isin(list(asked)) & (index["source"] != "none")]
@@ -116,7 +116,7 @@ def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
     return judge("planned SNR", table, "SNR_frame within 0.1 dB of the plan")
 
 
-def check_aspect(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
+def check_aspect(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
     """Check the aspect angle against the plan's.
 
     Bodies that walk straight through the planned place are used.
@@ -124,7 +124,7 @@ def check_aspect(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
     table = []
     first = index[index["id"] == index["scene_id"]].drop_duplicates("id")
     rows: dict[str, Any] = {row["id"]: row for row in first.to_dict("records")}
-    for example in drawn:
+    for example in examples:
         target = example.run.scene.targets[0]
         placed = target.start_position_m is None and target.path is None and example.rows[0].source != "none"
         if example.id not in rows or not placed:
@@ -183,10 +183,10 @@ def check_feasibility(contents: Contents) -> Check:
 LEAST_SEEN = 0.5
 """Share of a class's rows in which its targets must be seen; none of ten rows is beyond chance."""
 MOVING_MPS = 0.2
-MOST_SEEN_OF_NOBODY = 0.05
+MAX_EMPTY_SHARE = 0.05
 
 
-def check_movers(contents: Contents) -> Check:
+def check_visibility(contents: Contents) -> Check:
     """Check that targets which declare motion are visible.
 
     A class that is only noise, or mostly, fails; an empty scene that moves is a warning.
@@ -197,23 +197,23 @@ def check_movers(contents: Contents) -> Check:
     check of the torso velocity, which noise meets by chance in 2 % of rows, decides.
     """
     if contents.measured:
-        return Check("movers", "not applicable", "imported recordings declare no motion")
+        return Check("visibility", "not applicable", "imported recordings declare no motion")
     index = contents.index
     seen = read_column(index, "quality_snr_mu_db") >= SHOWN_DB
     moving = seen & (abs(read_column(index, "feature_torso_velocity_mps")) >= MOVING_MPS)
-    nobody = (index["source"] == "none").to_numpy(dtype=bool)
-    table = pd.DataFrame({"label": index["label"], "nobody": nobody, "seen": seen, "moving": moving})
+    empty_scene = (index["source"] == "none").to_numpy(dtype=bool)
+    table = pd.DataFrame({"label": index["label"], "empty_scene": empty_scene, "seen": seen, "moving": moving})
     empty, odd, numbers = [], [], {}
-    for (label, none), part in table.groupby(["label", "nobody"]):
+    for (label, none), part in table.groupby(["label", "empty_scene"]):
         share = float(part["moving" if none else "seen"].mean())
         numbers[str(label)] = {"rows": len(part), "nobody": bool(none), "share_seen": share}
-        if none and share > MOST_SEEN_OF_NOBODY:
-            odd.append(f"{label} declares nobody, but something moves in {100 * share:.0f} % of {len(part)} rows")
+        if none and share > MAX_EMPTY_SHARE:
+            odd.append(f"{label} is an empty scene, but something moves in {100 * share:.0f} % of {len(part)} rows")
         elif not none and has_too_few_hits(int(part["seen"].sum()), len(part), LEAST_SEEN):
             empty.append(f"{label} declares motion, but only {100 * share:.0f} % of {len(part)} rows show any")
     if empty:
-        return Check("movers", "failed", "noise instead of motion: " + "; ".join([*empty, *odd]), numbers)
+        return Check("visibility", "failed", "noise instead of motion: " + "; ".join([*empty, *odd]), numbers)
     if odd:
-        return Check("movers", "warning", "; ".join(odd), numbers)
+        return Check("visibility", "warning", "; ".join(odd), numbers)
     listed = ", ".join(f"{label} {100 * found['share_seen']:.0f} %" for label, found in numbers.items())
-    return Check("movers", "passed", f"rows that show something that moves: {listed}", numbers)
+    return Check("visibility", "passed", f"rows with a visible target: {listed}", numbers)

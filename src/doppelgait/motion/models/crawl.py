@@ -38,7 +38,7 @@ STRIDE_RATIO = 0.36
 """Stride length over stride frequency in statures per Hz: 0.8 strides per second at 0.4 m/s and 1.75 m (assumed)."""
 HAND_LIFT = 0.04
 """Height of the hand in mid-swing over the stature (assumed); knees slide forward on the floor."""
-ARM_STRETCH = 0.95
+ARM_REACH = 0.95
 """Largest distance of hand and shoulder over the length of the arm."""
 
 
@@ -183,7 +183,7 @@ def compute_crawling_points(phase: FloatArray, stride: float) -> dict[str, Float
         Stride length.
     """
     size, x = LENGTHS, stride * phase
-    reach = ARM_STRETCH * (size["upper_arm"] + size["forearm"])
+    reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
     rise = math.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
     along = math.sqrt(size["torso"] ** 2 - rise**2)
     points = {"base": stack_xyz(x, 0.0, size["thigh"]), "neck": stack_xyz(x + along, 0.0, size["thigh"] + rise)}

@@ -62,7 +62,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     """Sample a dog from known spreads.
 
     Build: one of the breeds, its height normal with 8 % within 2.5 deviations and the limits of dogs; gait by
-    :data:`GAIT_SHARES`, of those that go at a given Froude number; the Froude number log-uniform about the gait's usual
+    :data:`GAIT_SHARES`, of those that exist at the Froude number; the Froude number log-uniform about the gait's usual
     one (assumed). Measured on two dogs: stride length with 7 % (half their difference), highest speeds of
     hind and fore paws with 10 % from clip to clip, the forward ripple of the trunk log-normal with 0.4; from stride to
     stride the time with 2 to 6 %, the landing of a foot with 1 to 3.5 % of a stride, the length of half a stride with 2

@@ -203,7 +203,7 @@ class HumanConfig(FrozenModel):
         and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
     foot_lock : bool
         Move trunk and feet as measured, the feet standing still on the floor. Without, a walk is that of Boulic et al.
-        1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), whose feet slide.
+        1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), with sliding feet.
     walk_ratio : float
         Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
     trunk_ripple : float
@@ -280,7 +280,7 @@ class HumanConfig(FrozenModel):
         low, high = self.speed_range_mps
         if not low * (1 - 1e-9) <= self.speed_mps <= high * (1 + 1e-9):
             raise ValueError(
-                f"speed_mps: {self.speed_mps:g} is not allowed: a person of height_m = {self.height_m:g} goes at "
+                f"speed_mps: {self.speed_mps:g} is not allowed: a person of height_m = {self.height_m:g} moves at "
                 f"{'above 0' if low == 0 else f'{low:.3g}'} to {high:.3g} m/s in a {self.actual_gait}"
             )
         return self

@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]
 """Distance travelled in m at phases in cycles (derivative order 0), or its slope per cycle (order 1)."""
 
-STRETCH = 0.99
+MAX_EXTENSION = 0.99
 """A leg is never straighter than this share of its length: a knee flexed by 16 degrees or more."""
 FOOT = (0.108, 0.0252)
 """Distance from the ankle to the tip of the toes and height of the ankle over it, as shares of the stature: means of
@@ -118,7 +118,7 @@ def place_feet(
     in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]]))
     of_legs = {"left": in_place["left"][cycle.size : -leg.size], "right": in_place["right"][-leg.size :]}
     feet = make_feet(style, of_legs, size_m, left_ahead_m)
-    reach_m = STRETCH * (size_m["thigh"] + size_m["shank"])
+    reach_m = MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     # Frames and a whole cycle in one go: the hips must not be higher between the frames' phases than legs reach.
     count, every = phase.size, np.concatenate([phase, cycle])
     way_m, rise_m, found = advance(every, 0), np.inf, {}
@@ -128,15 +128,15 @@ def place_feet(
         own = style.foot(every + foot.offset)
         own = stack_columns(own[:, 0] + way_m, hip_m[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
         place, pitch, swings = compute_foot_path(foot, own, every, advance)
-        # a swinging foot beyond the legs' reach, as of very fast runners, is drawn in; a standing one is where it is
+        # a swinging foot beyond the legs' reach, as of very fast runners, is pulled in; a standing one is where it is
         away_m = place[:, :2] - hip_m[:, :2]
         far = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]) / reach_m, 1e-9)
         near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
-        drawn_in = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
-        place[:, :2] += away_m * (drawn_in / far - 1.0)[:, None]
+        shortened = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
+        place[:, :2] += away_m * (shortened / far - 1.0)[:, None]
         sole = stack_columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
         found[side] = place[:count], place[:count] + MIDDLE * size_m["foot"] * sole
-        # the hips are raised until a leg is stretched
+        # the hips are raised until a leg is extended
         leg_m = place - hip_m
         room = reach_m**2 - leg_m[:, 0] ** 2 - leg_m[:, 1] ** 2
         if room.min() <= (0.4 * reach_m) ** 2:
@@ -199,7 +199,7 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ah
     The gait takes ``hips`` at :func:`_sample_leg_phases`; the footprint is ``left_ahead_m`` before (a right one:
     behind) the one for which the trunk sinks least.
     """
-    cycles, reach_m = _sample_leg_phases(style.duty), STRETCH * (size_m["thigh"] + size_m["shank"])
+    cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     own = style.foot(cycles)
     roll, way_m = _roll_sole(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]
     feet = {}
@@ -218,7 +218,7 @@ def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: 
 
     The hip must reach all through stance.
 
-    The height is concave in the place, as the least of arcs of circles: a coarse look tells where to look closely.
+    The height is concave in the place, as the least of arcs of circles: a coarse look shows where to look closely.
     """
     places = _PRINTS * reach_m
     room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2

@@ -161,7 +161,7 @@ class QuadrupedConfig(FrozenModel):
         if not slowest * (1 - 1e-9) <= self.actual_speed_mps <= fastest * (1 + 1e-9):
             raise ValueError(
                 f"speed_mps: {self.actual_speed_mps:.4g} is not allowed: a {BUILDS[self.build].species} with "
-                f"withers_m = {self.actual_withers_m:g} goes at {slowest:.3g} to {fastest:.3g} m/s in a "
+                f"withers_m = {self.actual_withers_m:g} moves at {slowest:.3g} to {fastest:.3g} m/s in a "
                 f"{self.actual_gait} (Froude number {low:g} to {high:g})"
             )
         return self

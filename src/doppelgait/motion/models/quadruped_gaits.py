@@ -61,7 +61,7 @@ class Gait:
         Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 when left
         and right are half a stride apart, else 1.
     curves : str
-        Recorded gait whose curves it has (:mod:`doppelgait.motion.models.quadruped_curves`).
+        Recorded gait that its curves come from (:mod:`doppelgait.motion.models.quadruped_curves`).
     sway : float
         Amplitude of the trunk's sideways motion, once per stride.
     ripple : float
@@ -213,7 +213,7 @@ class Build:
     trunk, limbs, head, tail : float
         Length of the trunk, of all limb segments, of neck and skull, of the tail.
     stride : dict
-        Stride length by gait at the same Froude number, relative to that of the standard dog; 1 where not given.
+        Stride length by gait at the same Froude number, relative to that of the standard dog; 1 where not listed.
     duty_offset : float
         Added to the duty factors of walk, pace and trot.
     walk_lag : float

@@ -83,7 +83,7 @@ SKULL_DEG = -22.0
 SWAY_LAG = 0.13
 """The trunk is furthest to the left this many strides after the left hind foot lands."""
 
-STRETCH, DEEPEST_CROUCH = 0.95, 0.16
+MAX_EXTENSION, DEEPEST_CROUCH = 0.95, 0.16
 """The trunk is lowered until no limb is straighter than this share of its length, or by this part of h."""
 STRAIGHT, FOLDED = (0.93, 0.97), (0.40, 0.30)
 """Distance of a limb's ends over its length from which the joint at the trunk gives, and the limit."""
@@ -282,7 +282,7 @@ def compute_crouch(ends: Points, limbs: float) -> float:
     lower = 0.0
     for top, bottom, first, second in CHAINS:
         line = ends[top] - ends[bottom]
-        room = (STRETCH * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
+        room = (MAX_EXTENSION * limbs * (first + second)) ** 2 - line[..., 0] ** 2 - line[..., 1] ** 2
         lower = max(lower, float((line[..., 2] - np.sqrt(np.maximum(room, 0.0))).max()))
     return min(lower, DEEPEST_CROUCH)
 

@@ -43,13 +43,13 @@ class Bone:
     Parameters
     ----------
     name : str
-        ``"root"`` for the root, whose length is 0.
+        ``"root"`` for the root; its length is 0.
     parent : int
         Index of the bone that it hangs on, -1 for the root.
     vector : ndarray, shape (3,)
         From its beginning to its end in the rest pose, in the file's unit.
     axes : ndarray, shape (3, 3)
-        Rotation of the frame in which its angles are given.
+        Rotation of the frame of its angles.
     order : str
         Axis letters, the one that turns first in front.
     freedoms : tuple of str
@@ -234,8 +234,8 @@ def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> d
 def find_asf(path: Path, named: str) -> Path:
     """Find a motion file's skeleton in its folder.
 
-    It is the one whose name begins the motion's name (``07.asf`` for ``07_01.amc``), else the one that the motion's
-    first line names, else the only one.
+    It is the one with a name that begins the motion's name (``07.asf`` for ``07_01.amc``), else the one that the
+    motion's first line names, else the only one.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def read_amc(
 ) -> Motion:
     """Read root and bone ends of an AMC motion.
 
-    They are not cleaned. A point has the name of the bone whose far end it is: ``ltibia`` is the left ankle.
+    They are not cleaned. A point has the name of the bone that ends there: ``ltibia`` is the left ankle.
 
     Parameters
     ----------

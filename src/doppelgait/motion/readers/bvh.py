@@ -88,7 +88,7 @@ def read_bvh_content(path: Path) -> BvhContent:
     if split is None:
         raise MotionError(f"{path}: has no line MOTION; the file ends before its motion begins")
     nodes: list[Node] = []
-    open_nodes: list[int] = []  # nodes whose brace is open
+    open_nodes: list[int] = []  # nodes with an open brace
     for number, line in enumerate(text[: split.start()].split("\n"), start=1):
         for statement in re.split(r"([{}])", line):
             if words := statement.split():
@@ -221,7 +221,7 @@ def read_bvh(
     Returns
     -------
     Motion
-        Motion (time, marker, space) in m, z up; ``report`` tells what was read and left out.
+        Motion (time, marker, space) in m, z up; ``report`` states what was read and left out.
 
     Raises
     ------

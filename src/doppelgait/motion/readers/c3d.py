@@ -52,7 +52,7 @@ def read_c3d(
     Returns
     -------
     Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` tells what was read and left out.
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` states what was read and left out.
 
     Raises
     ------

@@ -160,7 +160,7 @@ POSE_BYTES = 240
 
 
 def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
-    """Refuse a hierarchy whose poses take too much memory.
+    """Refuse a hierarchy with poses that take too much memory.
 
     Joints without values of their own cost nothing in the file.
     """

@@ -310,18 +310,18 @@ def read_table(
     subject : str, optional
         Prefix of the wanted points; needed only when several subjects were recorded.
     units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``, for columns whose name holds no unit.
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``, for columns without a unit in the name.
     up_axis : str, optional
         ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
     rate_hz : float, optional
         Frames per second, up to 10000; needed when there is no time column.
     missing : float, optional
-        A point whose three cells are this number was not seen.
+        A point with this number in all three cells was not seen.
 
     Returns
     -------
     Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` tells what was read and left out.
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` states what was read and left out.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def parse_rows(
     """
     lines = [text[at:]] if separator == " " else [line for line in text[at:].split("\n") if line.strip()]
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # given for what cannot be parsed
+        warnings.simplefilter("error", DeprecationWarning)  # raised for what cannot be parsed
         try:
             values = np.fromstring(separator.join(lines), sep=separator)
         except (DeprecationWarning, ValueError):

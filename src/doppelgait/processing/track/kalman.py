@@ -184,7 +184,7 @@ def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: 
     Returns
     -------
     list of Gaussian, length n
-        States given all scans; the last is the filtered one.
+        States conditional on all scans; the last is the filtered one.
     """
     states = list(filtered)
     for n in range(len(states) - 2, -1, -1):

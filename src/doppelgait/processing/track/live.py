@@ -150,7 +150,7 @@ class LiveTrack:
     family: int
     hits: int = 0
     confirmed_at_s: float | None = None
-    twin_since_s: float | None = None
+    duplicate_since_s: float | None = None
     last_sign_s: float = float("-inf")
     last_own: Step = field(init=False)
     last_speed_mps: float = field(init=False)

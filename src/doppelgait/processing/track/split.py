@@ -35,7 +35,7 @@ DOUBT_S, DOUBT_SHARE = 1.0, 0.2
 """Time of a second echo without a break, and its share of the scans in which the track is fast and no other is near."""
 RUN_SHARE = 0.9
 READ_SCANS = 64
-"""Scans whose pulses are read together."""
+"""Scans with pulses that are read together."""
 SAME_M, SAME_S = 0.4, 0.5
 """A second peak this near to another track, or its end this near to that track's start, belongs to it."""
 

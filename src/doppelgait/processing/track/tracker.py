@@ -33,8 +33,8 @@ NO_VELOCITY_SD_MPS = 3.0
 """Standard deviation of an unknown velocity: about 0, up to the speed of people and pets."""
 BOX_MARGIN_M = 0.2
 BOX_MARGIN_MPS = 0.3
-TWIN_RANGE_M = 0.4
-TWIN_VELOCITY_MPS = 0.4
+DUPLICATE_RANGE_M = 0.4
+DUPLICATE_VELOCITY_MPS = 0.4
 
 
 def track(
@@ -299,10 +299,10 @@ def _is_over(one: LiveTrack, live: list[LiveTrack], time_s: float, options: Trac
         return True
     # another track with more hits has been at the same place with the same velocity, on one detection, for long
     if not any(_is_duplicate(one, other) for other in live):
-        one.twin_since_s = None
+        one.duplicate_since_s = None
         return False
-    one.twin_since_s = time_s if one.twin_since_s is None else one.twin_since_s
-    return time_s - one.twin_since_s >= options.twin_s - 1e-9
+    one.duplicate_since_s = time_s if one.duplicate_since_s is None else one.duplicate_since_s
+    return time_s - one.duplicate_since_s >= options.twin_s - 1e-9
 
 
 def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
@@ -315,7 +315,9 @@ def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
     if (other.hits, -other.steps[0].time_s, -other.family) < (one.hits, -one.steps[0].time_s, -one.family):
         return False
     a, b = one.state, other.state
-    near = abs(a.range_m - b.range_m) < TWIN_RANGE_M and abs(a.velocity_mps - b.velocity_mps) < TWIN_VELOCITY_MPS
+    near = (
+        abs(a.range_m - b.range_m) < DUPLICATE_RANGE_M and abs(a.velocity_mps - b.velocity_mps) < DUPLICATE_VELOCITY_MPS
+    )
     return near and one.steps[-1].outcome != MEASURED
 
 

@@ -35,7 +35,7 @@ def rescale_radar(radar: Radar, scale_db: float) -> Radar:
 
 def fit_gain(
     radar: Radar, same: Sequence[SensorMeasurement], pooled: dict[str, PooledQuantity], people_at_m: float | None, *,
-    radar_is_given: bool,
+    radar_is_known: bool,
 ) -> Radar:  # fmt: skip
     """Return a radar with fitted gain and noise figure.
 
@@ -62,7 +62,7 @@ def fit_gain(
                 continue
             level = one.estimates["noise_level_db"]
             own, own_db, own_sd = one.recording.radar, 0.0, 0.0
-            if radar_is_given:
+            if radar_is_known:
                 own = radar.model_copy(update={"prf_hz": own.prf_hz})
             if by_gain and direct is not None:
                 own_db = one.estimates["direct_path_db"].value - direct.mean.value
@@ -88,7 +88,7 @@ def fit_gain(
     pooled["noise_figure_db"] = figure
     limited_db = min(max(figure.mean.value, 0.0), 100.0)
     fitted = {**rescale_radar(radar, gain_db).model_dump(), "noise_figure_db": limited_db}
-    return validate(Radar, fitted, where=f"the radar fitted to {len(same)} recordings, whose values should be in V")
+    return validate(Radar, fitted, where=f"the radar fitted to {len(same)} recordings; its values should be in V")
 
 
 def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:

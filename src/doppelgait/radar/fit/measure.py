@@ -224,8 +224,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         if not burst:
             faults = (faulty, room.n_frames + room.faults.lost, max(room.faults.mean_length, 1.0))
     if burst or room is None:
-        refused["frame drops"] = "comes in bursts" if burst else "single frames cannot be told"
-    movers = room is not None and bool(room.movers)
+        refused["frame drops"] = "comes in bursts" if burst else "single frames cannot be distinguished"
+    has_moving = room is not None and bool(room.moving)
     uses = [
         *(["noise"] if "noise_level_db" in estimates else []),
         *(["clutter"] if room is not None else []),
@@ -239,7 +239,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         correlation_sd=correlation_sd, clutter=None if room is None else room.clutter, lines=lines,
         n_faulty=faults[0], n_frames=faults[1], run_length=faults[2], full_scale_v=full_scale_v, step_v=step_v,
         clipped=float(at_limit.mean()), echo_db=echo_db,
-        uses=(*uses, *(["something moved: those ranges left out"] if movers else [])),
+        uses=(*uses, *(["something moved: those ranges left out"] if has_moving else [])),
     )  # fmt: skip
 
 
@@ -273,17 +273,17 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
     """
     parts = np.concatenate([samples.real.ravel(), samples.imag.ravel()])
     found, counts = np.unique(parts, return_counts=True)
-    nobody = np.zeros(samples.shape, dtype=bool)
+    unclipped = np.zeros(samples.shape, dtype=bool)
     if found.size < 3 or found.size > parts.size / 2:
-        return math.nan, math.nan, nobody
+        return math.nan, math.nan, unclipped
     gaps = np.diff(found)
     step_v = float(gaps[gaps > 1e-6 * np.abs(found).max()].min())
     if np.abs(gaps / step_v - np.round(gaps / step_v)).max() > 0.02 or found[-1] / step_v > 2**24:
-        return math.nan, math.nan, nobody
+        return math.nan, math.nan, unclipped
     inner = max(float(np.median(counts)), 1.0)
     ends = [counts[:2].sum() > 20 * inner, counts[-2:].sum() > 20 * inner]  # an end may be one step apart in I and Q
     if not all(ends) or found[0] >= 0 or found[-1] <= 0:
-        return step_v, math.nan, nobody
+        return step_v, math.nan, unclipped
     full_v = float(max(-found[0], found[-1]))
     limit = full_v - 1.5 * step_v
     return step_v, full_v, np.asarray((np.abs(samples.real) >= limit) | (np.abs(samples.imag) >= limit))
@@ -317,7 +317,7 @@ def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None
 
 def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estimate]:
     found: dict[str, Estimate] = {}
-    busy_m = sum(m.stop_m - m.start_m for m in room.movers)
+    busy_m = sum(m.stop_m - m.start_m for m in room.moving)
     if room.phase is None:
         refused["phase noise"] = "static echoes are too weak to show it"
     elif busy_m > BUSY_SHARE * (room.range_m[-1] - room.range_m[0]):
@@ -368,8 +368,8 @@ def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray
 def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
     """Return the windows with noise alone in the upper half-band.
 
-    Noise is told by the spread of its powers, not by its level. Where bins are many, a window counts by the half of
-    its bins that is most like noise.
+    Noise is identified by the spread of its powers, not by its level. Where bins are many, a window counts by the half
+    of its bins that is most like noise.
     """
     cells = power[:, upper]
     low, high = np.quantile(cells, (0.25, 0.75), axis=1)
@@ -500,10 +500,10 @@ def _estimate_image(
     r"""Estimate the quadrature channel's errors from moving echoes.
 
     An echo y of any Doppler is circular, E y^2 = 0; behind the channels E I^2, E Q^2 and E I Q are in the ratio
-    1 : g^2 : g sin(phi). A mover that turns less than three times in a window is left out.
+    1 : g^2 : g sin(phi). A target with fewer than three Doppler periods in a window is left out.
     """
     if f_hz.size < WINDOW / 2:
-        refused["I/Q image"] = f"windows of {f_hz.size} pulses are too short to tell which way something moved"
+        refused["I/Q image"] = f"windows of {f_hz.size} pulses are too short for the direction of motion"
         return {}
     best = np.argmax(moving, axis=1)
     part = spectrum[np.arange(len(spectrum)), :, best]
@@ -512,7 +512,7 @@ def _estimate_image(
     mirrored = np.roll(part[:, ::-1], 1, axis=1)
     square = np.sum(part * mirrored, axis=1)
     whole = np.sum(np.abs(part) ** 2, axis=1)
-    # a static echo whose phase trembles has equal side lines, which are not circular: only what moves one way counts
+    # a static echo with a trembling phase has equal side lines, which are not circular: only what moves one way counts
     one_way = np.abs(np.sum(np.abs(part) ** 2 * np.sign(f_hz), axis=1)) > ONE_WAY * whole
     if one_way.sum() < MIN_WINDOWS:
         refused["I/Q image"] = "nothing moved one way, fast and strongly enough to show an image"

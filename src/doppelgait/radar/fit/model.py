@@ -43,9 +43,9 @@ Mask = npt.NDArray[np.bool_]
 
 MIN_FRAMES = 32
 MIN_BINS = 8
-MOVER_DB = 4.0
+MOVING_DB = 4.0
 """Slow-time variance over the noise floor from which a bin holds a target; static rooms stay within 1.5 dB."""
-MOVER_BINS = 3
+MOVING_BINS = 3
 """Neighbouring bins that must show it."""
 MAX_PHASE_VARIANCE = 0.05
 """Above this (rad^2 per frame) the static echoes are too weak for a common phase."""
@@ -105,7 +105,7 @@ class SensorFit:
         Dropped frames.
     bursts : Bursts
         Interference.
-    movers : tuple of Mover
+    moving : tuple of MovingInterval
         Empty for an empty room.
     flags : tuple of str
         What to know before the numbers are used.
@@ -130,7 +130,7 @@ class SensorFit:
     gain: SeriesFit | None
     faults: FrameFaults
     bursts: Bursts
-    movers: tuple[MovingInterval, ...]
+    moving: tuple[MovingInterval, ...]
     flags: tuple[str, ...]
 
     @property
@@ -148,8 +148,8 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
 
     The model has noise, clutter, phase drift and faults.
 
-    The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, whose angle is the
-    phase and whose size the gain of that frame, plus white Gaussian noise (E-18) that may be correlated between
+    The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, with the phase
+    as its angle and the gain of that frame as its size, plus white Gaussian noise (E-18) that may be correlated between
     neighbouring bins. Targets, interference and dropped frames are found first and left out.
 
     Parameters
@@ -195,7 +195,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
             f"{_name(recording)}: only {int(good.sum())} of {len(samples)} frames are neither zero nor a copy of the "
             f"one before; at least {MIN_FRAMES} are needed: record longer, or check the recorder"
         )
-    hit, noise, static, movers = _separate(samples[good], range_m)
+    hit, noise, static, moving = _separate(samples[good], range_m)
     used = np.flatnonzero(good)[~hit.frames]
     # phase (rad) and gain (dB) of the frames as drift, walk and jitter
     variance = compute_factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
@@ -220,7 +220,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         echo_v=static.echo_v, clutter=clutter,
         leakage=estimate_leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
         time_s=time_s[used], factor=static.factor, phase=phase, gain=gain,
-        faults=faults, bursts=hit, movers=movers, flags=(),
+        faults=faults, bursts=hit, moving=moving, flags=(),
     )  # fmt: skip
     return replace(fit, flags=list_flags(fit))
 
@@ -267,16 +267,16 @@ def _remove_targets(
 ) -> tuple[Mask, tuple[MovingInterval, ...]]:
     """Return bins without targets, and the targets by range."""
     excess = np.mean(np.abs(rest) ** 2, axis=0) / max(noise.power_v2.value, np.finfo(float).tiny)
-    busy = excess > float(db_to_power(MOVER_DB))
+    busy = excess > float(db_to_power(MOVING_DB))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(int), [0]])))
-    movers = []
+    moving = []
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
-        if stop - first >= MOVER_BINS:
+        if stop - first >= MOVING_BINS:
             largest_db = float(power_to_db(excess[first:stop].max()))
-            movers.append(MovingInterval(float(range_m[first]), float(range_m[stop - 1]), largest_db))
+            moving.append(MovingInterval(float(range_m[first]), float(range_m[stop - 1]), largest_db))
         else:
             busy[first:stop] = False
-    return ~busy, tuple(movers)
+    return ~busy, tuple(moving)
 
 
 BUSY_SHARE = 1.0 / 3.0
@@ -288,10 +288,10 @@ SHORT_S = 10.0
 def list_flags(fit: SensorFit) -> tuple[str, ...]:
     """Return warnings about odd numbers."""
     flags = []
-    if fit.movers:
-        where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.movers)
+    if fit.moving:
+        where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.moving)
         flags.append(f"the room was not empty: slow-time variance over the noise at {where}; those bins were left out")
-        if sum(m.stop_m - m.start_m for m in fit.movers) > BUSY_SHARE * (fit.range_m[-1] - fit.range_m[0]):
+        if sum(m.stop_m - m.start_m for m in fit.moving) > BUSY_SHARE * (fit.range_m[-1] - fit.range_m[0]):
             flags.append("targets in more than a third of the frame: noise, phase and clutter cannot be trusted")
     if not fit.noise.flat:
         flags.append(f"the noise is not flat in range: {fit.noise.slope_db_per_m.value:+.2f} dB/m")
@@ -375,7 +375,7 @@ def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
             )
         ],
         "interference_frames": fit.bursts.frames.nonzero()[0].tolist(),
-        "movers": [{"start_m": m.start_m, "stop_m": m.stop_m, "excess_db": m.excess_db} for m in fit.movers],
+        "movers": [{"start_m": m.start_m, "stop_m": m.stop_m, "excess_db": m.excess_db} for m in fit.moving],
         "flags": list(fit.flags),
     }
 

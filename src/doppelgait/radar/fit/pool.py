@@ -115,7 +115,7 @@ def fit_kind(
         Unlabelled: empty rooms or daily life. Of one carrier and frame rate; the others
         are left out.
     radar : Radar, optional
-        Where to take from what no recording tells: power, antenna gains, pulse. The longest recording's by default.
+        Source of what no recording states: power, antenna gains, pulse. The longest recording's by default.
     people_at_m : float, optional
         Median range of the people in the recordings: the receiver gain is set so that 0.8 m^2 there has the level of
         the echoes. Without it the gain stays as it is.
@@ -149,7 +149,7 @@ def fit_kind(
             f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
         )
     pooled = {name: pool(found) for name, found in _group_by_name(same).items()}
-    base = fit_gain(base, same, pooled, people_at_m, radar_is_given=radar is not None)
+    base = fit_gain(base, same, pooled, people_at_m, radar_is_known=radar is not None)
     refused = _list_reasons(same, pooled)
     if people_at_m is None and "direct_path_db" not in pooled:
         refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
@@ -335,14 +335,14 @@ def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
         for line in one.lines:
             if any(abs(line.frequency_hz - other.frequency_hz) <= 2 * line.half_width_hz for other in found):
                 continue
-            twins = [
+            matches = [
                 min(near, key=lambda other, line=line: abs(other.frequency_hz - line.frequency_hz))  # type: ignore[misc]
                 for m in same
                 if (near := [k for k in m.lines if abs(k.frequency_hz - line.frequency_hz) <= 2 * line.half_width_hz])
             ]
-            if len(twins) >= max(2, len(same) / 2):
-                middle = float(np.median([k.frequency_hz for k in twins]))
-                found.append(PooledLine(middle, pool(k.level_db for k in twins), line.half_width_hz))
+            if len(matches) >= max(2, len(same) / 2):
+                middle = float(np.median([k.frequency_hz for k in matches]))
+                found.append(PooledLine(middle, pool(k.level_db for k in matches), line.half_width_hz))
     return tuple(found)
 
 

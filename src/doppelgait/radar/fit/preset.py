@@ -44,7 +44,7 @@ def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     noise = _choose_noise_change(fit, same)
     if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
         changes["noise_correlation"] = _choose_noise_correlation(fit)
-    where = f"the radar fitted to {fit.source or 'a recording'}, whose values should be in V"
+    where = f"the radar fitted to {fit.source or 'a recording'}; its values should be in V"
     return validate(Radar, {**base.model_dump(), **changes, **noise}, where=where)
 
 
@@ -79,7 +79,7 @@ def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     ----------
     fit : SensorFit
     radar : Radar, optional
-        Where to take the parameters from that a recording does not tell; the recording's by default.
+        Source of the parameters that a recording does not state; the recording's by default.
 
     Raises
     ------

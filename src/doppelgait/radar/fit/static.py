@@ -26,7 +26,7 @@ class Estimate:
     value : float
         In the unit that the name of the field or row holding it says.
     sd : float
-        Standard uncertainty (one standard deviation), same unit; inf where the recording does not tell.
+        Standard uncertainty (one standard deviation), same unit; inf where the recording does not show it.
     """
 
     value: float
@@ -196,8 +196,8 @@ def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: 
 
     The drift is b, the walk q, the white variance s^2 of x(t) = a + b t + W(t) + e.
 
-    The differences of x have the covariance q dt I + s^2 T, T tridiagonal with 2 and -1, whose eigenvectors are sines
-    and whose eigenvalues are q dt + s^2 (2 - 2 cos(pi k / (n + 1))): after a sine transform the likelihood is exact and
+    The differences of x have the covariance q dt I + s^2 T, T tridiagonal with 2 and -1; its eigenvectors are sines
+    and its eigenvalues are q dt + s^2 (2 - 2 cos(pi k / (n + 1))): after a sine transform the likelihood is exact and
     costs one pass. It is the restricted one, which allows for the fitted drift (Patterson and Thompson, Biometrika 58,
     1971, 545). Uncertainties are the inverse of Fisher's information.
 

@@ -106,15 +106,15 @@ def apply_impairments(
     for spec, own_rng in zip(specs, rng.spawn(len(specs)), strict=True):
         item = IMPAIRMENTS.of(spec)
         found = item.run(current, spec, radar, own_rng)
-        whose = f"impairment {item.name!r} of {item.package}"
+        owner = f"impairment {item.name!r} of {item.package}"
         if found is None:
-            raise AnalysisError(f"{whose} returns nothing; it must return the samples, also those it changed in place")
+            raise AnalysisError(f"{owner} returns nothing; it must return the samples, also those it changed in place")
         try:
             changed = found if isinstance(found, Samples) else Samples(found)
         except (AnalysisError, ValueError) as error:  # ValueError: of rows of several lengths
-            raise AnalysisError(f"{whose}: {error}") from None
+            raise AnalysisError(f"{owner}: {error}") from None
         if changed.shape != current.shape:
-            raise AnalysisError(f"{whose} makes samples of shape {changed.shape} of {current.shape}")
+            raise AnalysisError(f"{owner} makes samples of shape {changed.shape} of {current.shape}")
         current = changed
     return current
 

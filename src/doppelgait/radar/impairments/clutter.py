@@ -24,7 +24,7 @@ from doppelgait.radar.link import echo_amplitude_v
 from doppelgait.radar.parameters import Radar
 
 CELLS_BEYOND = 3
-"""Resolution cells of clutter before and behind the frame, whose echoes reach into it."""
+"""Resolution cells of clutter before and behind the frame with echoes that reach into it."""
 SCATTERERS_PER_CELL = 4
 """So many in a half-power width that their sum is a smooth complex Gaussian process in range."""
 MAX_SCATTERERS = 200_000

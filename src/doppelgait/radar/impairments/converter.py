@@ -61,7 +61,7 @@ def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Gen
     More than 1 % of clipped values is a warning.
     """
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
-    samples = samples.settle()
+    samples = samples.add_pending_noise()
     full_scale_v = parameters.full_scale_v or samples.find_largest_part() * float(db_to_amplitude(backoff_db))
     if full_scale_v == 0.0:
         return samples
@@ -160,7 +160,7 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
             f"{highest_hz:.1f} frames/s, but radar.prf_hz is {radar.prf_hz:g}; lower one of them"
         )
     limit = baseband_gain * (parameters.dac_max - parameters.dac_min + 1) / 2048.0
-    samples = samples.settle()
+    samples = samples.add_pending_noise()
     if samples.find_largest_part() / unit_v > limit / math.sqrt(2.0):  # else no magnitude reaches the limit
         values = samples.matrix / np.float32(unit_v)
         size = np.abs(values)

@@ -56,7 +56,7 @@ class ColouredNoise(FrozenModel):
 
 @plugin("impairment", parameters=ColouredNoise)
 def add_coloured_noise(samples: Samples, parameters: ColouredNoise, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Add noise of a given density over Doppler."""
+    """Add noise of a set density over Doppler."""
     from scipy import fft
 
     n_pulses, n_samples = samples.shape

@@ -251,8 +251,8 @@ def add_dc(samples: Samples, parameters: DcLeak, radar: Radar, rng: np.random.Ge
     level_v = convert_level_to_volt(
         parameters.level_db, radar, in_units=parameters.in_units, wanted_by="dc_leak: level_db"
     )
-    drawn_rad = rng.uniform(0.0, 2.0 * math.pi)
-    phase_rad = drawn_rad if parameters.phase_deg is None else math.radians(parameters.phase_deg)
+    random_rad = rng.uniform(0.0, 2.0 * math.pi)
+    phase_rad = random_rad if parameters.phase_deg is None else math.radians(parameters.phase_deg)
     parts = rng.standard_normal((2, samples.shape[0]))
     steps = (parts[0] + 1j * parts[1]) * parameters.walk_per_sqrt_min / math.sqrt(2.0 * 60.0 * radar.prf_hz)
     walk = np.cumsum(steps) - steps[:1]

@@ -69,7 +69,7 @@ def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, 
     from doppelgait.core.kernels.noise import draw_key
 
     power_v2 = noise_power_per_sample_v2(parameters, radar)
-    return samples.with_noise(draw_key(rng), power_v2, make_noise_taps(radar)).settle()
+    return samples.with_noise(draw_key(rng), power_v2, make_noise_taps(radar)).add_pending_noise()
 
 
 Pulses = npt.NDArray[np.int64]

@@ -71,13 +71,13 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     format : str, optional
         Name of the reader, for a file that none or several recognise.
     **options
-        Options of that reader: what the file does not tell, for example ``carrier_hz`` or ``radar="PRESET"``.
+        Options of that reader: what the file does not state, for example ``carrier_hz`` or ``radar="PRESET"``.
 
     Returns
     -------
     Recording
         With the axes of the file. Measured recordings have no truth, an unknown noise level, and ``notes`` on what
-        the file does not tell.
+        the file does not state.
 
     Raises
     ------
@@ -185,8 +185,8 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
             return
         whole = path
         for part, other in (("_IM.txt", "_RE.txt"), (".sigmf-meta", ".sigmf-data")):  # one recording in two files
-            if path.name.endswith(part) and (twin := path.with_name(path.name.removesuffix(part) + other)).is_file():
-                whole = twin
+            if path.name.endswith(part) and (partner := path.with_name(path.name.removesuffix(part) + other)).is_file():
+                whole = partner
         if whole not in seen:
             seen.add(whole)
             yield whole, named

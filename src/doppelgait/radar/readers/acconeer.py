@@ -230,7 +230,7 @@ ENVELOPE_FWHM_M = {1: 0.04, 2: 0.07, 3: 0.14, 4: 0.19, 5: 0.32}
 """Full width at half maximum of the amplitude of one echo, by profile (vendor's constants)."""
 INT16_CODES = 2**15
 LATE_TICKS = 1.5
-"""Frames whose ticks lie this close to a straight line are taken as evenly spaced: ticks are whole numbers."""
+"""Frames with ticks this close to a straight line are taken as evenly spaced: ticks are whole numbers."""
 
 
 def sniff_acconeer(path: Path) -> bool:

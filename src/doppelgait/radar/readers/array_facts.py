@@ -24,7 +24,7 @@ from doppelgait.radar.presets import change_preset
 FloatArray = npt.NDArray[np.float64]
 
 CW_RANGE_STOP_M = 1.0
-"""A continuous wave tells no range: one bin, and a frame that holds just it."""
+"""A continuous wave has no range: one bin, and a frame that holds just it."""
 
 
 class ArrayFacts(FrozenModel):

@@ -2,8 +2,8 @@
 
 ``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line.
 
-So stored by programs for 24 GHz Doppler modules whose 12-bit converter fills a buffer, sends it and starts again: the
-samples are continuous within a burst only.
+So stored by programs for 24 GHz Doppler modules with a 12-bit converter that fills a buffer, sends it and starts again:
+the samples are continuous within a burst only.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def read_cw_text(
     path : path-like
         Either file, or what their names have in common before ``_RE.txt`` and ``_IM.txt``.
     carrier_hz : float
-        Carrier, 1 MHz to 1 THz; the files do not tell it.
+        Carrier, 1 MHz to 1 THz; the files do not state it.
     sample_rate_hz : float
         Samples per second within a burst, up to 1 MHz.
     burst_pulses : int
@@ -134,7 +134,7 @@ def read_cw_text(
     slow_time_s = (starts_s[:, None] + np.arange(burst_pulses) / radar.prf_hz).ravel()
     start_m, stop_m = CW_FRAME_M
     notes = [
-        f"the files tell neither carrier nor timing: {radar.carrier_hz / 1e9:g} GHz, {radar.prf_hz:g} samples/s in "
+        f"the files state neither carrier nor timing: {radar.carrier_hz / 1e9:g} GHz, {radar.prf_hz:g} samples/s in "
         f"bursts of {burst_pulses}, one every {period_s:g} s",
         f"range is not measured: the one bin stands for {start_m:g} to {stop_m:g} m",
         f"levels: the middle code {MID_CODE} is 0 V and one step {radar.volts_per_unit:.4g} V at the converter, before "

@@ -72,7 +72,7 @@ def read_dca1000(
         :class:`~doppelgait.radar.readers.ti_config.ChirpConfig`, or TI's ``.cfg``. By default the one of the same stem,
         or the only ``.cfg`` in the folder.
     device : str, optional
-        ``xwr14xx``, ``xwr16xx``, ``xwr18xx``, ``xwr68xx``, ..., where the settings do not tell it.
+        ``xwr14xx``, ``xwr16xx``, ``xwr18xx``, ``xwr68xx``, ..., where the settings do not state it.
     rx : int or "sum", optional
         Receiver, from 0; by default the first that is on. ``sum`` adds all: the antennas then look straight ahead.
     chirp : int

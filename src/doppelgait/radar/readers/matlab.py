@@ -254,7 +254,7 @@ def read_matlab(
     matrix : str, optional
         Name of the matrix of frames; needed where the file holds several.
     carrier_hz : float
-        Transmitter's centre frequency, above 0 and below half the sampling rate; the file does not tell it.
+        Transmitter's centre frequency, above 0 and below half the sampling rate; the file does not state it.
     radar : str or Path
         Preset, or path of such a file, that stands for the sensor; its ``volts_per_unit`` scales the values to V.
     prf_hz, range_start_m, bin_spacing_m : float, optional

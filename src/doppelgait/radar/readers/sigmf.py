@@ -80,7 +80,7 @@ def read_sigmf(
     path : path-like
         ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; the other one is in the same folder.
     carrier_hz : float, optional
-        Carrier, where the file does not tell ``core:frequency``, or tells that of a tuner behind a mixer.
+        Carrier, where the file does not state ``core:frequency``, or states that of a tuner behind a mixer.
     samples_per_pulse : int, optional
         Range bins in a row; foreign files only, as are the next three. 1 by default.
     prf_hz : float, optional
@@ -88,7 +88,7 @@ def read_sigmf(
     range_start_m, bin_spacing_m : float, optional
         Range of the first bin, 0 m by default, and from bin to bin; the spacing is needed when there are several.
     scale_v : float, optional
-        Volts of one unit of the samples; by default what the file tells, else 1 V, and for integers that which makes
+        Volts of one unit of the samples; by default what the file states, else 1 V, and for integers that which makes
         their largest value 1 V.
     channel : int, optional
         Which channel, from 0; needed when several are interleaved.
@@ -118,7 +118,7 @@ def read_sigmf(
         options = {"samples_per_pulse": samples_per_pulse, "prf_hz": prf_hz, "range_start_m": range_start_m}
         refused = [name for name, value in {**options, "bin_spacing_m": bin_spacing_m}.items() if value is not None]
         if refused:
-            raise RecordingError(f"{file}: tells its own axes; leave out {', '.join(refused)}")
+            raise RecordingError(f"{file}: states its own axes; leave out {', '.join(refused)}")
         return _read_own(file, meta, samples, carrier_hz, notes)
     if carrier_hz is None:
         found = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
@@ -219,7 +219,7 @@ def _is_number(value: Any) -> bool:
 def _prf_hz(path: Path, meta: Metadata, n_bins: int) -> float:
     rate = meta.sample_rate_hz
     if rate is None:
-        raise RecordingError(f"{path}: tells no core:sample_rate; give prf_hz")
+        raise RecordingError(f"{path}: states no core:sample_rate; give prf_hz")
     if rate / n_bins > 1e6:
         raise RecordingError(
             f"{path}: its {rate / n_bins:g} samples/s are more than a slow-time rate can be (1 MHz): these are samples "
@@ -243,7 +243,7 @@ def _make_foreign_radar(
         notes.append(f"taken as continuous wave: the one range bin stands for {start_m:g} to {stop_m:g} m")
         return radar, np.array([(start_m + stop_m) / 2])
     if bin_spacing_m is None:
-        raise RecordingError(f"{path}: SigMF tells no range axis; give bin_spacing_m (and range_start_m if not 0)")
+        raise RecordingError(f"{path}: SigMF states no range axis; give bin_spacing_m (and range_start_m if not 0)")
     spacing_m = check_number(path, "bin_spacing_m", bin_spacing_m, above=0, most=1e4)
     start_m = check_number(path, "range_start_m", range_start_m or 0.0, above=-1e-9, most=1e6)
     notes.append("the pulse is not stated: its range resolution is taken as one range bin")

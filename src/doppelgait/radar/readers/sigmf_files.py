@@ -142,7 +142,7 @@ def _parse_metadata(
     base, _, order = body.partition("_")
     if kind == "r" and base in DATATYPES:
         raise RecordingError(
-            f"{meta_path}: core:datatype is {datatype!r}, real samples: they cannot tell approaching from receding. "
+            f"{meta_path}: core:datatype is {datatype!r}, real samples: they cannot separate approaching and receding. "
             "Give complex samples (I and Q)"
         )
     if kind != "c" or base not in DATATYPES or order not in ("", "le", "be"):
@@ -178,7 +178,7 @@ def read_samples(
     stored = meta.common.get("core:sha512")
     if stored and not ignore_checksum and hashlib.sha512(content).hexdigest() != str(stored).lower():
         raise RecordingError(
-            f"{meta.data_path}: its samples do not have the checksum that {path.name} tells (core:sha512): it was cut "
+            f"{meta.data_path}: its samples do not have the checksum that {path.name} states (core:sha512): it was cut "
             "off or changed. Give ignore_checksum=True to read it all the same"
         )
     frame_bytes = 2 * meta.number.itemsize * meta.n_channels

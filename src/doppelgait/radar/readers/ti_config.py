@@ -127,7 +127,7 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
     path : Path
         TOML or JSON with the keys of :class:`ChirpConfig`, or TI's text.
     device : str, optional
-        Family, where the file does not tell it: TI's text may have it in a comment.
+        Family, where the file does not state it: TI's text may have it in a comment.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
             table = {**table, "device": device}
         if "device" not in table:
             raise RecordingError(
-                f"{path}: does not tell the device; give the option device, one of {', '.join(DEVICES)}"
+                f"{path}: does not state the device; give the option device, one of {', '.join(DEVICES)}"
             )
         return validate(ChirpConfig, table, where=where, text=text)
     except ConfigError as error:

@@ -38,7 +38,7 @@ MAX_PULSE_S = 1e-3
 DOPPLER_ERROR = 5e-7
 """Doppler shift over bandwidth, and so error over the peak, up to which a chirp's response is only moved by it."""
 LONGEST_FRAME = 0.95
-"""Longest frame, in pulse durations, whose responses come from a table: they have another kink where they end."""
+"""Longest frame, in pulse durations, with responses from a table: they have another kink where they end."""
 VECTOR = 32
 """Rows of the table are long enough for whole vectors of so many bins."""
 TABLE_ERROR = 1e-7
@@ -62,15 +62,15 @@ class _MatchedPulse(Waveform):
         delay = range_to_delay_s(range_m) / duration_s
         time_bandwidth = float(radar.bandwidth_hz or 0.0) * duration_s
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        given = amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth
+        arguments = amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth
         n_bins = out.shape[1]
         if time_bandwidth == 0.0 or n_bins * step > LONGEST_FRAME:
-            add_responses(*given, out)
+            add_responses(*arguments, out)
             return out
         table = tabulate(n_bins, step, time_bandwidth)
         weights, total = np.empty((range_m.shape[1], 5), np.float32), np.empty(n_bins, np.complex128)
         sums = np.empty((2, table.shape[2] - n_bins + 1), np.float32)
-        add_tabled_responses(*given, DOPPLER_ERROR * time_bandwidth, table, weights, total, sums, out)
+        add_tabled_responses(*arguments, DOPPLER_ERROR * time_bandwidth, table, weights, total, sums, out)
         return out
 
     def reach_m(self, radar: Radar) -> float:

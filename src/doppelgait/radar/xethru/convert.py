@@ -39,7 +39,7 @@ def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[
     Returns
     -------
     numbers : ndarray, shape (n,)
-        From 0, gaps included; 0, 1, 2 ... where the counters do not rise and so tell nothing.
+        From 0, gaps included; 0, 1, 2 ... where the counters do not rise and so mean nothing.
     n_lost : int
         Frames missing between the first and the last.
     n_gaps : int
@@ -117,7 +117,7 @@ HEADER_FIELDS = {
     "carrier_hz": "carrier_hz",
     "prf_hz": "frame_rate_hz",
 }
-"""Record field that tells what an option would."""
+"""Record field that states what an option would."""
 
 
 @dataclass
@@ -156,7 +156,7 @@ def read_xethru_recording(
     """Read a XeThru recording as baseband.
 
     What a record says (range of the first bin, bin length, carrier, frame rate) is taken from there; an option replaces
-    it. Ranges are those of the file, which the driver counts with c = 3e8 m/s. Where no record tells the frame rate it
+    it. Ranges are those of the file, which the driver counts with c = 3e8 m/s. Where no record states the frame rate it
     is measured from the times in the meta file.
 
     Parameters
@@ -169,7 +169,7 @@ def read_xethru_recording(
         Preset, or file of one, that stands for the sensor: its ``volts_per_unit`` makes volts of the file's unit
         (1 = 1024 DAC codes), its pulse and powers describe the radar.
     range_start_m, bin_spacing_m, carrier_hz, prf_hz : float, optional
-        Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat`` records tell none
+        Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat`` records state none
         of them.
     kind : {"baseband", "rf"}
         What ``datafloat`` values are. RF frames are down-converted
@@ -177,7 +177,7 @@ def read_xethru_recording(
     iq : {"separate", "interleaved"}
         Order of ``datafloat`` baseband: all I then all Q, as the driver does by default, or I and Q in turn.
     conjugate : bool
-        Take I - jQ instead of I + jQ. False is right for the X4, whose driver negates Q: with its filters an
+        Take I - jQ instead of I + jQ. False is right for the X4, because its driver negates Q: with its filters an
         approaching target then has positive Doppler.
     filter : {"hamming", "chip"}
         Low-pass for RF frames. An echo has the same volts with either; the radar states the noise bandwidth and
@@ -188,7 +188,7 @@ def read_xethru_recording(
     Returns
     -------
     Recording
-        ``notes`` say what the file does not tell and what was taken instead.
+        ``notes`` say what the file does not state and what was taken instead.
 
     Raises
     ------
@@ -317,7 +317,7 @@ def _refuse_missing(source: Records, missing: list[str]) -> None:
     if missing:
         wanted = "; ".join(f"{option} ({TYPICAL[option]})" for option in missing)
         raise RecordingError(
-            f"{source.path}: {source.name} records do not tell {', '.join(missing)}; give {wanted}. The script that "
+            f"{source.path}: {source.name} records do not state {', '.join(missing)}; give {wanted}. The script that "
             "made the recording knows them."
         )
 

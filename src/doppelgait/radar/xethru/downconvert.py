@@ -91,7 +91,7 @@ def down_convert_frames(
     Returns
     -------
     baseband : ndarray, shape (I, M)
-        complex64; only outputs whose whole filter lies inside the frame: M = floor((N - taps) / D) + 1.
+        complex64; only outputs with the whole filter inside the frame: M = floor((N - taps) / D) + 1.
     range_m : ndarray, shape (M,)
         Range of every output: that of the centre of its filter.
 

@@ -115,7 +115,7 @@ def write_xethru_recording(
     range_m = recording.range_m
     spacing_m = radar.bin_spacing_m if range_m.size == 1 else float((range_m[-1] - range_m[0]) / (range_m.size - 1))
     if np.abs(range_m - range_m[0] - spacing_m * np.arange(range_m.size)).max() > 1e-3 * spacing_m:
-        raise RecordingError("the range axis is not uniform; a XeThru file tells one bin length for all bins")
+        raise RecordingError("the range axis is not uniform; a XeThru file states one bin length for all bins")
     rate_hz = sampling_rate_hz(recording.slow_time_s)
     decimation = radar.decimation if name in RF_FRAMES else 1
     head = {

@@ -45,7 +45,7 @@ class XethruStream:
     blocks : tuple of ndarray
         Structured arrays in order, one per run of records of equal size; empty for types without a known layout.
     time_ms : ndarray, shape (n,)
-        Time of each record after the start of the recording, int64; empty when no meta file tells it.
+        Time of each record after the start of the recording, int64; empty when no meta file states it.
     lines : tuple of str
         Of text types: the header line of each file and the rows, without line ends.
     raw : tuple of bytes
@@ -318,7 +318,7 @@ def _read_binary_stream(
     blocks, used = parse_records(content, kind)
     count = sum(map(len, blocks))
     if used < len(content) or (times is not None and count != times.size):
-        of = f"of {times.size:,}" if times is not None else "(how many there were, nothing tells)"
+        of = f"of {times.size:,}" if times is not None else "(their number is unknown)"
         warn_caller(
             f"{file}: {count:,} records {of} read; after byte {used:,} of {len(content):,} it is cut off or damaged"
         )

@@ -84,14 +84,14 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
     for spec in check_order(effects):
         item, before = ENVIRONMENT.of(spec), scatterers
         scatterers = item.run(before, spec, setting)
-        whose = f"environment effect {item.name!r} of {item.package}"
+        owner = f"environment effect {item.name!r} of {item.package}"
         if not isinstance(scatterers, xr.Dataset):
-            raise AnalysisError(f"{whose} returns {type(scatterers).__name__}, not a scatterer table")
+            raise AnalysisError(f"{owner} returns {type(scatterers).__name__}, not a scatterer table")
         if missing := [str(name) for name in before.variables if name not in scatterers.variables]:
-            raise AnalysisError(f"{whose} returns a table without {', '.join(missing)}")
+            raise AnalysisError(f"{owner} returns a table without {', '.join(missing)}")
         n_before, n_after = before.sizes["slow_time"], scatterers.sizes["slow_time"]
         if n_after != n_before:
-            raise AnalysisError(f"{whose} makes {n_after} pulses of {n_before}; it must keep them")
+            raise AnalysisError(f"{owner} makes {n_after} pulses of {n_before}; it must keep them")
     return scatterers
 
 

@@ -116,7 +116,7 @@ def relative_permittivity(material: Material, *, wavelength_m: float) -> complex
     Raises
     ------
     ConfigError
-        If there is no such material, or the carrier lies outside the band of a ground, whose constants do not hold
+        If there is no such material, or the carrier lies outside the band of a ground; its constants do not hold
         there.
 
     Warns

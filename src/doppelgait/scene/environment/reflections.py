@@ -468,7 +468,7 @@ def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wav
     """Compute the co-polar coefficient of paths to mirror images.
 
     The share w of the power that meets the wall in te mode (:func:`compute_te_share`) gives r_te w - r_tm (1 - w) for
-    vertical polarisation and r_tm w - r_te (1 - w) for horizontal, whose field is counted along rising azimuth; what
+    vertical polarisation and r_tm w - r_te (1 - w) for horizontal, with the field counted along rising azimuth; what
     turns into the other polarisation is lost.
     """
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)

@@ -134,7 +134,7 @@ def folding(bench: Bench, radar: Radar) -> float:
     """Compare earlier pulses' echoes with later frames, relative.
 
     The pulses follow each other hardly slower than a frame lasts. What the frame must show of a scatterer is the sum
-    of what frames show that begin k pulses later, of a radar whose next pulse never comes: at the fold, and beyond it
+    of what frames show that begin k pulses later, of a radar without a next pulse: at the fold, and beyond it
     once and twice.
     """
     start_m = radar.range_start_m + 0.2 * (radar.range_stop_m - radar.range_start_m)

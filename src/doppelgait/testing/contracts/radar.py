@@ -200,7 +200,7 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     ------
     AssertionError
         If a rule is broken: registration, round trip through JSON, shape, finite values, the same result for the same
-        random numbers and in both layouts of the samples, an input that stays as it is unless its memory is given away,
+        random numbers and in both layouts of the samples, an input that stays unchanged unless its memory is released,
         pulse times that rise.
 
     Examples

@@ -34,11 +34,11 @@ export function listed() {
 /** Take out of the address what this dataset cannot answer; gives these parts as texts. */
 export function takeOutUnknown(facts) {
   const columns = new Map(facts.columns.map((column) => [column.name, column]));
-  const given = filters();
-  const kept = given.filter((pair, n) => isKnown(pair, columns) && !isSecond(pair, given.slice(0, n)));
+  const pairs = filters();
+  const kept = pairs.filter((pair, n) => isKnown(pair, columns) && !isSecond(pair, pairs.slice(0, n)));
   const crossed = crossedLimits(kept);
   const wanted = kept.filter(([name]) => !crossed.has(bare(name)));
-  const out = given.filter((pair) => !wanted.includes(pair)).map((pair) => pair.join("="));
+  const out = pairs.filter((pair) => !wanted.includes(pair)).map((pair) => pair.join("="));
   if (out.length) state.set(changesTo(wanted), { quiet: true });
   const sort = state.get("sort");
   if (sort && !columns.has(sort)) {
@@ -80,7 +80,7 @@ function isSecond([name], earlier) {
   return (name === "text" || isLimit(name)) && earlier.some(([other]) => other === name);
 }
 
-/** Columns whose lower limit is above their upper one. */
+/** Columns with a lower limit above their upper one. */
 function crossedLimits(pairs) {
   const limits = new Map(pairs.filter(([name]) => isLimit(name)).map(([name, value]) => [name, Number(value)]));
   const names = [...limits.keys()].map(bare);

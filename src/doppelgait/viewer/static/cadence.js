@@ -59,9 +59,9 @@ export function makeCadence(page) {
     redraw();
   }
 
-  /** Band of a map whose Doppler counts from the main line: that of the signature is another. */
-  function ownBand({ cadence_band_hz: given, cadence_map: image }, arrays) {
-    return given ?? image.band_hz ?? occupied(image, arrays[image.array]);
+  /** Band of a map with Doppler relative to the main line; it differs from that of the signature. */
+  function ownBand({ cadence_band_hz: stated, cadence_map: image }, arrays) {
+    return stated ?? image.band_hz ?? occupied(image, arrays[image.array]);
   }
 
   function dopplerLimits() {

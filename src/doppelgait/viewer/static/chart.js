@@ -177,7 +177,7 @@ export function drawPicture(context, chart, picture, image) {
   context.drawImage(picture, x0, y1, x1 - x0, y0 - y1);
 }
 
-/** A line through points given in data coordinates; it breaks where a value is unknown. */
+/** A line through points in data coordinates; it breaks where a value is unknown. */
 export function drawLine(context, chart, count, pointAt) {
   let open = false;
   context.beginPath();
@@ -194,7 +194,7 @@ export function drawLine(context, chart, count, pointAt) {
   context.stroke();
 }
 
-/** A line through points given in pixels. */
+/** A line through points in pixels. */
 export function drawPath(context, [first, ...others]) {
   context.beginPath();
   context.moveTo(...first);

@@ -20,14 +20,14 @@ export function makeClock() {
   };
   return clock;
 
-  function tell() {
+  function notify() {
     for (const listener of [...listeners]) listener(clock.time, clock);
   }
 
   function setRange(start, stop, step) {
     Object.assign(clock, { start, stop: Math.max(stop, start), step });
     clock.time = clamp(clock.time);
-    tell();
+    notify();
   }
 
   function clamp(time) {
@@ -41,14 +41,14 @@ export function makeClock() {
     previous = since = performance.now();
     frames = 0;
     frame = requestAnimationFrame(tick);
-    tell();
+    notify();
   }
 
   function pause() {
     if (!clock.playing) return;
     cancelAnimationFrame(frame);
     clock.playing = false;
-    tell();
+    notify();
   }
 
   function tick(now) {
@@ -60,7 +60,7 @@ export function makeClock() {
       clock.fps = (1000 * frames) / (now - since);
       [frames, since] = [0, now];
     }
-    tell();
+    notify();
   }
 
   function advance(seconds) {
@@ -76,17 +76,17 @@ export function makeClock() {
 
   function seek(time) {
     clock.time = clamp(time);
-    tell();
+    notify();
   }
 
   function setSpeed(speed) {
     clock.speed = speed;
-    tell();
+    notify();
   }
 
   function setLoop(loop) {
     clock.loop = loop;
-    tell();
+    notify();
   }
 
   function subscribe(listener) {

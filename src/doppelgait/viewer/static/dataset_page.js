@@ -94,7 +94,7 @@ export async function show(container, session) {
   }
 
   async function refresh() {
-    clearError(); // what it spoke of may be mended now
+    clearError(); // its cause may be fixed now
     const wanted = asked.filters();
     // a form that says this already keeps its focus
     if (!listed || !sameFilters(filters.read(), wanted)) filters.show(wanted);

@@ -8,7 +8,7 @@ const FAR = 0.2;
 const BEFORE = { step_length_m: ["ground_step_length_m", "ground step length", "m", "quality"] };
 const AFTER = [["breathing_rate_hz", "breathing rate", "Hz", "quality"]];
 const OWN_WORDS = { step_length_m: "radial step length" };
-/** Least true value that a deviation is given in per cent of, by unit: below it a share says nothing. */
+/** Smallest true value with a deviation in per cent, by unit: below it a share says nothing. */
 const LEAST = { "m/s": 0.1, Hz: 0.2, m: 0.05, 1: 0.02 };
 const UNITS = { mps: "m/s", hz: "Hz", m: "m", s: "s", db: "dB", deg: "°", m2: "m²", kg: "kg" };
 

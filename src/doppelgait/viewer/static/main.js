@@ -8,9 +8,9 @@ import { clearError, element, showError } from "./ui.js";
 
 const TABS = {
   recording: { words: "Recording", show: showRecording },
-  dataset: { words: "Dataset", show: async (...given) => (await import("./dataset_page.js")).show(...given) },
-  live: { words: "Live", show: async (...given) => (await import("./live_page.js")).show(...given) },
-  try: { words: "Try it", show: async (...given) => (await import("./try_page.js")).show(...given) },
+  dataset: { words: "Dataset", show: async (...args) => (await import("./dataset_page.js")).show(...args) },
+  live: { words: "Live", show: async (...args) => (await import("./live_page.js")).show(...args) },
+  try: { words: "Try it", show: async (...args) => (await import("./try_page.js")).show(...args) },
 };
 /** Choices that mean something else, or nothing, in another tab. */
 const OF_ONE_RUN = ["gate", "target", "segment", "clutter", "cpi_s", "window_steepness", "hop", "time", "doppler", "t"];

@@ -6,7 +6,7 @@ import { element, fixed } from "./ui.js";
 
 const COLOUR = "#9cff57";
 
-/** One measurement for all charts. `button` switches it on; `changed()` is called when something is to be drawn again. */
+/** One measurement for all charts. `button` switches it on; `changed()` is called when something must be drawn again. */
 export function makeMeasure(changed) {
   const button = element("button", { id: "measure", type: "button", "aria-pressed": "false", onclick: () => toggle() }, "measure");
   button.title = "Click two points of a picture: differences in time, range, Doppler and velocity (m; Esc ends)";

@@ -23,7 +23,7 @@ export async function neighboursOf(id, guess) {
   return {};
 }
 
-/** Look for an example in a stretch of the list. */
+/** Look for an example in a section of the list. */
 async function within(id, offset, limit) {
   const answer = await getJson("api/rows", { ...listed(), offset, limit }, { key: "neighbours" });
   const ids = answer.rows.map((row) => row.id);

@@ -29,7 +29,7 @@ export function makeRangeDoppler(page) {
   let reference = null;
   let image = null; // facts of all frames: x range, y Doppler, time
   let chunks = new Map();
-  let drawn = null;
+  let plotted = null;
   let targets = null;
   const chart = makeChart(panel, "range-doppler", {
     label: "Range-Doppler map at the time cursor",
@@ -58,7 +58,7 @@ export function makeRangeDoppler(page) {
       if (!facts.frames) return nothing(facts.reason);
       chunks = fresh;
       image = { ...facts, x: facts.range, y: facts.doppler };
-      drawn = null;
+      plotted = null;
       panel.say(null);
       bar(image);
       tick();
@@ -111,8 +111,8 @@ export function makeRangeDoppler(page) {
     if (!image) return;
     const frame = frameAt(clock.time);
     fetchFor(frame);
-    if (frame !== drawn && codesOf(frame)) {
-      drawn = frame;
+    if (frame !== plotted && codesOf(frame)) {
+      plotted = frame;
       redraw();
     } else chart.redrawOverlay();
   }
@@ -124,8 +124,8 @@ export function makeRangeDoppler(page) {
   }
 
   function redraw() {
-    if (image && drawn !== null) {
-      const codes = codesOf(drawn);
+    if (image && plotted !== null) {
+      const codes = codesOf(plotted);
       const scaled = { ...image, shown_db: ownLevels(image, codes) };
       paint(picture, codes, [image.x.n, image.y.n], tonesOf(scaled));
       bar(scaled);
@@ -134,7 +134,7 @@ export function makeRangeDoppler(page) {
   }
 
   function draw(context) {
-    if (drawn !== null) drawPicture(context, chart, picture, image);
+    if (plotted !== null) drawPicture(context, chart, picture, image);
   }
 
   function drawOver(context) {
@@ -142,10 +142,10 @@ export function makeRangeDoppler(page) {
       const gate = gateAt(target, targets.arrays, clock.time);
       if (gate) drawGate(context, gate, number);
     }
-    if (drawn === null) return;
+    if (plotted === null) return;
     context.font = "11px system-ui, sans-serif";
     context.textAlign = "right";
-    const label = `CPI at ${fixed(valueAt(image.time, drawn), 2)} s`;
+    const label = `CPI at ${fixed(valueAt(image.time, plotted), 2)} s`;
     const { left, right, top } = chart.box;
     const width = context.measureText(label).width + 10;
     const end = isGated(right - width) ? left + width : right;
@@ -173,12 +173,12 @@ export function makeRangeDoppler(page) {
 
   function read(range, doppler) {
     const [column, row] = [cellAt(image.x, range), cellAt(image.y, doppler)];
-    const codes = drawn === null ? null : codesOf(drawn);
+    const codes = plotted === null ? null : codesOf(plotted);
     if (column === null || row === null || !codes) return `${fixed(range, 3)} m · ${fixed(doppler, 2)} Hz`;
     const hertz = valueAt(image.y, row);
     const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
     const level = levelDb(image, codes, column, row);
-    const at = `${fixed(valueAt(image.time, drawn), 3)} s · ${fixed(valueAt(image.x, column), 3)} m`;
+    const at = `${fixed(valueAt(image.time, plotted), 3)} s · ${fixed(valueAt(image.x, column), 3)} m`;
     return `${at} · ${fixed(hertz, 2)} Hz${speed} · ${fixed(level, 2)} ${image.unit}`;
   }
 }

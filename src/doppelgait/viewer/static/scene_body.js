@@ -68,7 +68,7 @@ function drawPoint(context, { place, colour }) {
   context.stroke();
 }
 
-/** Points on the floor below the body: they tell how far off it is. */
+/** Points on the floor below the body: they show its distance. */
 function drawShadow(context, camera, points) {
   context.fillStyle = "rgba(0, 0, 0, 0.22)";
   for (const [x, y] of points) {

@@ -12,14 +12,14 @@ export function makeSheet(container, session, { onOpen }) {
   const grid = element("div", { id: "sheet", class: "sheet" });
   const note = element("p", { class: "faint sheet-note" });
   container.append(note, grid);
-  let drawn = [];
+  let pictures = [];
   return { draw, recolour };
 
   function draw({ facts, arrays }) {
     const { image } = facts;
     const [columns, rows] = image ? [image.x.n, image.y.n] : [1, 1];
     const size = columns * rows;
-    drawn = [];
+    pictures = [];
     const cards = facts.ids.map((id, n) => {
       const reason = facts.reasons[n];
       const codes = reason || !image ? null : arrays[image.array].subarray(n * size, (n + 1) * size);
@@ -32,7 +32,7 @@ export function makeSheet(container, session, { onOpen }) {
 
   function card({ id, label, caption, reason }, place, codes, shape) {
     const canvas = codes ? element("canvas", { role: "img", "aria-label": `Signature of ${id}` }) : null;
-    if (canvas) drawn.push({ canvas, codes, shape });
+    if (canvas) pictures.push({ canvas, codes, shape });
     const colour = session.class_colours[label];
     return element(
       "button", { type: "button", class: "card", "data-id": id, title: id, onclick: () => onOpen(id, place) },
@@ -44,7 +44,7 @@ export function makeSheet(container, session, { onOpen }) {
 
   function recolour() {
     const table = colourTable(session);
-    for (const { canvas, codes, shape } of drawn) paint(canvas, codes, shape, table);
+    for (const { canvas, codes, shape } of pictures) paint(canvas, codes, shape, table);
   }
 }
 

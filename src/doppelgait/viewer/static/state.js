@@ -27,7 +27,7 @@ export function getNumber(name, fallback = null) {
 
 /**
  * Change choices: `{name: value}`, a list for repeated names, null or "" to forget one.
- * `push` makes a step for the browser's back button; `quiet` tells no listener.
+ * `push` makes a step for the browser's back button; `quiet` notifies no listener.
  */
 export function set(changes, { push = false, quiet = false } = {}) {
   const names = new Set();
@@ -40,7 +40,7 @@ export function set(changes, { push = false, quiet = false } = {}) {
   }
   if (!names.size) return;
   write(push);
-  if (!quiet) tell(names);
+  if (!quiet) notify(names);
 }
 
 /** Call `listener(names)` with the set of changed names; gives a function that ends it. */
@@ -49,7 +49,7 @@ export function subscribe(listener) {
   return () => listeners.delete(listener);
 }
 
-function tell(names) {
+function notify(names) {
   // one listener may end another: the page of the tab that is left must not follow
   for (const listener of [...listeners]) if (listeners.has(listener)) listener(names);
 }
@@ -71,5 +71,5 @@ addEventListener("popstate", () => {
   const before = values;
   values = new URLSearchParams(location.search);
   const names = new Set([...before.keys(), ...values.keys()]);
-  tell(new Set([...names].filter((name) => before.getAll(name).join("\n") !== values.getAll(name).join("\n"))));
+  notify(new Set([...names].filter((name) => before.getAll(name).join("\n") !== values.getAll(name).join("\n"))));
 });

@@ -82,7 +82,7 @@ function emptyLine(columns) {
   return element("tr", { class: "none" }, element("td", { colspan: columns, class: "text" }, "No row fits these filters."));
 }
 
-// The quantity tells enough in a narrow column; the reason stands in the title.
+// The quantity is enough in a narrow column; the reason is in the title.
 function short(flags) {
   const names = (flags ?? "").split(";").filter(Boolean).map((flag) => flagWords(flag.split(":")[0]));
   return [...new Set(names)].join(", ");

@@ -5,7 +5,7 @@ import { cellAt } from "./picture.js";
 const FURTHEST_M = 0.8; // the same as the server's, for the true values beside the features
 
 /**
- * Number of the body whose range lies nearest to the middle of a target's gate, in the median of the times shown; null
+ * Number of the body with the range nearest to the middle of a target's gate, in the median of the times shown; null
  * where none is near. `truth` is {list, arrays} as the recording's payload has them.
  */
 export function bodyOf(target, arrays, { list, arrays: truths }) {

@@ -19,7 +19,7 @@ const EXAMPLES = [
 export function makeTryForm(controls, state, changed) {
   const rows = controls.map((control) => makeRow(control, edited));
   const [who] = rows;
-  const buttons = EXAMPLES.map(([words, given]) => element("button", { type: "button", onclick: () => take(given) }, words));
+  const buttons = EXAMPLES.map(([words, example]) => element("button", { type: "button", onclick: () => take(example) }, words));
   const node = element(
     "form",
     { id: "try-form", class: "try-form", "aria-label": "What to simulate", onsubmit: () => false },
@@ -29,7 +29,7 @@ export function makeTryForm(controls, state, changed) {
   read();
   return { node, values, restore };
 
-  /** Values that differ from the mover's defaults, by name. */
+  /** Values that differ from the target's defaults, by name. */
   function values() {
     const found = rows.filter((row) => row.fits(who.value())).map((row) => [row.name, row.value(), row.standard(who.value())]);
     return Object.fromEntries(found.filter(([, value, standard]) => value !== String(standard)).map(([name, value]) => [name, value]));
@@ -44,8 +44,8 @@ export function makeTryForm(controls, state, changed) {
 
   /** Limits of each control as the others stand; another than the one in hand also moves into them. */
   function bound(inHand, moves = true) {
-    const given = Object.fromEntries(rows.filter((row) => row.fits(who.value())).map((row) => [row.name, row.value()]));
-    for (const row of rows) row.bound(given, moves && row !== inHand);
+    const current = Object.fromEntries(rows.filter((row) => row.fits(who.value())).map((row) => [row.name, row.value()]));
+    for (const row of rows) row.bound(current, moves && row !== inHand);
   }
 
   function keep() {
@@ -53,8 +53,8 @@ export function makeTryForm(controls, state, changed) {
     state.set(Object.fromEntries(rows.map(({ name }) => [name, now[name] ?? null])), { quiet: true });
   }
 
-  function take(given) {
-    put((name) => given[name]);
+  function take(example) {
+    put((name) => example[name]);
     bound(null);
     keep();
     changed();
@@ -78,7 +78,7 @@ export function makeTryForm(controls, state, changed) {
   }
 }
 
-/** One control: `value()` as text, `adapt(who, value)` to a mover, with its default where no value is given. */
+/** One control: `value()` as text, `adapt(who, value)` to a target, with its default where there is no value. */
 function makeRow(control, edited) {
   const id = `try-${control.name}`;
   const input = control.kind === "choice" ? makeChoice(control, id) : makeNumbers(control, id);
@@ -105,22 +105,22 @@ function makeRow(control, edited) {
     input.put(value ?? standard(who));
   }
 
-  function bound(given, moves) {
+  function bound(current, moves) {
     if (!control.limits.length) return;
-    const [low, high] = limitsOf(control, given);
+    const [low, high] = limitsOf(control, current);
     input.limit(null, { low, high });
     if (moves) input.put(Math.min(Math.max(Number(input.value()), low), high));
   }
 }
 
 /** Limits of a control while the others have these values, inwards to whole steps. */
-function limitsOf(control, given) {
-  const own = control.by_who[given.who] ?? {};
+function limitsOf(control, current) {
+  const own = control.by_who[current.who] ?? {};
   let low = own.low ?? control.low;
   let high = own.high ?? control.high;
   for (const limit of control.limits) {
-    if (!Object.entries(limit.when).every(([name, value]) => given[name] === value)) continue;
-    const scale = limit.size ? Number(given[limit.size]) ** limit.power : 1;
+    if (!Object.entries(limit.when).every(([name, value]) => current[name] === value)) continue;
+    const scale = limit.size ? Number(current[limit.size]) ** limit.power : 1;
     low = Math.max(low, limit.low === null ? low : inwards(limit.low * scale, control.step, Math.ceil));
     high = Math.min(high, limit.high === null ? high : inwards(limit.high * scale, control.step, Math.floor));
   }

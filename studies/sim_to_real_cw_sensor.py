@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sim_to_real_movers as movers
+import sim_to_real_motions as motions
 from gait_frequency import stretches
 from xband_measures import FloatArray
 
@@ -73,7 +73,7 @@ JOINTS: tuple[dict[str, str], ...] = (
 
 @dataclass(frozen=True)
 class Plan:
-    """Switches of the twin; each left out is an ablation.
+    """Switches of the sensor model; each left out is an ablation.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def recorded_people(mocap: Path) -> tuple[tuple[str, Motion], ...]:
                 continue
             with warnings.catch_warnings(), suppress(DoppelgaitError, ValueError):
                 warnings.simplefilter("ignore", DoppelgaitWarning)  # of recordings of less than two strides
-                found.append((movers.subject_of(path), loop(joints, duration_s=2.0 * SECONDS, variation=0.0)))
+                found.append((motions.subject_of(path), loop(joints, duration_s=2.0 * SECONDS, variation=0.0)))
     return tuple(found)
 
 
@@ -165,7 +165,7 @@ def draw_person(plan: Plan, kind: str, rng: np.random.Generator, mocap: Path | N
         subject, motion, hurry = fitting[int(rng.integers(len(fitting)))]
     else:
         subject = "model"
-        motion = movers.until_possible(lambda: movers.person(speed_mps, 4.0 * lasts_s, rng, varied=True))
+        motion = motions.until_possible(lambda: motions.person(speed_mps, 4.0 * lasts_s, rng, varied=True))
         if plan.motion == "varied":
             motion = vary(motion, draw_variation(rng), rng)
     rest_s, rise_s = rng.uniform(0.0, 0.6), rng.uniform(0.4, 0.8)
@@ -175,7 +175,7 @@ def draw_person(plan: Plan, kind: str, rng: np.random.Generator, mocap: Path | N
         risen = np.clip((times_s - rest_s) / rise_s, 0.0, 1.0) if at_rest else np.ones_like(times_s)
         return np.asarray(hurry * risen)
 
-    return subject, movers.hurried(motion, lasts_s, pace)
+    return subject, motions.hurried(motion, lasts_s, pace)
 
 
 def area_points(semi_axes_m: FloatArray, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
@@ -265,7 +265,7 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
     subject, motion = draw_person(plan, kind, streams[0], mocap)
     rng = streams[1]
     centre_m = motion.position_m[:, :, :2].mean(axis=1)
-    way_m = np.linalg.norm(centre_m - centre_m[0], axis=1)[: round(SECONDS * movers.RATE_HZ) + 1]
+    way_m = np.linalg.norm(centre_m - centre_m[0], axis=1)[: round(SECONDS * motions.RATE_HZ) + 1]
     end_m = float(way_m[-1])
     start_m = max(MOTIONS[kind][0], end_m + NEAREST_M) if plan.starts else end_m + rng.uniform(0.5, 2.5)
     rcs = RcsSpec(kind="surface" if plan.surface else "ellipsoids", occlusion=True)

@@ -2,7 +2,7 @@
 
 By true Doppler lines and signatures.
 
-    python studies/movers.py MOTION_FOLDER OUT_FOLDER
+    python studies/recorded_targets.py MOTION_FOLDER OUT_FOLDER
 
 MOTION_FOLDER holds the recordings named below; what is missing is left out and said. Every pair is walked head-on to
 the same radar, looped over whole strides to the same time, with the same radar cross section law and no noise.
@@ -56,7 +56,7 @@ class Pair:
     model : callable
         ``model(speed_mps, height_m, duration_s) -> motion``.
     height_m : float, optional
-        Stature or withers height of the recorded mover, where the recording does not tell.
+        Stature or withers height of the recorded target, where the recording does not tell.
     """
 
     name: str

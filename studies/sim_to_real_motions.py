@@ -42,7 +42,7 @@ RATE_HZ = 150.0
 
 
 @dataclass(frozen=True)
-class Mover:
+class LabelledMotion:
     """A motion and its class.
 
     Parameters
@@ -166,10 +166,10 @@ def draw_variation(rng: np.random.Generator) -> Variation:
     )  # fmt: skip
 
 
-def model_mover(
+def make_model_motion(
     label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True,
     moved: bool = False,
-) -> Mover:  # fmt: skip
+) -> LabelledMotion:  # fmt: skip
     """Sample a model target that lasts long enough for :func:`hurried`.
 
     Parameters
@@ -188,7 +188,7 @@ def model_mover(
     change = draw_variation(rng) if moved else Variation()
     needed_s = change.needed_s(SPARE * seconds) if moved else SPARE * seconds
     motion = until_possible(lambda: MAKERS[label](speed_mps, needed_s, rng, varied=varied))
-    return Mover(vary(motion, change, rng) if moved and label != "waving" else motion, label)
+    return LabelledMotion(vary(motion, change, rng) if moved and label != "waving" else motion, label)
 
 
 def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
@@ -256,9 +256,9 @@ def subject_of(path: Path) -> str:
     return f"cmu-{parts[0]}" if parts[0].isdigit() else path.stem
 
 
-def speed_of(mover: Mover, seconds: float) -> float:
+def speed_of(labelled: LabelledMotion, seconds: float) -> float:
     """Return the mean speed over ground within a time."""
-    return float(travel_speed_mps(mover.motion, first_s=seconds))
+    return float(travel_speed_mps(labelled.motion, first_s=seconds))
 
 
 def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2: float) -> RcsSpec:

@@ -1,14 +1,14 @@
 """X-band FMCW recordings of people and dogs compared with simulations.
 
-    python studies/xband_twin.py DATA_FOLDER OUT_FOLDER
+    python studies/xband_sensor.py DATA_FOLDER OUT_FOLDER
 
 DATA_FOLDER holds ``decoded_levels.npz``: the levels of published spectrograms (github.com/AmishaManga/MSc-Micro-
-Doppler-Classification), 256 x 624, 0 to 255 for -30 to -10 dB. For every recording a mover of the same torso speed and
+Doppler-Classification), 256 x 624, 0 to 255 for -30 to -10 dB. For every recording a target of the same torso speed and
 direction is simulated through the radar, and displayed as the source displays (:mod:`xband_measures`). Writes a figure
-for each, and ``xband-twin.md`` with the numbers.
+for each, and ``xband-sensor.md`` with the numbers.
 
 From each recording come its torso speed, its direction and the noise level below the maximum, nothing else. Chosen for
-all alike, by what is usual and by looking at the figures: the range (60 m in the middle), sizes of the movers, their
+all alike, by what is usual and by looking at the figures: the range (60 m in the middle), sizes of the targets, their
 radar cross sections and how these fluctuate, the ground's echo, its sway and its reflection, starting phase 0. Printed
 times of the source end at 7 s; here a column is 8 sweeps of 1.68 ms, which is what the velocity axis says too. Left out
 are the figures of two people, of the running person (whose Doppler wraps) and the dog that stops on the way.
@@ -147,13 +147,13 @@ def scene_of(pair: Pair, motion: Motion, rcs: RcsSpec, *, speed_mps: float, rng:
     The target moves on a line through the radar.
     """
     aspect_deg = 0.0 if pair.direction > 0 else 180.0
-    mover = Target(motion, label=pair.label, rcs=rcs, range_m=RANGE_M, aspect_deg=aspect_deg)
+    target = Target(motion, label=pair.label, rcs=rcs, range_m=RANGE_M, aspect_deg=aspect_deg)
     length_m = speed_mps * OBSERVATION_S + 8.0
     field = ground(length_m, rng)
     echo = RcsSpec(kind="equal", total_m2=GROUND_RCS_M2 * length_m)
     around = Target(field, rcs=echo, range_m=RANGE_M, background=True)
     position_m = (0.0, 0.0, RADAR_HEIGHT_M)
-    return Scene([mover, around], radar_position_m=position_m, duration_s=OBSERVATION_S)
+    return Scene([target, around], radar_position_m=position_m, duration_s=OBSERVATION_S)
 
 
 def burst_bins(recording: Recording, *, error_m: float = 0.0) -> list[int]:
@@ -168,20 +168,20 @@ def burst_bins(recording: Recording, *, error_m: float = 0.0) -> list[int]:
     return [int(np.argmin(np.abs(range_m - track_m[middle]))) for middle in middles]
 
 
-def twin_levels(pair: Pair, model: Model, rcs: RcsSpec, *, speed_mps: float, noise_db: float) -> FloatArray:
+def simulate_levels(pair: Pair, model: Model, rcs: RcsSpec, *, speed_mps: float, noise_db: float) -> FloatArray:
     """Simulate the displayed levels of a target.
 
     With the relative noise of the recording.
     """
     streams = np.random.default_rng([SEED, PAIRS.index(pair)]).spawn(4)
     scene = scene_of(pair, model(speed_mps, streams[0]), rcs, speed_mps=speed_mps, rng=streams[1])
-    drawn = Streams(int(streams[2].integers(2**31)))
+    noise_streams = Streams(int(streams[2].integers(2**31)))
 
     def observed(impairments: Sequence[dict[str, Any]] = ()) -> Recording:
         receiver = Conditions(noise={"kind": "none"}, environment=FIELD, impairments=impairments)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
-            return simulate(scene, RADAR, rng=drawn, conditions=receiver, angles=False)
+            return simulate(scene, RADAR, rng=noise_streams, conditions=receiver, angles=False)
 
     quiet = observed()
     bins = burst_bins(quiet)
@@ -259,7 +259,7 @@ def mean_distances(name: str, some: dict[str, FloatArray], others: dict[str, Flo
     return f"{name} ({len(rows)})", list(np.mean(rows, axis=0))
 
 
-def baselines(real: dict[str, FloatArray], twins: dict[str, FloatArray]) -> list[tuple[str, list[float]]]:
+def baselines(real: dict[str, FloatArray], simulated: dict[str, FloatArray]) -> list[tuple[str, list[float]]]:
     """Return reference distances within and between the classes."""
 
     def of(images: dict[str, FloatArray], label: str) -> dict[str, FloatArray]:
@@ -271,10 +271,10 @@ def baselines(real: dict[str, FloatArray], twins: dict[str, FloatArray]) -> list
             (("real", "human", real), ("real", "human", real)),
             (("real", "dog", real), ("real", "dog", real)),
             (("real", "human", real), ("real", "dog", real)),
-            (("simulated", "human", twins), ("real", "human", real)),
-            (("simulated", "human", twins), ("real", "dog", real)),
-            (("simulated", "dog", twins), ("real", "dog", real)),
-            (("simulated", "dog", twins), ("real", "human", real)),
+            (("simulated", "human", simulated), ("real", "human", real)),
+            (("simulated", "human", simulated), ("real", "dog", real)),
+            (("simulated", "dog", simulated), ("real", "dog", real)),
+            (("simulated", "dog", simulated), ("real", "human", real)),
         )
     ]
 
@@ -285,16 +285,16 @@ def compare(pair: Pair, own: FloatArray, out: Path) -> dict[str, FloatArray]:
     The side of the target is above.
     """
     speed_mps, noise_db = measures.torso_speed_mps(own), measures.noise_db(own)
-    twins = {
+    simulated = {
         name: measures.towards(
-            twin_levels(pair, model, rcs, speed_mps=speed_mps, noise_db=noise_db), direction=pair.direction
+            simulate_levels(pair, model, rcs, speed_mps=speed_mps, noise_db=noise_db), direction=pair.direction
         )
         for name, (model, rcs) in MODELS[pair.label].items()
     }
-    titled = {"real": own, **{f"simulated ({name})": twin for name, twin in twins.items()}}
+    titled = {"real": own, **{f"simulated ({name})": image for name, image in simulated.items()}}
     turned = {title: measures.towards(levels, direction=pair.direction) for title, levels in titled.items()}
     viz.save_figure(draw_pair(pair, turned), out / f"xband-{pair.key.replace('__', '-')}.png")
-    return twins
+    return simulated
 
 
 def main(data: Path, out: Path) -> None:
@@ -308,13 +308,13 @@ def main(data: Path, out: Path) -> None:
     first: dict[str, FloatArray] = {}
     for pair in PAIRS:
         own = real[pair.key]
-        twins = compare(pair, own, out)
-        first[pair.key] = next(iter(twins.values()))
-        facts += [(f"{pair.name}: {name}", facts_of(image)) for name, image in {"real": own, **twins}.items()]
-        apart += [(f"{pair.name}: {name}", distances(own, twin)) for name, twin in twins.items()]
+        simulated = compare(pair, own, out)
+        first[pair.key] = next(iter(simulated.values()))
+        facts += [(f"{pair.name}: {name}", facts_of(image)) for name, image in {"real": own, **simulated}.items()]
+        apart += [(f"{pair.name}: {name}", distances(own, image)) for name, image in simulated.items()]
     apart += baselines(real, first)
     text = table(FACTS, facts) + "\n\n" + table(DISTANCES, apart) + "\n"
-    (out / "xband-twin.md").write_text(text, encoding="utf-8")
+    (out / "xband-sensor.md").write_text(text, encoding="utf-8")
     print(text + f"\n{time.perf_counter() - begun_s:.0f} s")
 
 
