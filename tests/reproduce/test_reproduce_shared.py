@@ -35,7 +35,7 @@ def made(material):
 
 
 def test_recordings_take_the_place_of_models(material):
-    assert [one.name for one in material.people()] == ["human/cmu_07_01.c3d, stretch 1"]
+    assert [one.name for one in material.people()] == ["human/cmu_07_01.c3d, segment 1"]
     assert [one.gait for one in material.dogs()] == ["gallop"]
     # the manifest of the shared data: 1.368 m/s, and a stride of 0.92 Hz to +-0.1 Hz
     person = material.person()

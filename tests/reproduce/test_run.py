@@ -310,10 +310,10 @@ def test_a_folder_of_one_kind_leaves_the_other_to_models(tmp_path):
     material = Material(motion_folder=tmp_path)
     with pytest.warns(DoppelgaitWarning, match=r"human: 1 of 2 motion files are left out: notes\.txt"):
         person = material.person()
-    assert person.about == "recording: human/walk.csv, stretch 1"
+    assert person.about == "recording: human/walk.csv, segment 1"
     assert person.real
     assert not material.find_galloping_dog().real
-    assert material.used() == ("recording: human/walk.csv, stretch 1", "model: dog, bound, 0.5 m, 3.0 m/s")
+    assert material.used() == ("recording: human/walk.csv, segment 1", "model: dog, bound, 0.5 m, 3.0 m/s")
 
 
 def test_material_is_made_once_and_says_for_every_entry_what_it_used():

@@ -210,7 +210,7 @@ def test_unknown_joints_and_unknown_height_are_refused():
         build_skeleton(replace(take, positions=take.positions.drop_sel(marker=["LKNE", "RELB"])))
     nameless = make_motion(np.zeros((5, 2, 3)), rate_hz=10, markers=["a", "b"], parts=["", ""])
     for rcs in (RcsSpec(kind="ellipsoids"), RcsSpec(occlusion=True)):
-        with pytest.raises(ConfigError, match="joints are known"):
+        with pytest.raises(ConfigError, match="with known joints"):
             assemble(Scene([Target(nameless, rcs=rcs)]), [0.0])
     walk = walk.with_facts(height_m=float("nan"))
     with pytest.raises(ConfigError, match="height is unknown"):

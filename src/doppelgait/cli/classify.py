@@ -67,8 +67,8 @@ def classify(
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
-        settings = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
-        refused = [name for name, value in settings if value]
+        flags = (("--set", changes), ("--option", options), ("--window-s", window_s), ("--hop-s", hop_s))
+        refused = [name for name, value in flags if value]
         if gate != "track":
             refused.append("--gate")
         if refused:

@@ -140,6 +140,10 @@ class Entry:
     make: Callable[[Material], EntryResult]
 
 
+STORED_NAMES = {"fixed": "given"}
+"""Names in ``readings.json`` that differ from those of :class:`Reading`."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """An entry with its outcome.
@@ -195,7 +199,7 @@ class Outcome:
             "made_from": list(self.used),
             "readings": [
                 {
-                    **{name: _convert_finite(value) for name, value in vars(one).items()},
+                    **{STORED_NAMES.get(name, name): _convert_finite(value) for name, value in vars(one).items()},
                     "agrees": one.agrees,
                     "kind": one.kind,
                 }
