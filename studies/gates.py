@@ -20,7 +20,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from detection import complex_noise
 from matplotlib.figure import Figure
 from tracking import SCENES, Truth
 
@@ -56,6 +55,12 @@ MODELS: dict[str, tuple[Callable[..., Motion], dict[str, object]]] = {
     "dog trots": (quadruped_gait, {"gait": "trot", "froude": (0.5, 1.0), "withers_m": (0.35, 0.65)}),
     "dog gallops": (quadruped_gait, {"gait": "canter", "froude": (1.5, 2.2), "withers_m": (0.35, 0.65)}),
 }  # fmt: skip
+
+
+def complex_noise(rng: Rng, shape: tuple[int, ...], power_v2: float) -> npt.NDArray[np.complex64]:
+    """Sample circular white noise."""
+    parts = rng.standard_normal((2, *shape), dtype=np.float32) * np.float32(np.sqrt(power_v2 / 2.0))
+    return np.asarray(parts[0] + 1j * parts[1], dtype=np.complex64)
 
 
 def make_motion(kind: str, rng: Rng, seconds: float) -> Motion:
