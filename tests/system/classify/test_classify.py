@@ -313,7 +313,7 @@ BLENDED = {
 
 
 @pytest.mark.parametrize("known", [{"subject": "person/ben"}, {"recording": "ben.bvh"}])
-@pytest.mark.parametrize("is_learnt", [True, False])
+@pytest.mark.parametrize("is_trained", [True, False])
 def test_a_part_of_a_blended_motion_is_not_learnt_from_and_tested(known, is_trained):
     columns = {name: [f"{name} {k}" for k in range(240)] for name in ("subject", "recording", "motion")}
     dataset, other = (made_up(identity=name, others="", **columns) for name in "ab")
