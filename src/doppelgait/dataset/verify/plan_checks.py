@@ -29,7 +29,7 @@ MOST_PLACED = 200
 """Examples whose motions are made to find the body mass."""
 
 
-def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
+def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
     """Raise a :class:`DatasetError` if nuisance parameters predict the class.
 
     Nothing is simulated. The range error of the gates is not judged: no key of a plan can make it differ by class. An
@@ -37,13 +37,13 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leak
 
     Parameters
     ----------
-    drawn : sequence of ExampleSpec
+    examples : sequence of ExampleSpec
     rng : Generator
         Folds and permutations.
     leaks : sequence of str
         Keys that the plan names in ``dataset.leaks``; they are not judged.
     """
-    moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
+    moving = [e for e in examples if all(row.source != "none" for row in e.rows)]
     table = (
         select_varying(drop_leaks(tabulate_examples(moving), (*leaks, *UNJUDGED)))
         if moving
@@ -56,16 +56,16 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leak
         raise DatasetError(f"{describe_guess('classes', guess, table)}; draw them by one law for every class")
 
 
-def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
+def warn_of_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
     """Warn of what :func:`refuse_leaks` refuses; do not stop the build."""
     try:
-        refuse_leaks(drawn, rng, leaks=leaks)
+        refuse_leaks(examples, rng, leaks=leaks)
     except DatasetError as error:
         warn_caller(f"{error}; the dataset is built, but a classifier trained on it uses these parameters")
 
 
 def warn_of_default_rcs(
-    drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
+    examples: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
 ) -> None:
     """Warn if cross sections by body mass predict the class.
 
@@ -74,7 +74,7 @@ def warn_of_default_rcs(
 
     Parameters
     ----------
-    drawn : sequence of ExampleSpec
+    examples : sequence of ExampleSpec
     rng : Generator
         Folds and permutations.
     folder : Path
@@ -85,7 +85,7 @@ def warn_of_default_rcs(
     if "target.rcs" in leaks:
         return
     records = []
-    for example in drawn[:: -(-len(drawn) // MOST_PLACED) or 1]:
+    for example in examples[:: -(-len(examples) // MOST_PLACED) or 1]:
         if all(target.background or target.rcs.total_m2 is not None for target in example.run.scene.targets):
             continue
         try:
@@ -106,10 +106,10 @@ def warn_of_default_rcs(
         warn_caller(f"{describe_guess('classes', guess, table)}; {RCS_FIX}")
 
 
-def warn_of_equal_bodies(drawn: Sequence[ExampleSpec]) -> None:
+def warn_of_equal_bodies(examples: Sequence[ExampleSpec]) -> None:
     """Warn of classes whose modelled bodies all have the same parameters."""
     motions: dict[str, list[str]] = {}
-    for example in drawn:
+    for example in examples:
         for row, target in zip(example.rows, example.run.scene.targets, strict=False):  # background comes last
             if row.source == "model" and target.vary is None and not isinstance(target.motion, Motion):
                 body = {**target.motion, "height_m": target.height_m}
