@@ -134,7 +134,7 @@ from doppelgait.core.errors import OutputError
 from doppelgait.dataset.build import build_dataset
 from dataset_plans import tiny_plan
 if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
     try:
         build_dataset(tiny_plan(), sys.argv[1], executor="processes", workers=2)
     except OutputError as error:
