@@ -109,6 +109,9 @@ def test_pictures_and_page() -> None:
     page = plot_domains({"real": [plot_recording(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
     assert len(page.axes) == 3
     assert page.axes[1].get_ylabel() == "level above the median (dB)"
+    assert page.axes[0].get_xlabel() == "pulse number"
+    bursts = plot_domains({"real": [(level_db, axis, "Doppler frequency (Hz)")]}, [{"": "AUC"}], title="a page")
+    assert bursts.axes[0].get_xlabel() == "window number"
 
 
 def test_statistics_of_a_repeating_and_clipping_sensor() -> None:

@@ -106,6 +106,8 @@ def plan_command(
         print()
         print_table(table)
     print()
+    if not feasibility.judges_gate:
+        print('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
     if feasibility.n_examples < summary.n_examples:
         print(f"limits of the radar: found in {feasibility.n_examples} of {summary.n_examples} examples")
     print(

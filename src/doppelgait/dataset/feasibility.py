@@ -72,7 +72,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     folder : Path
         Folder that relative motion paths start from.
     gate : {"truth", "track"}
-        The gate of a track is not known before; it is not judged.
+        The gate of a track is not known before the build; it is not checked.
 
     Raises
     ------
@@ -143,7 +143,8 @@ class Feasibility:
     n_examples, n_failed : int
         Examples that were looked at, and those of them without a possible motion.
     limits : list of dict
-        Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`.
+        Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`; None for ``gate cut
+        off`` where the gate is that of a track, which is known after the build.
     snr : list of dict
         Per part of the range ``range_m`` (from, to), ``rows``, and ``snr_db`` (5 %, 50 % and 95 % of the rows).
     """
@@ -156,11 +157,17 @@ class Feasibility:
     @property
     def affected(self) -> dict[str, int]:
         """Number of rows by limit, of all classes."""
-        return {name: sum(row[name] for row in self.limits) for name in LIMITS}
+        return {name: sum(row[name] or 0 for row in self.limits) for name in LIMITS}
+
+    @property
+    def judges_gate(self) -> bool:
+        """Whether rows with a gate that the frame cuts off were counted."""
+        return all(row[LIMITS[-1]] is not None for row in self.limits)
 
     def tables(self) -> list[list[dict[str, Any]]]:
         """Return the tables to print: rows by limit, SNR by range."""
-        shown = [name for name, count in self.affected.items() if count or name in ("aliasing", LIMITS[1], LIMITS[-1])]
+        always = ("aliasing", LIMITS[1], LIMITS[-1]) if self.judges_gate else ("aliasing", LIMITS[1])
+        shown = [name for name, count in self.affected.items() if count or name in always]
         limits = [{name: row[name] for name in ("class", "rows", *shown)} for row in self.limits]
         snr = [
             {
@@ -205,6 +212,7 @@ def assess(
             "class": label,
             "rows": sum(row.label == label for row in rows),
             **{name: sum(row.label == label and name in row.limits for row in rows) for name in LIMITS},
+            **({LIMITS[-1]: None} if gate == "track" else {}),
         }
         for label in labels
     ]

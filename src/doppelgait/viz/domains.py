@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.transforms import Bbox
 
-from doppelgait.viz.style import MAP_COLOURS, make_figure
+from doppelgait.viz.style import MAP_COLOURS, RANGE_LABEL, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +46,8 @@ def plot_domains(
             )  # fmt: skip
             axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
             axes.set_ylabel(label if column == 0 else "", fontsize=9)
-            axes.set_xlabel("number of the column" if line == len(pictures) - 1 else "", fontsize=8)
+            step = "pulse number" if label == RANGE_LABEL else "window number"
+            axes.set_xlabel(step if line == len(pictures) - 1 else "", fontsize=9)
             axes.tick_params(labelsize=7)
     figure.colorbar(image, ax=figure.axes, aspect=40, pad=0.02).set_label("level above the median (dB)", fontsize=9)
     axes = figure.add_subplot(grid[-1, :])

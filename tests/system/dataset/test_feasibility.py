@@ -109,8 +109,28 @@ def test_counts_of_the_plan_are_in_card_description_and_verification(planned, wa
     assert f"| human | {human['rows']} | {human['aliasing']} | {human['outside the frame']} |" in card
     check = verify_dataset(wall.directory, share=0.0, rng=np.random.default_rng(0)).check("feasibility")
     assert check.status == "warning"
-    assert f"aliasing in {counts['dog']['aliasing']} of {counts['dog']['rows']} dog" in check.summary
+    dog = counts["dog"]
+    stated = ", ".join(f"{name} {dog[name]}" for name in LIMITS if dog[name])
+    assert f"dog: {stated} of {dog['rows']} rows" in check.summary
     assert check.numbers["human"]["gate cut off"] == human["gate cut off"]
+
+
+def test_the_card_lists_the_classes_of_all_tables_in_one_order(wall):
+    lines = (wall.directory / "README.md").read_text().splitlines()
+    tables = [lines[n + 2 : n + 4] for n, line in enumerate(lines) if line.startswith(("| label |", "| class |"))]
+    assert [[row.split()[1] for row in rows] for rows in tables] == [["dog", "human"]] * 2
+
+
+def test_gates_of_tracks_are_left_to_the_build(plan_file, planned):
+    plan = assess(sample_examples(planned, 4), planned.folder, gate="track")
+    assert all(row["gate cut off"] is None for row in plan.limits)
+    change = ["--set", "dataset.gate=track", "--set", "dataset.examples_per_class=2", "--pilot", "0"]
+    run = CliRunner().invoke(app, ["dataset", "plan", str(plan_file), *change])
+    assert run.exit_code == 0, run.output
+    heading = next(line for line in run.stdout.splitlines() if "aliasing" in line)
+    assert "gate cut off" not in heading
+    note = 'gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")'
+    assert note in run.stdout
 
 
 def test_a_dataset_within_the_limits_says_so(planned, tmp_path):

@@ -169,12 +169,14 @@ def check_feasibility(contents: Contents) -> Check:
     if contents.measured:
         return Check("feasibility", "not applicable", "imported recordings have no truth to compare with")
     counts = limits_of_index(contents.index)
-    reached = [
-        (name, row["class"], row[name], row["rows"]) for row in counts for name in LIMITS if row[name] > 0
-    ]  # fmt: skip
+    reached = [(row, {name: row[name] for name in LIMITS if row[name]}) for row in counts]
     numbers = {row["class"]: {name: value for name, value in row.items() if name != "class"} for row in counts}
-    words = ", ".join(f"{name} in {count} of {rows} {label}" for name, label, count, rows in reached)
-    many = any(count >= MOST_LIMITED * rows for _, _, count, rows in reached)
+    words = "; ".join(
+        f"{row['class']}: " + ", ".join(f"{name} {count}" for name, count in found.items()) + f" of {row['rows']} rows"
+        for row, found in reached
+        if found
+    )
+    many = any(count >= MOST_LIMITED * row["rows"] for row, found in reached for count in found.values())
     return Check(
         "feasibility", "warning" if many else "passed", words or "no row reaches a limit of the radar", numbers
     )
