@@ -19,20 +19,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from motion_comparison import HORSE, is_misread
 
+from doppelgait.viz.style import BLUE, VERMILLION
+
 TUNING, HELD = "tuning", "held"
 """Halves of people; those of animals are names of data sets."""
-GROUPS = {HELD: "people", "MANN": "tuning dog", "Tencent": "held dog", HORSE: "horse"}
+GROUPS = {HELD: "people", "MANN": "tuning dog", "Tencent": "held-out dog", HORSE: "horse"}
 FEWEST_CLIPS = 3
-COLOURS = {"recorded": "#444444", "model": "#d95f02"}
+COLOURS = {"recorded": BLUE, "model": VERMILLION}
 LABELS = {
-    "forward_envelope": "forward envelope, range over V", "backward_envelope": "backward envelope, range over V",
-    "torso_ripple_gait": "torso ripple at f_mu over V", "torso_ripple": "torso ripple over V",
-    "bandwidth": "B_mu over V", "limb_torso_ratio": "rho", "alternate_steps": "alternate steps alike",
-    "stance_share": "power of standing feet", "gait_frequency_hz": "f_mu, Hz", "step_length_m": "step length, m",
+    "forward_envelope": "forward envelope, range / speed", "backward_envelope": "backward envelope, range / speed",
+    "torso_ripple_gait": "torso ripple at gait freq. / speed", "torso_ripple": "torso ripple / speed",
+    "bandwidth": "Doppler bandwidth / speed", "limb_torso_ratio": "limb-torso ratio",
+    "alternate_steps": "autocorrelation, alternate steps", "stance_share": "power of standing feet (share)",
+    "gait_frequency_hz": "gait frequency (Hz)", "step_length_m": "step length (m)",
     "duty_factor": "duty factor (of the motion)",
-    "step_time_sd": "sd of step time", "step_length_sd": "sd of step length",
-    "time_asymmetry": "left less right, time", "length_asymmetry": "left less right, length",
+    "step_time_sd": "step time, relative sd", "step_length_sd": "step length, relative sd",
+    "time_asymmetry": "step time, left minus right", "length_asymmetry": "step length, left minus right",
 }  # fmt: skip
+"""Speeds are over the mean speed of the body; differences of steps over the mean of the steps."""
 LIMITS = {"alternate_steps": (-1.0, 2.0)}
 """Axes that a few clips would stretch; what lies beyond is counted in the panel."""
 WIDTH_INCHES, ROW_INCHES, DPI = 9.6, 2.3, 100

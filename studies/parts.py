@@ -219,12 +219,16 @@ def tune() -> None:
 
 
 def draw_picture(path: Path) -> None:
-    """Draw signature, found and true parts of two bodies."""
-    import matplotlib.pyplot as plt
+    """Plot signature, estimated and true parts of two bodies."""
     from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
 
-    colours = ListedColormap(["#3b6fb6", "#d1495b", "#edae49"])
-    figure, rows = plt.subplots(2, 3, figsize=(11, 6.4), sharex=True, sharey="row", layout="constrained")
+    from doppelgait.viz import save_figure
+    from doppelgait.viz.style import BLUE, SHORT_VELOCITY_LABEL, TIME_LABEL, VERMILLION, YELLOW, make_figure, name_axes
+
+    colours = ListedColormap([BLUE, VERMILLION, YELLOW])
+    figure = make_figure(width_in=11.0, height_in=6.4)
+    rows = figure.subplots(2, 3, sharex=True, sharey="row")
     for (kind, seed), axes in zip((("person", 301), ("dog", 302)), rows, strict=True):
         body = observe(draw_motion(kind, seed), 0.0, "ellipsoids", seed)
         mu = body.view(body.whole)
@@ -238,20 +242,18 @@ def draw_picture(path: Path) -> None:
         shown = level_db > -30
         middle, reach = float(np.median(mask.torso_mps)), 2.6 * mask.speed_mps
         labels = (np.where(shown, found["label"].values, np.nan), np.where(shown, true_v2.argmax(axis=0), np.nan))
-        axes[0].pcolormesh(time_s, speed_mps, level_db.T, vmin=-40, vmax=0, cmap="Greys", rasterized=True)
+        image = axes[0].pcolormesh(time_s, speed_mps, level_db.T, vmin=-40, vmax=0, cmap="Greys", rasterized=True)
         for panel, label in zip(axes[1:], labels, strict=True):
             panel.pcolormesh(time_s, speed_mps, label.T, vmin=-0.5, vmax=2.5, cmap=colours, rasterized=True)
-        axes[0].set(ylim=(middle - reach, middle + reach), ylabel=f"{kind}: radial velocity (m/s)")
-    for panel, title in zip(
-        rows[0], ("signature, 40 dB", "found: torso, legs, other limbs", "true: torso, legs, arms"), strict=True
-    ):
-        panel.set_title(title)
-    for panel in rows[1]:
-        panel.set_xlabel("time (s)")
-    names = ("torso", "legs", "arms; found: arms and slow legs")
-    handles = [plt.Rectangle((0, 0), 1, 1, color=colours(n)) for n in range(3)]
-    figure.legend(handles, names, ncols=3, loc="outside lower center", frameon=False)
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+        axes[0].set_ylim(middle - reach, middle + reach)
+        for panel, title in zip(axes, ("signature", "estimated parts", "true parts"), strict=True):
+            name_axes(panel, title=f"{kind}: {title}", x=TIME_LABEL, y=SHORT_VELOCITY_LABEL)
+            panel.label_outer()
+    figure.colorbar(image, ax=rows[:, 0], location="left", aspect=40).set_label("power (dB re maximum of the column)")
+    names = ("torso", "legs", "arms (estimated: arms and slow parts of legs)")
+    handles = [Patch(color=colours(n), label=name) for n, name in enumerate(names)]
+    figure.legend(handles=handles, ncols=3, loc="outside lower center", frameon=False)
+    save_figure(figure, path)
 
 
 def main() -> None:
@@ -260,7 +262,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=12, help="examples of every row")
     parser.add_argument("--tune", action="store_true", help="print the grid of the constants instead")
     parser.add_argument("--mocap", type=Path, help="folder with human/ and dog/ recordings")
-    parser.add_argument("--picture", type=Path, help="draw a person and a dog into this file instead")
+    parser.add_argument("--picture", type=Path, help="plot a person and a dog into this file instead")
     options = parser.parse_args()
     warnings.simplefilter("ignore", DoppelgaitWarning)
     if options.tune or options.picture:

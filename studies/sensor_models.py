@@ -91,7 +91,8 @@ def judged(
         made = simulate_like(list(test) * copies, preset, plan=scene, folder=folder, seed=7)
         found[words] = compare_recordings(test, made)
         pictures[f"{words}: {Path(preset).stem}"] = [plot_recording(one) for one in made[:4]]
-    page = plot_domains(pictures, comparison_rows(found), title=f"{name}: {len(test)} real recordings not fitted to")
+    title = f"{name}: {len(test)} real recordings, none used for the fit"
+    page = plot_domains(pictures, comparison_rows(found), title=title)
     viz.save_figure(page, out / f"{name}.png")
     return found
 

@@ -110,6 +110,7 @@ def test_pictures_and_page() -> None:
     assert len(page.axes) == 3
     assert page.axes[1].get_ylabel() == "level above the median (dB)"
     assert page.axes[0].get_xlabel() == "pulse number"
+    assert "distance in standard deviations" in page.axes[2].get_title(loc="left")
     bursts = plot_domains({"real": [(level_db, axis, "Doppler frequency (Hz)")]}, [{"": "AUC"}], title="a page")
     assert bursts.axes[0].get_xlabel() == "window number"
 

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from doppelgait.viz.style import MAP_COLOURS, RANGE_LABEL, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+TABLE_TITLE = "AUC (95 % interval); for each statistic, distance in standard deviations (AUC of this statistic alone)"
 
 Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
 
@@ -48,10 +51,12 @@ def plot_domains(
             axes.set_ylabel(label if column == 0 else "", fontsize=9)
             step = "pulse number" if label == RANGE_LABEL else "window number"
             axes.set_xlabel(step if line == len(pictures) - 1 else "", fontsize=9)
-            axes.tick_params(labelsize=7)
+            axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+            axes.tick_params(labelsize=8)
     figure.colorbar(image, ax=figure.axes, aspect=40, pad=0.02).set_label("level above the median (dB)", fontsize=9)
     axes = figure.add_subplot(grid[-1, :])
     axes.axis("off")
+    axes.set_title(TABLE_TITLE, fontsize=9, loc="left")
     names = list(table[0])
     cells = [[row[name] for name in names] for row in table]
     made = axes.table(cellText=cells, colLabels=names, loc="upper center", cellLoc="left", bbox=Bbox.unit())
