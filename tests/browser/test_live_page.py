@@ -46,6 +46,7 @@ def test_a_stream_is_shown_and_stays_after_its_end(walk, page, tmp_path):
         url = next(found[1] for line in process.stderr if (found := re.match(r"page: (http\S+)", line)))
         page.goto(url)
         expect(page.locator("#live-status")).to_contain_text("the source ended", timeout=SLOW)
+        expect(page.locator("#live-status")).not_to_contain_text("ended: ")
         expect(page.locator("#live-tracks tbody tr")).to_have_count(1)
         assert page.locator("#tabs button").all_inner_texts() == ["Live"]
         for name in ("range-time", "signature"):

@@ -54,8 +54,8 @@ export function show(container, session) {
 function statusOf(facts) {
   const { counts, state } = facts;
   const words = [`${facts.source} · ${facts.radar}`];
-  if (state === "ended") words.push(`ended: ${facts.reason}`);
-  else words.push(state === "waiting" ? "waiting for the first window" : "running");
+  if (state === "ended") words.push(facts.reason);
+  else if (state === "waiting") words.push("no window yet");
   if (facts.stop_s !== null) words.push(`${fixed(facts.stop_s, 1)} s`);
   if (counts.frames !== undefined) words.push(`${counts.frames} frames`, `${counts.windows} windows`);
   for (const [name, said] of Object.entries(LOSSES)) if (counts[name]) words.push(`${counts[name]} ${said}`);
