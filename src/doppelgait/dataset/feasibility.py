@@ -161,7 +161,7 @@ class Feasibility:
 
     @property
     def judges_gate(self) -> bool:
-        """Whether rows with a gate that the frame cuts off were counted."""
+        """Return True if gates that the frame cuts off are counted."""
         return all(row[LIMITS[-1]] is not None for row in self.limits)
 
     def tables(self) -> list[list[dict[str, Any]]]:
