@@ -115,16 +115,14 @@ TRUTH_GATE = (
     "for every class; no other truth reaches a feature."
 )
 TRACK_GATE = (
-    "The gate was found without the truth, as in a measured recording; the truth only says which track is whose. A "
+    "The gate was found without the truth, as in a measured recording; the truth only assigns tracks to targets. A "
     "target that no track follows has no features and the flag `not_tracked`."
 )
 
 MODEL_SENTENCES = {
     "boulic": "Human motion: model of Boulic et al. 1990 as implemented by Chen 2011.",
     "human": "Human motion: a walking and running model of 31 points; its laws and what is assumed: docs/motion.md.",
-    "quadruped": (
-        "Dog motion: a simplified quadruped whose parameters come from one measured dog and published gait laws."
-    ),
+    "quadruped": ("Dog motion: a simplified quadruped with parameters from one measured dog and published gait laws."),
     "none": "Examples of empty scenes hold the noise, clutter and background of the scene; their gate follows no one.",
 }
 """What a reader should know of a motion model, by its kind."""
@@ -255,7 +253,7 @@ def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFra
 
 IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
   features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`), `quality_flags`
-  that say why a value is missing, `warnings`, and `notes` on what a file does not tell. `truth_*` and `meta_*`
+  that say why a value is missing, `warnings`, and `notes` on what a file does not state. `truth_*` and `meta_*`
   are columns of the labels: measured by hand, not by doppelgait."""
 IMPORTED_MAKING = """## Recordings
 
@@ -271,7 +269,7 @@ was to be expected the flag is `nobody:nothing_found`.
 """
 IMPORTED_LIMITS = """- Labels are the user's; nothing here proves them.
 - What is unknown of a measured scene is empty: noise, range of the body, speed, aspect.
-- Radars: {radars}. What differs with the radar (carrier, pulse rate, range) may tell the class."""
+- Radars: {radars}. What differs with the radar (carrier, pulse rate, range) may predict the class."""
 
 
 def import_card(
