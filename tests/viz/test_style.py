@@ -15,6 +15,7 @@ from doppelgait.viz.style import (
     OTHER_CLASS_COLOURS,
     SERIES_COLOURS,
     choose_class_colours,
+    describe_flag,
     map_lines,
 )
 
@@ -62,6 +63,11 @@ def test_colours_of_a_figure_are_distinct_for_everybody(colours: tuple[str, ...]
 
 def test_a_class_has_one_colour_in_every_figure() -> None:
     assert choose_class_colours(["dog", "human"]) == {"dog": CLASS_COLOURS["dog"], "human": CLASS_COLOURS["human"]}
-    looks = map_lines(["0 human", "1 dog", "2 human", "3 target"])
+    looks = map_lines(["0: human", "1: dog", "2: human", "3: target"])
     assert looks[0][0] == looks[2][0] != looks[1][0] == CLASS_COLOURS["dog"]
     assert [style for _, style in looks] == ["-", "-", "--", "-"]
+
+
+def test_flags_are_words_with_the_quantities_of_the_tables():
+    flag = "harmonic_ratio_3:no_peak_6_db_above_its_surroundings"
+    assert describe_flag(flag) == "third harmonic ratio: no peak 6 dB above its surroundings"

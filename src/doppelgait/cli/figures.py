@@ -38,15 +38,19 @@ def save_figures(
 
 
 def _make_figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
-    names = {_name_figure(number, result): result.gate.limits for number, result in enumerate(results)}
-    yield "range-time", viz.range_time(recording.baseband, tracks=names)
+    names = [
+        result.label or "target" if len(results) == 1 else f"{number}: {result.label or 'target'}"
+        for number, result in enumerate(results)
+    ]
+    gates = {name: result.gate.limits for name, result in zip(names, results, strict=True)}
+    yield "range-time", viz.range_time(recording.baseband, tracks=gates)
     wavelength_m = recording.radar.wavelength_m
     as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
-        prefix = _name_figure(number, result).replace(" ", "-")
+        prefix = f"{number}-{result.label or 'target'}".replace(" ", "-")
         yield (
             f"{prefix}-overview",
-            viz.overview(recording, result, title=_name_figure(number, result)),
+            viz.overview(recording, result, title=names[number]),
         )
         middle = result.signature.sizes["time"] // 2
         cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
@@ -93,7 +97,3 @@ def _make_figures(recording: Recording, results: Sequence[Result], analysis: Ana
                 f"{prefix}-signature-truth",
                 viz.signature(result.signature, truth_doppler=truth, main_line_hz=result.main_line_hz),
             )
-
-
-def _name_figure(number: int, result: Result) -> str:
-    return f"{number} {result.label or 'target'}"

@@ -35,6 +35,7 @@ from doppelgait.viz.style import (
     RANGE_LABEL,
     SHORT_VELOCITY_LABEL,
     TIME_LABEL,
+    describe_flag,
     describe_quantity,
     legend_under,
     make_figure,
@@ -172,9 +173,7 @@ def _plot_features(
         axes.plot([0.0, 1.0], [height - step / 2] * 2, color=GRID, lw=0.8)
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     shown = [flag for flag in flags if flag != "low_confidence" or not doubtful]  # else explained by the question mark
-    text = "\n".join(
-        textwrap.fill(flag.replace("_", " ").replace(":", ": ").replace(" db ", " dB "), 44) for flag in shown
-    )
+    text = "\n".join(textwrap.fill(describe_flag(flag), 44) for flag in shown)
     text = "? low confidence\n" * bool(doubtful) + text
     axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=ACCENT)
 

@@ -88,6 +88,13 @@ def describe_quantity(name: str) -> tuple[str, str]:
     return QUANTITY_NAMES.get(name, words), unit
 
 
+def describe_flag(flag: str) -> str:
+    """Return a quality flag in words, quantities as in tables."""
+    for name in ("harmonic_ratio_2", "harmonic_ratio_3"):
+        flag = flag.replace(name, QUANTITY_NAMES[name])
+    return flag.replace("_", " ").replace(":", ": ").replace(" db ", " dB ")
+
+
 def label_quantity(name: str) -> str:
     """Return the axis label of a column: words and unit.
 
@@ -111,7 +118,7 @@ def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
 def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
     """Return colour and line style of targets on a map.
 
-    A target with a known class, such as "0 human", has the colour of the class; several of a class differ in style.
+    A target with a known class, such as "0: human", has the colour of the class; several of a class differ in style.
     """
     known = [next((name for name in CLASS_COLOURS if name in label.split()), "") for label in labels]
     looks = []

@@ -89,7 +89,10 @@ export function words(name) {
 /** A flag, `"quantities:reason"`, as words: the quantities go without the unit that their names end in. */
 export function flagWords(flag) {
   const [names, ...reasons] = String(flag).split(":");
-  const quantities = names.split(",").map((name) => name.replace(/_(mps|hz|m|s|db|deg|m2|kg)$/, ""));
+  const quantities = names
+    .split(",")
+    .map((name) => name.replace(/_(mps|hz|m|s|db|deg|m2|kg)$/, ""))
+    .map((name) => name.replace("harmonic_ratio_2", "second harmonic ratio").replace("harmonic_ratio_3", "third harmonic ratio"));
   return words([quantities.join(","), ...reasons].join(":"));
 }
 
