@@ -7,7 +7,6 @@ import os
 import platform
 import sys
 from pathlib import Path
-from typing import Any
 
 import h5py  # noqa: F401  asks the system for the processor with a process, once, when it is imported
 import pytest
@@ -77,7 +76,11 @@ def shared() -> Path:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    """Let matrix products use one thread, here and in new processes: the threads of small ones wait for each other."""
     sys.addaudithook(_refuse_processes)
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    threadpool_limits(1)
 
 
 class _Now:
@@ -85,19 +88,10 @@ class _Now:
 
     room: str | None = None
     """Folder of the test; None between tests."""
-    limit: Any = None
-    """The limit on threads, until a test of PROCESS_ROOMS comes."""
 
 
 def pytest_runtest_logstart(nodeid: str, location: object) -> None:
-    """Let matrix products take one thread in tests of `make check`: small ones only wait for each other in several."""
     _Now.room = nodeid.removeprefix("tests/").partition("/")[0]
-    if _Now.room in PROCESS_ROOMS:
-        if _Now.limit is not None:
-            _Now.limit.restore_original_limits()
-            _Now.limit = None
-    elif _Now.limit is None:
-        _Now.limit = threadpool_limits(1)
 
 
 def pytest_runtest_logfinish(nodeid: str, location: object) -> None:
