@@ -137,7 +137,12 @@ def test_every_scene_of_the_built_in_day_can_be_drawn():
 @pytest.mark.slow
 def test_a_person_triggers_and_a_fan_does_not():
     day = read_day()
-    chosen = tuple(one for one in day.episodes if one.label in ("a person comes in and goes again", "fan"))
+    durations_s = {"a person comes in and goes again": 14.0, "fan": 20.0}
+    chosen = tuple(
+        one.model_copy(update={"duration_s": durations_s[one.label]})
+        for one in day.episodes
+        if one.label in durations_s
+    )
     found = score_day(*(lambda short: (short, run_day(short, load_shipped_model("x4")), load_shipped_model("x4")))(
         day.model_copy(update={"repeats": 1, "episodes": chosen})
     ))  # fmt: skip

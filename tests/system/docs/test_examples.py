@@ -23,7 +23,9 @@ import typer.main
 import processes
 from checkout import ROOT
 from doppelgait.cli.app import app
+from doppelgait.classify.alarm import read_day
 from doppelgait.core import plugins
+from doppelgait.core.config import write_toml
 
 DOCS = ROOT / "docs"
 PAGES = [DOCS / "start.md", *sorted((DOCS / "howto").glob("*.md"))]
@@ -49,6 +51,7 @@ QUICKER = {
     ("dataset", "plan"): ["--pilot", "1"],
     ("dataset", "build"): ["--executor", "serial"],
     ("evaluate",): ["--models", "six-logistic"],
+    ("model", "alarm"): ["--day", "short-day.toml"],
 }
 """What is added to a command so that it takes seconds, in this process."""
 
@@ -67,6 +70,9 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "installed"))
     shutil.copytree(ROOT / "examples", tmp_path / "examples")  # the pages begin in a clone
+    day = read_day()
+    short = day.model_copy(update={"episodes": tuple(one for one in day.episodes if one.duration_s <= 10)})
+    (tmp_path / "short-day.toml").write_text(write_toml(short.model_dump(mode="json", exclude_none=True)))
     for group in plugins.list_plugin_groups().values():
         len(group)  # the built-in ones
     monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
