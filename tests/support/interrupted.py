@@ -43,25 +43,27 @@ class Interrupted:
 
 
 @cache
-def inputs(folder: Path) -> dict[str, str]:
-    """Plan, dataset and recordings for the commands."""
+def inputs(kind: str, folder: Path) -> dict[str, str]:
+    """Write the plan, the dataset or the recordings for a command."""
     plan = tiny_plan(dataset={"examples_per_class": 12, "shard_size": 3, "seed": 5})
     (folder / "plan.toml").write_text(write_toml(plan.model_dump(mode="json", exclude_none=True)))
-    build_dataset(tiny_plan(dataset={"examples_per_class": 30}), folder / "whole", executor="serial")
     recordings, lines = folder / "recordings", ["file,label,subject"]
-    recordings.mkdir()
-    planned = plan_dataset(plan, folder=folder)
-    for number in range(12):
-        spec = planned.example(2 * number)
-        write_recording(run_simulation(spec.run), recordings / f"{number}.h5")
-        lines.append(f"{number}.h5,{spec.label},s{number}")
-    (folder / "labels.csv").write_text("\n".join(lines) + "\n")
+    if kind in ("evaluate", "verify") and not (folder / "whole").exists():
+        build_dataset(tiny_plan(dataset={"examples_per_class": 30}), folder / "whole", executor="serial")
+    elif kind in ("import", "live") and not recordings.exists():
+        recordings.mkdir()
+        planned = plan_dataset(plan, folder=folder)
+        for number in range(12):
+            spec = planned.example(2 * number)
+            write_recording(run_simulation(spec.run), recordings / f"{number}.h5")
+            lines.append(f"{number}.h5,{spec.label},s{number}")
+        (folder / "labels.csv").write_text("\n".join(lines) + "\n")
     return {"plan": str(folder / "plan.toml"), "whole": str(folder / "whole"), "recordings": str(recordings)}
 
 
 def command(kind: str, folder: Path, target: Path) -> list[str]:
     """The command of a kind that writes to a target."""
-    known = inputs(folder)
+    known = inputs(kind, folder)
     arguments = {
         "import": ["dataset", "import", known["recordings"], "--labels", str(folder / "labels.csv"), "-o", str(target),
                    "--gate", "2:6"],
@@ -77,7 +79,7 @@ def interrupt_often(kind: str, folder: Path, count: int, *, seed: int) -> Interr
     """Interrupt a command at random moments of its whole time, by Ctrl-C (as a terminal, to the group) and SIGTERM."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
     rng, found, whole_s = random.Random(seed), Interrupted(), 0.0
-    for name in ("first", "whole"):  # the first one loads what is not in the memory yet
+    for name in ("first", "whole") if count > 10 else ("whole",):  # the first one loads what is not in the memory yet
         with processes.started(command(kind, folder, folder / f"{kind}-{name}"), **pipes) as process:
             process.stdout.readline()
             began = time.monotonic()

@@ -84,7 +84,7 @@ def test_an_error_of_the_work_is_the_callers(executor):
 @pytest.mark.parametrize("executor", SEVERAL)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_killed_workers_lose_nothing(tmp_path, executor):
-    planned = shards(8)
+    planned = shards(4)
     results = list(run_shards(partial(killed_once, folder=str(tmp_path)), planned, executor=executor, workers=2))
     assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
 
@@ -101,7 +101,7 @@ def test_a_worker_killed_within_its_answer_loses_nothing_and_nobody_waits_for_th
 @pytest.mark.timeout(300)
 def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobody_waits_for_them(tmp_path):
     rng, planned = np.random.default_rng(5), shards(12)
-    for number in range(8):
+    for number in range(4):
         folder = tmp_path / str(number)
         folder.mkdir()
         work, victim = partial(started, folder=str(folder), seconds=0.005), number % 2
@@ -109,7 +109,7 @@ def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobod
         names = []
         for shard, _ in run_shards(work, planned, executor="processes", workers=2):
             names.append(shard.name)
-            if len(names) == 1 and number < 4:
+            if len(names) == 1 and number < 2:
                 killer.start()
             if len(names) == len(planned):  # the workers wait for work that does not come
                 [p.kill() for p in active_children()[victim:][:1]]
@@ -120,7 +120,7 @@ def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobod
 @pytest.mark.parametrize("executor", SEVERAL)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypatch):
-    monkeypatch.setattr("doppelgait.dataset.executors.MAX_LOSSES", 1 if executor == "dask" else 5)
+    monkeypatch.setattr("doppelgait.dataset.executors.MAX_LOSSES", 1 if executor == "dask" else 2)
     with pytest.raises(DatasetError, match=r"died .*what was built"):
         list(run_shards(killed_always, shards(2), executor=executor, workers=2))
 

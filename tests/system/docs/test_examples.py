@@ -22,8 +22,8 @@ import typer.main
 
 import processes
 from checkout import ROOT
-from doppelgait.cli.app import app
 from doppelgait.classify.alarm import read_day
+from doppelgait.cli.app import app
 from doppelgait.core import plugins
 from doppelgait.core.config import write_toml
 
