@@ -323,13 +323,6 @@ def test_dataset_build_prints_a_report_and_resumes(tmp_path):
     assert len(pd.read_parquet(tmp_path / "d" / "index.parquet")) == 8
 
 
-def test_demo_makes_figures_and_a_table(tmp_path):
-    done = run("demo", "-o", "demo", cwd=tmp_path)
-    assert "torso_velocity_mps" in done.stdout
-    names = {path.name for path in (tmp_path / "demo").glob("*.png")}
-    assert {"0-human-overview.png", "1-dog-signature.png", "1-dog-cadence-velocity.png"} <= names
-
-
 def test_the_example_scene_of_the_repository_runs(tmp_path):
     run("simulate", REPOSITORY / "examples" / "walk.toml", "-o", "walk.h5", cwd=tmp_path)
 

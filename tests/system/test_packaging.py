@@ -157,9 +157,11 @@ def test_the_wheel_works_in_an_environment_of_its_own(run):
     assert run("doppelgait", "--version").strip() == doppelgait.__version__
     assert "No module named 'uvicorn'" in run("python", "-c", "import uvicorn", code=1)
     assert "7.29" in run("doppelgait", "radar", "list")
-    run("doppelgait", "demo", "-o", "shown")
+    assert "torso_velocity_mps" in run("doppelgait", "demo", "-o", "shown")
     assert (run.folder / "shown" / "recording.h5").stat().st_size > 1_000_000
-    assert len(list((run.folder / "shown").glob("*.png"))) > 10
+    names = {path.name for path in (run.folder / "shown").glob("*.png")}
+    assert {"0-human-overview.png", "1-dog-signature.png", "1-dog-cadence-velocity.png"} <= names
+    assert len(names) > 10
     assert "doppelgait[viewer]" in run("doppelgait", "view", "shown/recording.h5", "--no-browser", code=2)
 
 

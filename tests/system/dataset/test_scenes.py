@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.verify import verify_dataset
 from doppelgait.features import measure_columns
+from doppelgait.motion import readers
 from doppelgait.pipeline import run_simulation
 from doppelgait.radar import Radar
 
@@ -241,7 +243,16 @@ def test_a_folder_needs_a_duration(walks):
         plan_dataset(config, folder=walks)
 
 
+@pytest.fixture(scope="module")
+def _read_once():
+    """Read the recorded motions once for both plans of the report."""
+    with pytest.MonkeyPatch.context() as change:
+        change.setattr(readers, "read", cache(readers.read))
+        yield
+
+
 @pytest.mark.shared
+@pytest.mark.usefixtures("_read_once")
 def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
     config, _ = load_plan("liland2018")
     with pytest.warns(DoppelgaitWarning, match="files are left out"):
@@ -263,6 +274,7 @@ def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
 
 
 @pytest.mark.shared
+@pytest.mark.usefixtures("_read_once")
 def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
     config, _ = load_plan("liland2018-fair")
     assert config.dataset.leaks == ()

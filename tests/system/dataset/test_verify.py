@@ -159,7 +159,7 @@ def test_the_pages_have_the_format_of_the_option(built, tmp_path, monkeypatch, f
 
 @pytest.mark.slow
 def test_every_class_has_a_page(built, tmp_path, monkeypatch):
-    monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 6)  # two pages of 24 take 10 s to lay out and draw
+    monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 3)  # two pages of 24 take 10 s to lay out and draw
     figures = []
     save = viz.save_figure
     monkeypatch.setattr(
