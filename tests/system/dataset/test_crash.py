@@ -26,8 +26,8 @@ pytestmark = [
     pytest.mark.timeout(900),
 ]
 
-MOMENTS = 12
-WAYS = {2: "main, processes", 8: "main, processes", 5: "worker", 11: "worker"}
+MOMENTS = 8
+WAYS = {2: "main, processes", 4: "worker", 6: "worker"}
 """Which kills are not of a process that builds alone."""
 
 
@@ -130,7 +130,7 @@ def done_after_a_kill(folder):
 
 
 @pytest.mark.slow
-def test_twelve_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
+def test_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
     expected, seconds = reference
     rng = np.random.default_rng(2018)
     safe, hits = {}, 0
@@ -151,7 +151,7 @@ def test_twelve_kills_lose_nothing_and_change_nothing(tmp_path, start, reference
         check_whole(folder, expected)
     print("examples that were safe after each kill:", safe, "workers killed:", hits)
     assert hits >= 1
-    assert sum(0 < count < 24 for count in safe.values()) > 5, "the kills missed the work"
+    assert sum(0 < count < 24 for count in safe.values()) > 3, "the kills missed the work"
 
 
 @pytest.mark.slow

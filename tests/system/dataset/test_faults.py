@@ -170,7 +170,7 @@ from dataset_plans import tiny_plan
 if __name__ == "__main__":
     try:
         print("begun", flush=True)
-        build_dataset(tiny_plan(), sys.argv[1], executor=sys.argv[2], workers=2,
+        build_dataset(tiny_plan(), sys.argv[1], executor=sys.argv[2], workers=1 if sys.argv[2] == "dask" else 2,
                       on_progress=lambda *done: print("done", *done, flush=True))
     except KeyboardInterrupt as stop:
         print("said", stop)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.shared
-COUNT = 30
+COUNT = 24
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def study() -> ModuleType:
 
 
 def quick_size(study: ModuleType, **more: Any) -> Any:
-    return study.Size(COUNT, seeds=(1, 2), unknown=20, network=False, **more)
+    return study.Size(COUNT, seeds=(1, 2), unknown=8, network=False, **more)
 
 
 @pytest.fixture(scope="module")
