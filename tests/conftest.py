@@ -23,12 +23,13 @@ platform.processor()  # kept by Python: importing h5py asks for it, by a process
 
 TESTS = Path(__file__).parent
 LONGEST = (
-    "system/docs/test_site.py", "system/dataset/test_executors_build.py", "system/dataset/test_faults.py",
-    "system/dataset/test_crash.py", "system/dataset/test_verify.py", "system/test_cli.py", "browser/test_run_page.py",
-    "system/thirdparty/test_thirdparty.py", "system/classify/test_classify.py",
-    "system/studies/test_sim_to_real_shared.py", "system/dataset/test_executors.py", "system/docs/test_examples.py",
-    "browser/test_dataset_page.py", "system/dataset/test_scenes.py", "system/test_packaging.py",
-    "browser/test_try_page.py", "system/dataset/test_build.py", "system/classify/test_over_time.py",
+    "system/docs/test_site.py", "system/dataset/test_faults.py", "system/docs/test_examples.py",
+    "browser/test_run_page.py", "system/classify/test_classify.py", "system/dataset/test_verify.py",
+    "browser/test_run_tools.py", "system/dataset/test_scenes.py", "system/dataset/test_executors.py",
+    "system/test_packaging.py", "system/classify/test_export_c.py", "system/test_interrupt.py",
+    "system/dataset/test_crash.py", "browser/test_try_page.py", "system/test_object_code.py",
+    "system/test_cli.py", "system/thirdparty/test_thirdparty.py", "system/dataset/test_executors_build.py",
+    "browser/test_dataset_page.py",
 )  # fmt: skip
 """Files of a quarter of a minute and more, by their time: begun first, so that no worker ends long after the others."""
 
