@@ -14,7 +14,7 @@ from doppelgait.dataset.verify import duplicates, leakage, truth
 from doppelgait.dataset.verify.contents import Check, Contents, Verification, list_some
 from doppelgait.dataset.verify.duplicates import check_groups
 from doppelgait.dataset.verify.leakage import round_values
-from doppelgait.dataset.verify.truth import check_visibility
+from doppelgait.dataset.verify.truth import check_visible_targets
 
 
 def contents(index, **description):
@@ -81,33 +81,33 @@ def test_off_as_a_whole_is_the_binomial_tail_below_a_thousandth(hits, rows, off)
     assert truth.has_too_few_hits(hits, rows) == off
 
 
-# visibility
+# visible targets
 
 
 def test_a_class_that_declares_motion_and_is_only_noise_fails_with_its_name():
     table = walkers()
-    assert check_visibility(contents(table)).status == "passed"
+    assert check_visible_targets(contents(table)).status == "passed"
     table.loc[table["label"] == "dog", "quality_snr_mu_db"] = -2.0
-    found = check_visibility(contents(table))
+    found = check_visible_targets(contents(table))
     assert found.status == "failed"
     assert "noise instead of motion: dog declares motion, but only 0 % of 20 rows" in found.summary
 
 
 def test_targets_that_no_track_follows_are_not_seen():
-    found = check_visibility(contents(walkers(quality_snr_mu_db=np.full(40, np.nan))))
+    found = check_visible_targets(contents(walkers(quality_snr_mu_db=np.full(40, np.nan))))
     assert found.status == "failed"
 
 
 def test_an_empty_class_may_be_noise_and_one_with_a_target_is_a_warning():
     table = walkers()
     table.loc[table["label"] == "dog", ["source", "quality_snr_mu_db"]] = ["none", -2.0]
-    assert check_visibility(contents(table)).status == "passed"
+    assert check_visible_targets(contents(table)).status == "passed"
     table["quality_snr_mu_db"] = 15.0
-    found = check_visibility(contents(table))
+    found = check_visible_targets(contents(table))
     assert found.status == "warning"
     assert "dog is an empty scene, but something moves in 100 %" in found.summary
     table["feature_torso_velocity_mps"] = 0.0  # a wall, not a target
-    assert check_visibility(contents(table)).status == "passed"
+    assert check_visible_targets(contents(table)).status == "passed"
 
 
 # leaks

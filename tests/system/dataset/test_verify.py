@@ -373,7 +373,7 @@ def test_swapped_labels_are_found_in_every_row_and_when_made_again(copy):
         ("truth_gait_frequency_hz", lambda v: 2 * v, "gait frequency"),
         ("snr_frame_db", lambda v: v + 3, "planned SNR"),
         ("truth_aspect_deg", lambda v: v + 20, "aspect"),
-        ("quality_snr_mu_db", lambda v: v - 60, "visibility"),
+        ("quality_snr_mu_db", lambda v: v - 60, "visible targets"),
     ],
 )
 def test_a_class_that_is_off_as_a_whole_fails_by_name(copy, column, change, name):
@@ -414,8 +414,8 @@ def test_a_dataset_of_nothing_but_noise_fails(tmp_path):
     )
     build_dataset(plan, tmp_path / "noise", executor="serial")
     found = verify(tmp_path / "noise")
-    assert "visibility" in failed(found)
-    words = found.check("visibility").summary
+    assert "visible targets" in failed(found)
+    words = found.check("visible targets").summary
     assert "human declares motion, but only 0 % of 12" in words
     assert "dog declares motion, but only 0 % of 12" in words
 
@@ -426,7 +426,7 @@ def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_pat
     build_dataset(plan, tmp_path / "room", executor="serial")
     found = verify(tmp_path / "room")
     assert failed(found) == set()
-    assert found.check("visibility").numbers["nobody"]["share_seen"] == 0
+    assert found.check("visible targets").numbers["nobody"]["share_seen"] == 0
     assert set(found.check("nuisance").numbers) == {"all classes"}
 
 

@@ -45,7 +45,7 @@ from doppelgait.dataset.verify.truth import (
     check_gait_frequency,
     check_snr,
     check_velocity,
-    check_visibility,
+    check_visible_targets,
 )
 from doppelgait.features import FEATURE_UNITS
 
@@ -276,7 +276,7 @@ def _run_checks(
     yield check_gait_frequency(contents.index)
     yield check_snr(contents.index, examples)
     yield check_aspect(contents.index, examples)
-    yield check_visibility(contents)
+    yield check_visible_targets(contents)
     yield check_feasibility(contents)
     yield check_groups(contents)
     yield check_duplicates(contents, for_pairs, steps)

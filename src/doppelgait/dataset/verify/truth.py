@@ -188,7 +188,7 @@ MOVING_MPS = 0.2
 MAX_EMPTY_SHARE = 0.05
 
 
-def check_visibility(contents: Contents) -> Check:
+def check_visible_targets(contents: Contents) -> Check:
     """Check that targets which declare motion are visible.
 
     A class that is only noise, or mostly, fails; an empty scene that moves is a warning.
@@ -199,7 +199,7 @@ def check_visibility(contents: Contents) -> Check:
     check of the torso velocity, which noise meets by chance in 2 % of rows, decides.
     """
     if contents.measured:
-        return Check("visibility", "not applicable", "imported recordings declare no motion")
+        return Check("visible targets", "not applicable", "imported recordings declare no motion")
     index = contents.index
     seen = read_column(index, "quality_snr_mu_db") >= SHOWN_DB
     moving = seen & (abs(read_column(index, "feature_torso_velocity_mps")) >= MOVING_MPS)
@@ -214,8 +214,8 @@ def check_visibility(contents: Contents) -> Check:
         elif not none and has_too_few_hits(int(part["seen"].sum()), len(part), LEAST_SEEN):
             empty.append(f"{label} declares motion, but only {100 * share:.0f} % of {len(part)} rows show any")
     if empty:
-        return Check("visibility", "failed", "noise instead of motion: " + "; ".join([*empty, *odd]), numbers)
+        return Check("visible targets", "failed", "noise instead of motion: " + "; ".join([*empty, *odd]), numbers)
     if odd:
-        return Check("visibility", "warning", "; ".join(odd), numbers)
+        return Check("visible targets", "warning", "; ".join(odd), numbers)
     listed = ", ".join(f"{label} {100 * found['share_seen']:.0f} %" for label, found in numbers.items())
-    return Check("visibility", "passed", f"rows with a visible target: {listed}", numbers)
+    return Check("visible targets", "passed", f"rows with a visible target: {listed}", numbers)
