@@ -293,7 +293,7 @@ def test_overrides_change_single_values(scene_file):
         ("targets.7.label=dog", r"'7' is not an entry of that list \(0 to 1\)"),
         ("targets.one.label=dog", "'one' is not an entry"),
         ("seed.part=3", "--set seed.part=3"),
-        ("seed.part.more=3", "'part' is inside a value|names no place"),
+        ("seed.part.more=3", "'part' is inside a value|not a key"),
         ("radar.prf_hz=-5", r"prf_hz.*-5.*greater than or equal to 0.001"),
         ("radar.sped=5", r"sped.*unknown key.*prf_hz"),
         ("nothing=5", "nothing: unknown key; allowed are seed"),
@@ -445,7 +445,7 @@ def test_a_binary_file_is_no_scene(tmp_path):
     path = tmp_path / "walk.h5"
     path.write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
     for read in (Scene.from_toml, Run.from_toml):
-        with pytest.raises(ConfigError, match=r"walk\.h5: is not TOML: it is a binary file or no UTF-8 text$"):
+        with pytest.raises(ConfigError, match=r"walk\.h5: is not TOML: it is a binary file or not UTF-8 text$"):
             read(path)
     with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file or directory$"):
         Scene.from_toml(tmp_path / "none.toml")

@@ -136,7 +136,7 @@ def test_values_of_other_files_are_refused(tmp_path: Path, way: str) -> None:
             layout = h5py.VirtualLayout((100,), "f8")
             layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "values", shape=(100,))
             file.create_virtual_dataset("x", layout)
-    with pytest.raises(ValueError, match=r"is a link, which is not followed|lie in another file, which is not read"):
+    with pytest.raises(ValueError, match=r"is a link, which is not followed|are in another file, which is not read"):
         open_hdf5(tmp_path / "a.h5")
     with (
         open_hdf5(tmp_path / "a.h5", members=False) as file,
@@ -151,7 +151,7 @@ def test_values_of_other_files_are_refused(tmp_path: Path, way: str) -> None:
 def test_declared_shapes_are_checked_before_anything_is_allocated(tmp_path: Path, monkeypatch) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("x", (10_000_000_000,), "f8", chunks=(1_000_000,))
-    with pytest.raises(ValueError, match=r"would take 80,060 MB .* may take 256 MB.*DOPPELGAIT_READ_LIMIT_MB=80060"):
+    with pytest.raises(ValueError, match=r"would take 80,060 MB .* bytes is 256 MB.*DOPPELGAIT_READ_LIMIT_MB=80060"):
         open_hdf5(tmp_path / "a.h5")
     with open_hdf5(tmp_path / "a.h5", members=False) as file, pytest.raises(ValueError, match="80,060 MB"):
         get_own_member(file, "x")
@@ -178,7 +178,7 @@ def test_a_chunk_that_unpacks_to_more_than_its_size_is_refused(tmp_path: Path) -
     with h5py.File(tmp_path / "a.h5", "w") as file:
         packed = file.create_dataset("x", (4096,), "u1", chunks=(4096,), compression="gzip")
         packed.id.write_direct_chunk((0,), zlib.compress(bytes(400_000_000), 9))
-    with pytest.raises(ValueError, match="a chunk of 'x' unpacks to more than its 4,096 bytes"):
+    with pytest.raises(ValueError, match="a chunk of 'x' decompresses to more than its 4,096 bytes"):
         open_hdf5(tmp_path / "a.h5")
 
 
@@ -233,8 +233,8 @@ def test_the_error_names_file_amounts_and_remedy(tmp_path: Path, monkeypatch) ->
     (tmp_path / "a.csv").write_bytes(bytes(70))
     check_cost(tmp_path / "a.csv", 256_000_000, MotionError)
     words = (
-        r"a\.csv: its values would take 257 MB of memory, but it has 70 bytes and may take 256 MB\. "
-        r"If you trust it, raise the limit: DOPPELGAIT_READ_LIMIT_MB=257"
+        r"a\.csv: its values would take 257 MB of memory; the limit for a file of 70 bytes is 256 MB\. "
+        r"If you trust the file, raise the limit: DOPPELGAIT_READ_LIMIT_MB=257"
     )
     with pytest.raises(MotionError, match=words):
         check_cost(tmp_path / "a.csv", 256_000_001, MotionError)

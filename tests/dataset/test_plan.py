@@ -96,16 +96,16 @@ def test_times_takes_plain_numbers_choices_cycles_and_products():
     [
         (
             {"v": {"uniform": [0, 1], "times": "height"}, "height_m": 1},
-            "k.v: times = 'height': is no key of the same table, where it must be; others there are height_m",
+            "k.v: times = 'height': is not a key of the same table; its other keys are height_m",
         ),
         (
             {"v": {"uniform": [0, 1], "times": "w"}, "w": {"uniform": [0, 1], "times": "v"}},
-            "k.w: times = 'v': goes in a circle: v -> w -> v",
+            "k.w: times = 'v': is circular: v -> w -> v",
         ),
-        ({"v": {"uniform": [0, 1], "times": "v"}}, "goes in a circle: v -> v"),
-        ({"v": {"uniform": [0, 1], "times": "gait"}, "gait": "walk"}, "gait is 'walk', which is no number"),
-        ({"v": {"choice": ["a"], "times": "w"}, "w": 1}, "its draw is 'a', which is no number"),
-        ({"v": {"uniform": [0, 1], "times": 2}}, "k.v: times = 2: is not allowed; it names a key of the same table"),
+        ({"v": {"uniform": [0, 1], "times": "v"}}, "is circular: v -> v"),
+        ({"v": {"uniform": [0, 1], "times": "gait"}, "gait": "walk"}, "gait is 'walk', which is not a number"),
+        ({"v": {"choice": ["a"], "times": "w"}, "w": 1}, "its draw is 'a', which is not a number"),
+        ({"v": {"uniform": [0, 1], "times": 2}}, "k.v: times = 2: is not allowed; it must name a key of the same table"),
         ({"uniform": [0, 1], "times": "w"}, "k: times = 'w': is not allowed"),
     ],
 )  # fmt: skip

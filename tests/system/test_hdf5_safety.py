@@ -69,7 +69,7 @@ def test_recordings_and_results_hold_their_values_themselves(files, tmp_path, fi
     read(path)
     with h5py.File(path, "a") as content:
         led_out(content, name, way, tmp_path / "outside.h5")
-    with pytest.raises(error, match=r"is a link, which is not followed|lie in another file, which is not read"):
+    with pytest.raises(error, match=r"is a link, which is not followed|are in another file, which is not read"):
         read(path)
 
 

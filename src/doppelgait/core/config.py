@@ -50,11 +50,11 @@ else:
 class FrozenModel(BaseModel, metaclass=_Checked):
     """Immutable base of all parameter models.
 
-    Unknown keys, NaN and infinity are refused, and text is no number.
+    Unknown keys, NaN, infinity and text in place of a number are refused.
     """
 
     POSITIONAL: ClassVar[tuple[str, ...]] = ()
-    """Fields that Python code may give by position."""
+    """Fields that Python code may pass by position."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
@@ -69,7 +69,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         Raises
         ------
         ConfigError
-            Naming the key, its value and what is allowed.
+            If a value is not allowed; the message names the key, its value and what is allowed.
         """
         try:
             return super().model_validate(obj, **settings)
@@ -83,7 +83,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
         Raises
         ------
         ConfigError
-            As :meth:`model_validate`.
+            If a value is not allowed, as for :meth:`model_validate`.
         """
         try:
             return super().model_validate_json(json_data, **settings)
@@ -115,11 +115,11 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 
 M = TypeVar("M", bound=BaseModel)
 SHOWN_FAULTS, SHOWN_KEY = 8, 60
-"""Of an error: how many faults of a file it names, and how many characters of each part of a key."""
+"""Maximum number of faults in one error message, and of characters shown of each part of a key."""
 
 
 def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: str) -> None:
-    """Refuse an argument of another type.
+    """Raise unless an argument has an allowed type.
 
     Parameters
     ----------
@@ -128,19 +128,19 @@ def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: st
     name : str
         Name of the argument.
     remedy : str
-        How to make what is allowed.
+        How to make a value of an allowed type.
 
     Raises
     ------
     ConfigError
-        If ``value`` is no instance of ``kinds``.
+        If ``value`` is not an instance of ``kinds``.
     """
     if not isinstance(value, kinds):
         raise ConfigError(f"{name}: {type(value).__name__} is not allowed; {remedy}")
 
 
 def check_choice(value: object, allowed: Collection[str], name: str) -> None:
-    """Refuse an argument that is no allowed name.
+    """Raise unless an argument is an allowed name.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def check_choice(value: object, allowed: Collection[str], name: str) -> None:
     Raises
     ------
     ConfigError
-        If ``value`` is not among them.
+        If ``value`` is not an allowed name.
     """
     if value not in [*allowed]:
         raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {', '.join(allowed)}")
@@ -161,22 +161,25 @@ def check_choice(value: object, allowed: Collection[str], name: str) -> None:
 def validate(
     model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "", section: tuple[str, ...] = ()
 ) -> M:
-    """Build ``model`` from ``data``, naming all faults.
-
-    The error is a :class:`ConfigError`.
+    """Build ``model`` from ``data``, or report all faults.
 
     Parameters
     ----------
     model : type
         A pydantic model.
     data : mapping
-        Its values, as read from TOML or from keyword arguments.
+        Values of the model, from a TOML file or from keyword arguments.
     where : str
-        Name of the file or section, put before the message.
+        Name of the file or section; the message starts with it.
     text : str
-        The TOML text, to name the line of each faulty key.
+        The TOML text, in which the line of each faulty key is found.
     section : tuple of str
-        Where ``data`` stands in that text, when it is not the whole of it.
+        Keys that lead to ``data`` in that text, if ``data`` is a part of it.
+
+    Raises
+    ------
+    ConfigError
+        If a value is not allowed; the message lists all faults.
     """
     try:
         return BaseModel.model_validate.__func__(model, dict(data))  # type: ignore[attr-defined,no-any-return]
@@ -189,14 +192,14 @@ class Fault(NamedTuple):
 
     location: tuple[str | int, ...]
     value: str
-    """The refused value; empty where the message stands for itself."""
+    """The refused value; empty if the message does not need it."""
     message: str
 
 
 class InnerError(ValueError):
-    """Error of an inner table, for a validator to raise.
+    """Error of an inner table, raised by a validator.
 
-    The model of the outer table then names every faulty key in full (``targets.0.rcs.share``).
+    The error of the outer table then names every faulty key in full (``targets.0.rcs.share``).
 
     Parameters
     ----------
@@ -210,11 +213,15 @@ class InnerError(ValueError):
 
 
 def _make_error(start: str, faults: list[Fault], text: str = "", section: tuple[str, ...] = ()) -> ConfigError:
-    """Make the error of a table, with its faults attached."""
+    """Make the error of a table and attach the faults to it."""
     said: dict[str, str] = {}
     for fault in faults:
-        place, message = _format_fault(fault, text, section)
-        if place in said and said[place] != message:  # what each member of a union allows
+        location = (*section, *fault.location)
+        key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
+        place, message = f"{key}{format_line_note(text, location)}: " if key else "", fault.message
+        if fault.location and fault.value:  # otherwise the message of a check across keys names the keys
+            place += f"{fault.value} is not allowed: "
+        if place in said and said[place] != message:  # one fault for each member of a union
             message = f"{said[place]} or {message.removeprefix('must be ')}"
         said[place] = message
     shown = [place + message for place, message in said.items()]
@@ -237,17 +244,17 @@ def _find_faults(error: ValidationError, model: type[BaseModel], data: Any) -> l
 
 
 _TAG = re.compile(r".*[\[({].*|str|int|float|bool|bytes|none|any|dict|list|tuple|set")
-"""Pydantic's own names in the place of a fault: the member of a union, the key of a mapping."""
+"""Names that Pydantic adds to the location of a fault, for the member of a union or the key of a mapping."""
 
 
 def _place_in(data: Any, location: Sequence[str | int]) -> tuple[str | int, ...]:
-    """Return a fault's place in the data."""
+    """Return the location of a fault in the data."""
     place: list[str | int] = []
     current = data
     for part in location:
         try:
             current = getattr(current, str(part)) if isinstance(current, BaseModel) else current[part]
-        except (TypeError, KeyError, IndexError, AttributeError):  # not in the data: a missing key, or such a name
+        except (TypeError, KeyError, IndexError, AttributeError):  # a missing key, or a name that Pydantic adds
             if isinstance(part, str) and _TAG.fullmatch(part):
                 continue
         place.append(part)
@@ -269,13 +276,7 @@ _WORDS = (
     (r"^(?:Tuple|List|Value|Dictionary|String) should have (.*) after validation(.*)", r"must have \1\2"),
     (r"^(?:String|Value) should (match|have) ", r"must \1 "),
 )
-"""Pydantic's messages in the words of configuration files."""
-
-
-def _reword(message: str) -> str:
-    for pattern, words in _WORDS:
-        message = re.sub(pattern, words, message)
-    return message
+"""Replacements that turn Pydantic's messages into messages about configuration files."""
 
 
 def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
@@ -293,19 +294,21 @@ def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
 
 
 _NAMED_KEY = re.compile(r"(\w+(?:\.\w+)*): ")
-"""A key at the start of a message."""
+"""Pattern of a key at the start of a message."""
 
 
 def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel]) -> Fault:
-    """Return the value of a fault, and what is allowed."""
+    """Describe a fault: its location, value and message."""
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_list_fields_at(model, location[:-1])))
         return Fault(location, "", "unknown key" + (f"; allowed are {allowed}" if allowed else ""))
     if fault["type"] == "missing":
         return Fault(location, "", "is required")
-    value, message = fault.get("input"), _reword(fault["msg"])
+    value, message = fault.get("input"), fault["msg"]
+    for pattern, words in _WORDS:
+        message = re.sub(pattern, words, message)
     named = _NAMED_KEY.match(message) if fault["type"] == "value_error" else None
-    if named and isinstance(value, Mapping) and named[1].split(".")[0] in value:  # of a check across keys
+    if named and isinstance(value, Mapping) and named[1].split(".")[0] in value:  # from a check across keys
         inner = (int(part) if part.isdigit() else part for part in named[1].split("."))
         return Fault((*location, *inner), "", message[named.end() :])
     if isinstance(value, dict):
@@ -313,16 +316,6 @@ def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel
     else:
         shown = repr(value) if len(repr(value)) < 80 else "this value"
     return Fault(location, shown, message)
-
-
-def _format_fault(fault: Fault, text: str, section: tuple[str, ...]) -> tuple[str, str]:
-    """Return the place and value of a fault, and what is allowed."""
-    location = (*section, *fault.location)
-    key = ".".join(str(part) if len(str(part)) <= SHOWN_KEY else f"{str(part)[:SHOWN_KEY]}..." for part in location)
-    place = f"{key}{format_line_note(text, location)}: " if key else ""
-    if not fault.location or not fault.value:  # a check across keys names them itself
-        return place, fault.message
-    return f"{place}{fault.value} is not allowed: ", fault.message
 
 
 def _list_fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
@@ -349,15 +342,15 @@ def _find_model(annotation: Any) -> type[BaseModel] | None:
 
 
 def format_line_note(text: str, location: Sequence[str | int]) -> str:
-    """Return `` (line 7)`` for a key, else nothing."""
+    """Format a key's line as `` (line 7)``, or return ``""``."""
     line = find_key_line(text, location)
     return f" (line {line})" if line else ""
 
 
 def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
-    """Find a dotted TOML key's line (from 1).
+    """Find the line of a dotted TOML key, from 1.
 
-    A number in ``location`` picks the n-th ``[[table]]``.
+    A number in ``location`` selects the ``[[table]]`` of that index.
     """
     rows = [row.split("#")[0] for row in text.splitlines()]
     names = [str(part) for part in location if isinstance(part, str)]
@@ -367,7 +360,9 @@ def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
     for depth in range(1, len(names)):
         header = re.compile(r"^\s*\[{1,2}\s*" + r"\s*\.\s*".join(map(re.escape, names[:depth])) + r"\s*\]{1,2}")
         found = [number for number, row in enumerate(rows) if header.match(row)]
-        nth = _index_after(location, names[depth - 1])
+        place = list(location).index(names[depth - 1])
+        following = location[place + 1] if place + 1 < len(location) else 0
+        nth = following if isinstance(following, int) else 0
         start = found[min(nth, len(found) - 1)] if found else start
     key = re.escape(names[-1])
     wanted = re.compile(rf"(^|[{{,])\s*\"?{key}\"?\s*=|^\s*+\[++(?=[^\]]*+\])[^\]]*\b{key}\b")
@@ -375,21 +370,15 @@ def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
     return next((number + 1 for number in order if wanted.search(rows[number])), None)
 
 
-def _index_after(location: Sequence[str | int], name: str) -> int:
-    place = list(location).index(name)
-    following = location[place + 1] if place + 1 < len(location) else 0
-    return following if isinstance(following, int) else 0
-
-
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
-    """Read a TOML file's table and text.
+    """Read a TOML file; return its table and its text.
 
-    A missing or broken file is a :class:`ConfigError` that names it.
+    For a missing or invalid file, a :class:`ConfigError` names the file.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not TOML: it is a binary file or no UTF-8 text") from None
+        raise ConfigError(f"{path}: is not TOML: it is a binary file or not UTF-8 text") from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
@@ -401,9 +390,8 @@ def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
 def apply_overrides(table: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Apply ``KEY=VALUE`` changes to a table.
 
-    A key is dotted, list entries are numbers (``targets.0.label=dog``).
-
-    Values are TOML (``900``, ``true``, ``[1, 2]``, ``"text"``); what is not TOML is taken as text.
+    Keys are dotted, and list entries are numbered from 0 (``targets.0.label=dog``). Values are TOML (``900``, ``true``,
+    ``[1, 2]``, ``"text"``); a value that is not valid TOML is text.
     """
     result: dict[str, Any] = parse_json(json.dumps(table, default=str))
     for override in overrides:
@@ -439,13 +427,13 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
     elif isinstance(node, dict):
         node[parts[-1]] = value
     else:
-        raise ConfigError(f"--set {override}: {key!r} names no place in the configuration")
+        raise ConfigError(f"--set {override}: {key!r} is not a key of the configuration")
 
 
 def convert_to_json(value: Any) -> Any:
     """Convert a value to plain JSON types.
 
-    Numbers that are not finite become None, NumPy values plain ones, everything else text.
+    Non-finite numbers become None, NumPy values become Python values, and other objects become text.
     """
     if isinstance(value, Mapping):
         return {str(key): convert_to_json(inner) for key, inner in value.items()}
@@ -460,9 +448,9 @@ def convert_to_json(value: Any) -> Any:
 
 
 def as_table(model: BaseModel) -> dict[str, Any]:
-    """Return the fields that were set and every ``kind``.
+    """Return a model's explicitly set fields and every ``kind``.
 
-    The values are plain, as a TOML file can hold them.
+    The values are plain types that TOML supports.
     """
     names = [name for name in type(model).model_fields if name in model.model_fields_set or name == "kind"]
     return {name: _convert_to_plain(value) for name in names if (value := getattr(model, name)) is not None}
@@ -490,7 +478,7 @@ def write_toml(table: Mapping[str, Any]) -> str:
 def format_canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
     """Format parameters as one-line JSON with sorted keys.
 
-    The same parameters give the same text.
+    Equal parameters result in equal text.
     """
     data = value.model_dump(mode="json") if isinstance(value, BaseModel) else value
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

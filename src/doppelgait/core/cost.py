@@ -1,7 +1,7 @@
 """Memory budget for reading files.
 
-A few kilobytes can declare, or unpack to, any amount of values. Every reader computes what the values of a file will
-take before it allocates them, and checks that here.
+A file of a few kilobytes can declare, or decompress to, any number of values. Every reader computes the memory that the
+values need and checks it with this module before it allocates them.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ VARIABLE = "DOPPELGAIT_READ_LIMIT_MB"
 """Environment variable that raises the limit, in MB (1 MB is 1,000,000 bytes)."""
 DEFAULT_MB = 256.0
 PER_BYTE = 16
-"""Bytes of values for each byte of the file: an honest text file of numbers takes up to 13."""
+"""Allowed bytes of values per byte of the file. An ordinary text file of numbers needs up to 13."""
 MB = 1_000_000
 CELL_BYTES = 72
-"""A number of a text file, as a Python string in a list and as a double."""
+"""Bytes that a number of a text file takes as a Python string in a list and as a double."""
 
 
 def limit_bytes(stored_bytes: int) -> int:
     """Return the memory limit for a file's values.
 
-    The larger of 256 MB, or the environment variable ``DOPPELGAIT_READ_LIMIT_MB``, and 16 times the size of the file.
+    The limit is 256 MB or 16 times the size of the file, whichever is larger. The environment variable
+    ``DOPPELGAIT_READ_LIMIT_MB`` replaces the 256 MB.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ def limit_bytes(stored_bytes: int) -> int:
     Raises
     ------
     ConfigError
-        If the environment variable is no number above 0.
+        If the environment variable is not a number above 0.
     """
     stated = os.environ.get(VARIABLE, "")
     try:
@@ -55,18 +56,18 @@ def check_cost(
     Parameters
     ----------
     path : Path
-        The file; its size counts.
+        The file; the limit depends on its size.
     n_bytes : int or float
-        What the values will take.
+        Memory that the values will take.
     error : callable
-        Type of the error.
+        Type of the error to raise.
     what : str
-        Subject of the message.
+        Subject of the error message.
 
     Raises
     ------
     Exception
-        Of the type ``error``; it names the file, both amounts and the remedy.
+        If the limit is exceeded. The error has the type ``error`` and names the file, both sizes and the remedy.
     """
     if n_bytes > limit_bytes(stored := path.stat().st_size):
         raise error(f"{path}: {describe_excess_memory(n_bytes, stored, what)}")
@@ -76,6 +77,6 @@ def describe_excess_memory(n_bytes: int | float, stored_bytes: int, what: str) -
     """Describe values that take more memory than the limit."""
     need_mb = -(-n_bytes // MB)
     return (
-        f"{what} would take {need_mb:,.0f} MB of memory, but it has {stored_bytes:,} bytes and may take "
-        f"{limit_bytes(stored_bytes) // MB:,} MB. If you trust it, raise the limit: {VARIABLE}={need_mb:.0f}"
+        f"{what} would take {need_mb:,.0f} MB of memory; the limit for a file of {stored_bytes:,} bytes is "
+        f"{limit_bytes(stored_bytes) // MB:,} MB. If you trust the file, raise the limit: {VARIABLE}={need_mb:.0f}"
     )

@@ -1,8 +1,8 @@
 """JSON and TOML of unknown origin, with short errors.
 
-The parsers of the standard library raise other errors for deep nesting and long integers, and some text that they
-accept breaks the code that uses it: a table deeper than that code can recurse, integers that no number type holds,
-half characters that cannot be written again.
+The parsers of the standard library raise other errors for deep nesting and long integers. They also accept text that
+later code fails on: tables nested too deep for recursion, integers too large for any number type, and lone surrogates
+(halves of a UTF-16 character), which cannot be encoded.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 from doppelgait.core.cost import describe_excess_memory, limit_bytes
 
 MAX_DEPTH = 64
-"""Lists and tables inside each other; our own files have 10 at most."""
+"""Maximum nesting depth of lists and tables. Files of doppelgait have 10 levels at most."""
 MAX_DIGITS = 40
-"""Digits of an integer: seeds have up to 128 bits."""
+"""Maximum number of digits of an integer. Seeds have up to 128 bits."""
 _LONG_KEY = re.compile(rf"""(?<![\w"'.-])(?:[\w"'-]+\s*\.\s*){{{MAX_DEPTH}}}""")
-"""A dotted TOML key, the parsing of which takes time with the cube of its parts."""
+"""Pattern of a long dotted TOML key. The parsing time grows with the cube of its number of parts."""
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 
@@ -29,16 +29,16 @@ def parse_json(text: str | bytes) -> Any:
     Parameters
     ----------
     text : str or bytes
-        Bytes are UTF-8, with or without a byte-order mark.
+        The JSON text. Bytes are UTF-8, with or without a byte-order mark.
 
     Raises
     ------
     ValueError
-        If it is no JSON (``json.JSONDecodeError``) or UTF-8, is nested deeper than 64 levels, has an integer of more
-        than 40 digits, text with half a character, or takes too much memory.
+        If the text is not JSON (``json.JSONDecodeError``) or not UTF-8, is nested deeper than 64 levels, has an integer
+        of more than 40 digits or a lone surrogate, or takes too much memory.
     """
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
-    # what Python makes of values, lists, tables and texts, and the text itself
+    # memory of the Python objects (values, lists, tables, strings) and of the text itself
     n_bytes = len(text) + 32 * text.count(",") + 88 * text.count("[") + 240 * text.count("{") + 28 * text.count('"')
     if n_bytes > limit_bytes(len(text)):
         raise ValueError(describe_excess_memory(n_bytes, len(text), "it"))
@@ -52,7 +52,7 @@ def parse_json(text: str | bytes) -> Any:
             json.dumps(value, ensure_ascii=False).encode()
         except UnicodeEncodeError as error:
             half = str(error.object)[error.start]
-            raise ValueError(f"it has half a character, \\u{ord(half):x} without its other half") from None
+            raise ValueError(f"it has a lone surrogate (half a character), \\u{ord(half):x}") from None
     return value
 
 
@@ -62,8 +62,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If it is no TOML (``tomllib.TOMLDecodeError``), is nested deeper than 64 levels, or has an integer of more than
-        40 digits.
+        If the text is not TOML (``tomllib.TOMLDecodeError``), is nested deeper than 64 levels, or has an integer of
+        more than 40 digits.
     """
     if _LONG_KEY.search(text):
         raise ValueError(_TOO_DEEP)
@@ -73,7 +73,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError(_TOO_DEEP) from None
     except tomllib.TOMLDecodeError:
         raise
-    except ValueError:  # of int() for a number of more digits than it takes
+    except ValueError:  # int() refuses a number of very many digits
         raise ValueError(_TOO_LONG) from None
     _check_depth(value, integers=True)
     return value
@@ -90,7 +90,7 @@ def _parse_integer(digits: str) -> int:
 
 
 def _check_depth(value: Any, *, integers: bool = False) -> None:
-    """Refuse deep nesting, and long integers if wanted."""
+    """Refuse deep nesting and, optionally, long integers."""
     level = [value]
     for _ in range(MAX_DEPTH + 1):
         inside = [one for one in level if type(one) in (dict, list)]
@@ -98,7 +98,7 @@ def _check_depth(value: Any, *, integers: bool = False) -> None:
             raise ValueError(_TOO_LONG)
         if not inside:
             return
-        kinds = None if integers else (dict, list)  # of JSON only what can hold more
+        kinds = None if integers else (dict, list)  # in JSON, only these nest
         level = [
             item
             for one in inside

@@ -1,4 +1,4 @@
-"""Draws from the distributions of a plan."""
+"""Random draws from the distributions of a plan."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 
 LARGEST = 1e100
-"""Of a number of a distribution: their sums and differences are numbers, too."""
+"""Largest magnitude of a distribution's numbers, so that their sums and differences stay finite."""
 Drawer = Callable[[list[Any], np.random.Generator], Any]
 CYCLE = "cycle"
 TIMES = "times"
 Sibling = Callable[[str], Any]
-"""Value of another key of the same table, sampled."""
+"""Function that returns the sampled value of another key of the same table."""
 _PLAIN = (str, int, float, type(None))
-"""Values without a distribution inside."""
+"""Types of values that cannot contain a distribution."""
 
 
 def _sample_uniform(values: list[Any], rng: np.random.Generator) -> float:
@@ -66,10 +66,10 @@ DISTRIBUTIONS: dict[str, Drawer] = {
     "normal": _sample_normal,
     "choice": _sample_choice,
 }
-"""``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }`` (cut at 3 sd),
-``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` takes the values in turn, by example number.
-``{ uniform = [low, high], times = "KEY" }`` multiplies the draw by the value of another key of the same table; the draw
-itself is the same with and without it."""
+"""``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }``
+(clipped at 3 sd), ``{ choice = [a, b, ...] }``. In addition, ``{ cycle = [a, b, ...] }`` uses the values in turn, by
+example number. ``{ uniform = [low, high], times = "KEY" }`` multiplies the draw by the value of another key of the same
+table; ``times`` does not change the draw itself."""
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
@@ -83,13 +83,14 @@ def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None =
     example : int
         Number of the example.
     key : str
-        Dotted key of the value; names its stream and appears in errors.
+        Dotted key of the value. It selects the random stream and appears in errors.
     turn : int, optional
-        Place in a ``cycle``; the number of the example by default.
+        Position in a ``cycle``; by default the number of the example.
 
     Returns
     -------
-    The value with each distribution replaced by one draw.
+    table, list or plain value
+        The value with each distribution replaced by one draw.
 
     Raises
     ------
@@ -124,7 +125,7 @@ def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling 
 
 
 def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
-    """Parse a distribution of a plan, None for other tables."""
+    """Parse a distribution of a plan; return None for other tables."""
     if len(table) == 1 or (len(table) == 2 and TIMES in table):
         for name, numbers in table.items():
             if name == CYCLE or name in DISTRIBUTIONS:
@@ -133,7 +134,10 @@ def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
 
 
 def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str, Sibling], Any]) -> dict[str, Any]:
-    """Sample the values of a table, one that another multiplies before it."""
+    """Sample the values of a table in order of their dependence.
+
+    A value that multiplies another one (``times``) is sampled first.
+    """
     found: dict[str, Any] = {}
     begun: list[str] = []
 
@@ -142,16 +146,16 @@ def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str
             return found[name]
         if name not in table:
             known = ", ".join(str(other) for other in table if other not in begun) or "none"
-            raise ConfigError(f"is no key of the same table, where it must be; others there are {known}")
+            raise ConfigError(f"is not a key of the same table; its other keys are {known}")
         if name in begun:
-            raise ConfigError(f"goes in a circle: {' -> '.join([*begun, name])}")
+            raise ConfigError(f"is circular: {' -> '.join([*begun, name])}")
         begun.append(name)
         found[name] = sample(table[name], f"{key}.{name}" if key else name, value_of)
         begun.pop()
         return found[name]
 
     for name, inner in table.items():
-        if isinstance(inner, _PLAIN):  # most of a plan
+        if isinstance(inner, _PLAIN):  # the most frequent case
             found[name] = inner
         elif name not in found:
             value_of(name)
@@ -162,22 +166,23 @@ def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float
     """Multiply a draw by another key of its table."""
     said = f"{key}: {TIMES} = {name!r}"
     if not isinstance(name, str) or sibling is None:
-        raise ConfigError(f'{said}: is not allowed; it names a key of the same table, such as {TIMES} = "height_m"')
+        raise ConfigError(f'{said}: is not allowed; it must name a key of the same table, as in {TIMES} = "height_m"')
     try:
         factor = sibling(name)
     except ConfigError as error:
         text = str(error)
-        raise ConfigError(f"{said}: {text}" if text.startswith(("is no key", "goes in")) else text) from None
+        raise ConfigError(f"{said}: {text}" if text.startswith(("is not a key", "is circular")) else text) from None
     for words, number in (("its draw is", value), (f"{name} is", factor)):
         if not isinstance(number, int | float) or isinstance(number, bool):
-            raise ConfigError(f"{said}: {words} {number!r}, which is no number")
+            raise ConfigError(f"{said}: {words} {number!r}, which is not a number")
     return float(value * factor)
 
 
 def replace_by_middle(value: Any, key: str = "") -> Any:
     """Replace every distribution inside a value by its middle.
 
-    The mean of ``normal`` and ``uniform``, the geometric one of ``log_uniform``, the first entry of a list.
+    The middle is the mean of ``normal`` and ``uniform``, the geometric mean of ``log_uniform``, and the first entry of
+    a list.
 
     Raises
     ------
@@ -198,7 +203,7 @@ def _middle(value: Any, key: str, sibling: Sibling | None) -> Any:
         found = _middle(numbers[0], key, sibling) if isinstance(numbers, list) and numbers else numbers
     else:
         try:
-            DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # what no draw would take is refused
+            DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # raises for numbers that are not allowed
         except ConfigError as error:
             raise ConfigError(f"{key}: {error}" if key else str(error)) from None
         first, last = numbers[0], numbers[-1]

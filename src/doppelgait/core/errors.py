@@ -11,20 +11,20 @@ from typing import Any
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
 MAX_TEXT = 2000
-"""Characters of an error message; the middle of longer ones is left out."""
+"""Maximum number of characters of an error message. The middle of a longer message is left out."""
 
 
 class DoppelgaitError(Exception):
     """Base of every error raised on purpose.
 
-    Its text names what is wrong, what is allowed and what to do.
+    The message states what is wrong, what is allowed and what to do.
     """
 
     exit_code = 2
-    """Exit status of the command line: 2 wrong usage or input, 1 the work failed."""
+    """Exit status of the command line: 2 for wrong usage or input, 1 for a failed operation."""
 
     def __init__(self, text: object = "") -> None:
-        said = str(text)  # it may quote a file, which can hold anything
+        said = str(text)  # it may quote a file with arbitrary content
         super().__init__(said if len(said) <= MAX_TEXT else f"{said[: MAX_TEXT - 500]} [...] {said[-400:]}")
 
 
@@ -36,7 +36,7 @@ class ConfigError(DoppelgaitError):
 
 
 class MotionError(DoppelgaitError):
-    """Motion recording that is unreadable or unfit as target."""
+    """Motion recording that is unreadable or unusable as a target."""
 
 
 class RecordingError(DoppelgaitError):
@@ -54,21 +54,21 @@ class DatasetError(DoppelgaitError):
 class OutputError(DoppelgaitError):
     """Result that cannot be written.
 
-    Examples are a missing folder, a missing right and a full disk. Earlier contents are untouched.
+    Examples are a missing folder, missing permission and a full disk. An existing file stays unchanged.
     """
 
     exit_code = 1
 
 
 class DoppelgaitWarning(UserWarning):
-    """Result that may differ from the user's expectation.
+    """Warning about a result that may be unexpected.
 
-    Examples are aliasing, a target outside the frame and dropped markers.
+    Examples are aliasing, a target outside the range swath and dropped markers.
     """
 
 
 def warn_caller(text: str) -> None:
-    """Give a :class:`DoppelgaitWarning` at the line that called doppelgait."""
+    """Issue a :class:`DoppelgaitWarning` at the line that called doppelgait."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1

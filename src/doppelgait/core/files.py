@@ -19,24 +19,25 @@ _NUMBERS = count()
 def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
     """Write a file atomically: complete under its name, or absent.
 
-    The block writes to a path next to it, which then takes its name; no other process or thread writes to that path.
+    The block writes to a temporary path in the same folder, which is then renamed. No other process or thread uses that
+    path.
 
     Parameters
     ----------
     path : path-like
         File to make or replace.
     os_errors : bool
-        Raise what the system raises, for a caller that reports it in words of its own.
+        Raise ``OSError`` unchanged, for a caller that reports it itself.
 
     Yields
     ------
     Path
-        Where the block writes.
+        Temporary path that the block writes to.
 
     Raises
     ------
     OutputError
-        If the file cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
+        If the file cannot be written (missing folder, missing permission, full disk). An existing file stays unchanged.
     """
     target = Path(path)
     if not os_errors and not target.parent.is_dir():
@@ -49,7 +50,7 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
     except OSError as error:
         if os_errors:
             raise
-        reason = os.strerror(error.errno) if error.errno else error  # HDF5's own text is several lines long
+        reason = os.strerror(error.errno) if error.errno else error  # HDF5's own message has several lines
         raise OutputError(f"{target}: cannot be written: {reason}") from None
     finally:
         with suppress(OSError):
@@ -59,7 +60,7 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a small file atomically.
 
-    The file is complete or as it was before; errors are those of the system.
+    If writing fails, an existing file stays unchanged and ``OSError`` is raised.
     """
     with open_atomically(path, os_errors=True) as partial:
         partial.write_bytes(content)

@@ -1,6 +1,6 @@
 """Orderly interruption of long work.
 
-A signal sets a mark, and the work checks it where it can stop.
+A signal sets a flag. The work checks the flag at points where it can stop.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 GRACE_SECONDS = 8.0
-"""How long a command may take to stop in order, before it is ended."""
+"""Time that a command has to stop in order before it is terminated."""
 
 
 class _StopRequest:
-    """Mark that a signal to stop has arrived."""
+    """Flags of the signals to stop and of their handling."""
 
     requested = False
-    """In the block of :func:`stop_in_order` that runs now."""
+    """True if a signal has arrived in the current block of :func:`stop_in_order`."""
     active = False
-    """Whether there is such a block."""
+    """True inside a block of :func:`stop_in_order`."""
     came = False
-    """Ever, in a command."""
+    """True if a signal has arrived at any time."""
     watched = False
-    """Whether this process is a command that :func:`restore_signals` looks after."""
+    """True if :func:`restore_signals` has installed its handlers in this process."""
 
 
 _mark = _StopRequest()
@@ -40,16 +40,15 @@ _mark = _StopRequest()
 def stop_in_order() -> Iterator[None]:
     """Let signals stop this block only at :func:`raise_if_stopped`.
 
-    The signals are Ctrl-C and the request to terminate.
-
-    A handler that raises does so wherever the main thread is: a library may be left with a mutex locked for ever, or
-    may take the exception for one of its own. A second signal ends the process at once. A signal that is ignored stays
-    ignored (``nohup``); in other threads than the main one, signals are not touched. Blocks may be nested.
+    The signals are SIGINT (Ctrl-C) and SIGTERM. A handler that raises would interrupt the main thread anywhere: a
+    library might leave a mutex locked for ever, or handle the exception as one of its own. A second signal ends the
+    process at once. An ignored signal stays ignored (``nohup``). Outside the main thread, signals are not changed.
+    Blocks may be nested.
 
     Raises
     ------
     KeyboardInterrupt
-        At the end of the block, if a signal came and nothing looked at the mark.
+        At the end of the block, if a signal has arrived and the flag was not checked.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -70,14 +69,14 @@ def stop_in_order() -> Iterator[None]:
                 signal.signal(number, handler)
         if not inner:
             late, _mark.requested, _mark.active = _mark.requested, False, False
-    if late:  # between the last look at the mark and here
+    if late:  # a signal arrived after the last check of the flag
         raise KeyboardInterrupt
 
 
 def raise_if_stopped() -> None:
-    """Raise KeyboardInterrupt if a stop signal came.
+    """Raise KeyboardInterrupt if a stop signal has arrived.
 
-    The signal must have come in a block of :func:`stop_in_order`.
+    Only signals inside the current block of :func:`stop_in_order` count.
     """
     if _mark.requested:
         raise KeyboardInterrupt
@@ -91,11 +90,11 @@ def _request(number: int, frame: FrameType | None) -> None:
 
 
 def restore_signals() -> None:
-    """Let the signals end this process, whatever it does.
+    """Make sure that SIGINT and SIGTERM end this process.
 
-    Outside of :func:`stop_in_order` they raise KeyboardInterrupt. What has not ended :data:`GRACE_SECONDS` later, since
-    a library took the exception for its own or a step takes long, is ended with status 130, and so is what gets a
-    second signal. Windows has no such signals: there only Ctrl-C raises.
+    Outside of :func:`stop_in_order` they raise KeyboardInterrupt. If the process still runs :data:`GRACE_SECONDS`
+    later, because a library caught the exception or a step takes long, it is ended with status 130. A second signal
+    ends it at once. On Windows, only Ctrl-C raises.
     """
     alone = threading.current_thread() is threading.main_thread()
     if _mark.watched or not alone or not hasattr(os, "register_at_fork"):
@@ -112,7 +111,7 @@ def restore_signals() -> None:
 
 
 def is_stop_requested() -> bool:
-    """Return True if a stop signal has come."""
+    """Return True if a stop signal has arrived."""
     return _mark.came
 
 
@@ -132,8 +131,8 @@ def _end_after_delay(pipe: int) -> None:
             if {*os.read(pipe, 64)} & wanted:
                 _end_process()
         if not _mark.active:
-            _thread.interrupt_main()  # once more, in case that a library dropped the exception
-            if select.select([pipe], [], [], 0.01)[0]:  # this one, not a second signal
+            _thread.interrupt_main()  # again, in case a library has caught the exception
+            if select.select([pipe], [], [], 0.01)[0]:  # the byte of this interrupt, not of a second signal
                 os.read(pipe, 64)
     _end_process()
 
@@ -145,16 +144,16 @@ def _end_process() -> None:
 
 @contextmanager
 def ignore_ctrl_c() -> Iterator[None]:
-    """Start processes that Ctrl-C does not reach.
+    """Start processes that ignore Ctrl-C.
 
-    In this process Ctrl-C is postponed to the end of the block.
+    In this process, Ctrl-C takes effect at the end of the block.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # as it starts, it lets Ctrl-C through again
+    resource_tracker.ensure_running()  # when it starts, it unblocks Ctrl-C
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

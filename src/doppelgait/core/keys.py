@@ -1,6 +1,6 @@
 """Keys of parameter models: type, unit, default, limits and description.
 
-The tables of the documentation and the command ``doppelgait keys`` are made of these rows.
+The tables of the documentation and the command ``doppelgait keys`` show these rows.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ UNITS = {
     "rad_per_min": "rad/min", "rad_per_sqrt_min": "rad/√min", "per_sqrt_min": "1/√min", "per_m_mps": "1/(m·m/s)",
     "per_metre_m2": "m²/m", "v2": "V²", "volts_per_unit": "V", "hours_per_day": "h",
 }  # fmt: skip
-"""Unit by the end of a key; the longest end counts."""
+"""Units by the suffix of a key; the longest matching suffix applies."""
 
 KINDS = {float: "number", int: "integer", str: "text", bool: "true, false", dict: "table", Any: "any"}
 LIMITS = {
     "ge": "≥\u00a0{}", "gt": ">\u00a0{}", "le": "≤\u00a0{}", "lt": "<\u00a0{}",
     "min_length": "length\u00a0≥\u00a0{}", "max_length": "length\u00a0≤\u00a0{}", "pattern": "matches `{}`",
 }  # fmt: skip
-"""How the rules of pydantic are said."""
+"""Text of Pydantic's constraints."""
 PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$")
 
 
 class Key(NamedTuple):
-    """One key of a model, in words."""
+    """Text about one key of a model."""
 
     key: str
     type: str
@@ -48,7 +48,7 @@ class Key(NamedTuple):
 def list_keys(model: type[BaseModel]) -> list[Key]:
     """List the keys of a model in their order.
 
-    Type, default and limits quote TOML between backticks; the description is reStructuredText of the docstring.
+    Type, default and limits quote TOML in backticks. The description is reStructuredText from the docstring.
     """
     texts = parameter_words(model)
     return [
@@ -59,7 +59,7 @@ def list_keys(model: type[BaseModel]) -> list[Key]:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a key, empty without one."""
+    """Return the unit of a key, or ``""``."""
     parts = key.split("_")
     return next((UNITS[end] for n in range(len(parts)) if (end := "_".join(parts[n:])) in UNITS), "")
 
@@ -67,7 +67,7 @@ def unit_of(key: str) -> str:
 def summary_of(model: type[BaseModel]) -> str:
     """Return the first paragraph of a model's docstring.
 
-    Where it only names a function, it is that of the function.
+    If the paragraph only names a function, the function's first paragraph is returned.
     """
     text = inspect.cleandoc(model.__doc__ or "")
     first = text.split("\n\n")[0]
@@ -77,7 +77,7 @@ def summary_of(model: type[BaseModel]) -> str:
 
 
 def _kind(kind: Any) -> str:
-    """Put a type into words."""
+    """Describe a type in words."""
     origin, members = get_origin(kind), [member for member in get_args(kind) if member is not type(None)]
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_kind(member) for member in members))
@@ -106,7 +106,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _value(value: Any) -> str:
-    """Format a default as TOML has it."""
+    """Format a default as in TOML."""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, str):
@@ -116,17 +116,13 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple | list):
         return ", ".join(_value(getattr(entry, "name", entry)) for entry in value)
     if isinstance(value, Mapping):
-        return ", ".join(f"`{key} = {_inner(entry)}`" for key, entry in value.items())
+        texts = {key: f'"{entry}"' if isinstance(entry, str) else f"{entry}" for key, entry in value.items()}
+        return ", ".join(f"`{key} = {text}`" for key, text in texts.items())
     return f"`{value}`"
 
 
-def _inner(value: Any) -> str:
-    """Write a value inside a table."""
-    return f'"{value}"' if isinstance(value, str) else f"{value}"
-
-
 def _limits(field: FieldInfo) -> str:
-    """Return bounds of a number or list."""
+    """Format the bounds of a number or list."""
     found = []
     for rule in field.metadata:
         for name, words in LIMITS.items():
@@ -139,7 +135,7 @@ def _limits(field: FieldInfo) -> str:
 def parameter_words(model: type[BaseModel]) -> dict[str, str]:
     """Return the description of every key.
 
-    It is from the docstring of the model, of its bases, or of the one that it refers to.
+    The descriptions are from the docstrings of the model, of its bases and of the object that it refers to.
     """
     found: dict[str, str] = {}
     for owner in model.__mro__:
@@ -156,7 +152,7 @@ def parameter_words(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _referred(text: str, module: str) -> str:
-    """Return the docstring of what a model takes parameters from."""
+    """Return the docstring of the object that a docstring refers to."""
     named = re.search(r"(?:see|Parameters of) :(?:class|func):`~?([\w.]+)`", text)
     if named is None:
         return ""
@@ -165,7 +161,7 @@ def _referred(text: str, module: str) -> str:
 
 
 def _sections(docstring: str) -> Iterator[tuple[str, str]]:
-    """Yield names and words of a numpydoc section "Parameters"."""
+    """Yield names and descriptions of a numpydoc section "Parameters"."""
     after = re.split(r"^Parameters\n-+\n", docstring, maxsplit=1, flags=re.MULTILINE)
     if len(after) < 2:
         return

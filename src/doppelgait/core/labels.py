@@ -1,6 +1,6 @@
 """Names of dimensions and variables, and array schemas.
 
-Time-like dimension first, range or Doppler last, SI units, unit of the values in ``attrs["units"]``.
+The time-like dimension is first, range or Doppler last. Values have SI units, named in ``attrs["units"]``.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ COORDINATE_UNITS = {
 
 @dataclass(frozen=True)
 class Schema:
-    """Dimensions, units and coordinates of labelled arrays.
+    """Dimensions, units and coordinates of a labelled array.
 
     Parameters
     ----------
     name : str
-        Name of the array, used in error messages and as ``DataArray.name``.
+        Name of the array, used as ``DataArray.name`` and in error messages.
     dims : tuple of str
         Dimensions in order.
     units : str
@@ -79,8 +79,8 @@ SCATTERER_VARIABLES = {
 }
 """Variables of the scatterer table, all (slow_time, scatterer), and their units.
 
-The angles may be left out. ``path_phase`` is there only where a wall or a reflection turns the phase of an echo by more
-than its ``range`` does: it is added to -4 pi R / lambda.
+The angles are optional. ``path_phase`` exists only if a wall or a reflection shifts the phase of an echo. It is added
+to -4 pi R / lambda.
 """
 
 
@@ -88,7 +88,7 @@ than its ``range`` does: it is added to -4 pi R / lambda.
 class Plain:
     """Array of a schema that makes its labels on demand.
 
-    Labels cost more than most of the sums made of the values; a chain of steps needs none in between.
+    Making labels takes longer than most computations with the values, and intermediate results need no labels.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Plain:
     like : DataArray
         Array with the coordinates that :meth:`add_labels` copies.
     columns : slice, optional
-        Part of that array along its first dimension.
+        Selection of that array along its first dimension.
     """
 
     schema: Schema
@@ -112,7 +112,7 @@ class Plain:
 
     @classmethod
     def of(cls, array: xr.DataArray, schema: Schema) -> Plain:
-        """Strip a valid labelled array of its labels."""
+        """Remove the labels of a valid labelled array."""
         check_signal(array, schema)
         axes = {str(name): read_axis(array, str(name)) for name in array.coords.variables}
         return cls(schema, np.ascontiguousarray(array.values), axes, dict(array.attrs), array)
@@ -137,11 +137,11 @@ class Plain:
 
 
 Signal = TypeVar("Signal", xr.DataArray, Plain)
-"""A labelled array, or one without labels yet."""
+"""Array with labels, or with labels that are made on demand."""
 
 
 def make_like(like: Signal, schema: Schema, values: npt.NDArray[Any], coords: Mapping[str, Any]) -> Signal:
-    """Make an array of another schema with further coordinates."""
+    """Make an array of another schema from one with like coordinates."""
     if isinstance(like, Plain):
         return Plain(schema, values, {**like.axes, **coords}, {"units": schema.units}, like.like, like.columns)
     return make_array(schema, values, coords, like=like)
@@ -155,18 +155,18 @@ def make_array(
     *,
     like: xr.DataArray | None = None,
 ) -> xr.DataArray:
-    """Make a labelled array that keeps ``schema``.
+    """Make a labelled array that conforms to ``schema``.
 
-    Units are set here, so that no caller can forget them.
+    Units are set from the schema.
 
     Parameters
     ----------
     schema : Schema
         One of the constants of this module.
     values : array_like
-        The values, one axis per dimension of the schema.
+        Values with one axis per dimension of the schema.
     coords : mapping
-        Coordinates by name: values, or ``(dimension, values)`` for those not named after their dimension.
+        Coordinates by name: values, or ``(dimension, values)`` for a coordinate with another name than its dimension.
     attrs : mapping, optional
         Further attributes.
     like : DataArray, optional
@@ -188,12 +188,14 @@ def make_array(
     array = label_values(schema.dims, values, {"units": schema.units, **(attrs or {})})
     for name, variable in variables.items():
         if any(array.sizes.get(dim) != size for dim, size in variable.sizes.items()):
-            raise ValueError(f"coordinate {name!r} has {dict(variable.sizes)}, {schema.name} has {dict(array.sizes)}")
+            raise ValueError(
+                f"coordinate {name!r} has the sizes {dict(variable.sizes)}, but {schema.name} has {dict(array.sizes)}"
+            )
     return check_signal(_assemble_array(array, variables, indexes, schema.name), schema)
 
 
 def take_columns(array: Signal, columns: slice) -> Signal:
-    """Cut an array along its first dimension."""
+    """Slice an array along its first dimension."""
     if not isinstance(array, Plain):
         return array.isel({array.dims[0]: columns})
     if array.columns is not None:
@@ -217,7 +219,7 @@ def replace_array_values(
     array : DataArray or Plain
     values : ndarray or LazilyIndexedArray
     schema : Schema, optional
-        Gives name and units, if they are not those of ``array``.
+        Schema with the new name and units; by default those of ``array`` are kept.
     attrs : mapping, optional
         Further attributes.
     """
@@ -237,8 +239,8 @@ def label_values(
 ) -> xr.Variable:
     """Make a variable of numbers or text.
 
-    Where Dask is installed, xarray's ordinary way imports it (0.3 s) to see whether the values are a Dask array. Values
-    that are read when they are asked for (:mod:`doppelgait.core.lazy`) stay so.
+    This skips xarray's test for Dask arrays, which imports Dask where it is installed (0.3 s). Values that are read on
+    demand (:mod:`doppelgait.core.lazy`) are not read.
     """
     known = values if isinstance(values, LazilyIndexedArray) else np.asarray(values)
     return xr.Variable(dims, known, attrs, fastpath=True)
@@ -267,9 +269,9 @@ def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
 
 
 def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
-    """Return a table of some scatterers, preferably a view.
+    """Return a table of some scatterers, as a view if possible.
 
-    As ``table.isel(scatterer=columns)``, which imports Dask where it is installed.
+    This is ``table.isel(scatterer=columns)`` without the import of Dask, where that is installed.
 
     Parameters
     ----------
@@ -277,7 +279,7 @@ def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: boo
     columns : ndarray
         Numbers of the scatterers, or a mask.
     copy : bool
-        Whether the values must not keep those of ``table`` alive.
+        Copy the values, so that the result does not keep the memory of ``table`` in use.
     """
     numbers = np.flatnonzero(columns) if columns.dtype == bool else columns
     first, stop = (int(numbers[0]), int(numbers[-1]) + 1) if numbers.size else (0, 0)
@@ -311,7 +313,7 @@ def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
     """Copy a coordinate, so that the original stays unchanged.
 
-    The values of an index are fixed.
+    An index is immutable, so its values are not copied.
     """
     return coordinate.copy(deep=not isinstance(coordinate, xr.IndexVariable))
 
@@ -319,9 +321,9 @@ def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
 def _assemble_array(
     variable: xr.Variable, coords: dict[Any, Any], indexes: Mapping[Any, Any], name: Any
 ) -> xr.DataArray:
-    """Build a labelled array from parts known to fit.
+    """Build a labelled array from components that are known to match.
 
-    This is xarray's own path for them, ten times as fast as the one that checks again.
+    This uses xarray's internal constructor without checks, which is ten times as fast.
     """
     return xr.DataArray(variable, coords, name=name, indexes=indexes, fastpath=True)
 
@@ -329,7 +331,7 @@ def _assemble_array(
 def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | None]:
     """Make a coordinate with its unit.
 
-    It has an index if it is named after its dimension.
+    It has an index if its name is that of its dimension.
     """
     if isinstance(coordinate, xr.DataArray | xr.Variable):
         coordinate = (coordinate.dims, coordinate.values, coordinate.attrs)
@@ -346,13 +348,13 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
 def read_axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArray[Any]:
     """Return the values of a coordinate.
 
-    ``array.coords[name]`` makes a labelled array first, which takes 30 times as long.
+    ``array.coords[name]`` takes 30 times as long, since it makes a labelled array first.
     """
     if isinstance(array, Plain):
         return array.axes[name]
     variable = array.coords.variables[name]
     if isinstance(variable, xr.IndexVariable):
-        values = array.get_index(name).values  # as they are; those of the variable go through five more hands
+        values = array.get_index(name).values  # the variable's own `values` takes five more calls
         if values.dtype.kind == "f":
             return np.asarray(values)
     return np.asarray(variable.values)
@@ -362,12 +364,12 @@ AnySignal = TypeVar("AnySignal", bound=xr.DataArray | Plain)
 
 
 def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
-    """Return an array that keeps ``schema``, or raise.
+    """Return the array if it conforms to ``schema``, or raise.
 
     Raises
     ------
     AnalysisError
-        If dimensions, units, kind of values or coordinates differ.
+        If its dimensions, units, kind of values or coordinates differ from the schema.
     """
     if isinstance(array, Plain):
         if array.schema is not schema:
@@ -394,13 +396,13 @@ def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
 def sampling_rate_hz(axis: npt.ArrayLike) -> float:
     """Compute the rate of a uniform time axis.
 
-    An axis of one sample is an :class:`AnalysisError`.
+    An axis of fewer than two samples raises :class:`AnalysisError`.
     """
     times = np.asarray(axis, dtype=float)
     if times.size < 2 or not times[-1] > times[0]:
-        raise AnalysisError(f"a time axis needs two rising samples or more, this one has {times.size}")
+        raise AnalysisError(f"a time axis needs two or more rising samples; this one has {times.size}")
     return float((times.size - 1) / (times[-1] - times[0]))
 
 
 STEP_LENGTHS = {"ground_step_length_m": "step length on the ground", "step_length_m": "step length, radial"}
-"""Names of both step lengths, in the order in which they are shown; the radial one is the report's."""
+"""Names of both step lengths in display order. The report uses the radial one."""

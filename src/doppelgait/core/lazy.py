@@ -1,6 +1,6 @@
 """Pulses and scatterer rows that are read or computed on demand.
 
-A recording of ten minutes has a gigabyte of samples. What looks at all of them goes from tile to tile.
+A recording of ten minutes has a gigabyte of samples. Code that needs all of them processes one tile after another.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from doppelgait.core.labels import replace_array_values
 Matrix = npt.NDArray[np.complex64]
 
 LONG_PULSES = 1 << 15
-"""Recordings of more pulses are worked on in tiles of about so many."""
+"""Approximate number of pulses of a tile. Longer recordings are processed in tiles."""
 
 
 class _Source(BackendArray):
-    """Rows on demand, as xarray indexes them."""
+    """Rows on demand, indexed by xarray."""
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, rows: Callable[[int, int], npt.NDArray[Any]]) -> None:
         self.shape, self.dtype, self._rows = shape, np.dtype(dtype), rows
@@ -47,20 +47,20 @@ def lazy_rows(
 ) -> LazilyIndexedArray:
     """Make values for a labelled array from a row function.
 
-    Every access asks for the rows again: nothing is kept.
+    Every access calls the function again; nothing is cached.
     """
     return LazilyIndexedArray(_Source(shape, dtype, rows))
 
 
 def read_pulses(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> Any:
-    """Return some pulses of a baseband, (pulses, range bins)."""
+    """Return some pulses of a baseband as (pulses, range bins)."""
     return np.asarray(baseband.isel(slow_time=slice(first, stop)).values)
 
 
 def read_tiles(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
     """Yield the first pulse and the values, tile by tile.
 
-    Every tile but the last has a multiple of so many pulses. A short recording is one tile.
+    Every tile except the last has a number of pulses that ``multiple`` divides. A short recording is one tile.
     """
     count = baseband.sizes["slow_time"]
     size = count if count <= LONG_PULSES else max(LONG_PULSES // multiple, 1) * multiple
@@ -69,7 +69,7 @@ def read_tiles(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Itera
 
 
 def is_lazy(baseband: xr.DataArray) -> bool:
-    """Return True if a long baseband is still on demand."""
+    """Return True if a long baseband is not in memory yet."""
     return baseband.sizes["slow_time"] > LONG_PULSES and isinstance(baseband.variable._data, LazilyIndexedArray)
 
 
@@ -79,13 +79,15 @@ def take_every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[
 
 
 def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:
-    """Change the pulses of a baseband, on demand if long.
+    """Apply a function to the pulses of a baseband.
+
+    For a long baseband, it is applied on demand.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
     change : callable
-        Gets some pulses and the number of the first, and returns as many; it must not change what it gets.
+        Function of some pulses and of the number of the first. It returns as many pulses and must not change its input.
     """
     if baseband.sizes["slow_time"] <= LONG_PULSES:
         return replace_array_values(baseband, change(baseband.values, 0))

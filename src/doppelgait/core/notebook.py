@@ -1,7 +1,7 @@
 """Show objects in notebooks: a table of facts and a picture.
 
-The pictures are made above the layers of the objects, by :mod:`doppelgait.viz.objects`. It is named here and imported
-when something is plotted, as the built-in plug-ins of a group are (:mod:`doppelgait.core.plugins`).
+The pictures are made by :mod:`doppelgait.viz.objects`, a module of a higher layer. It is therefore imported by name and
+on first use, like the built-in plug-ins of a group (:mod:`doppelgait.core.plugins`).
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from typing import Any
 
 DRAWING = "doppelgait.viz.objects"
 PICTURE_IN = (5.2, 3.2)
-"""Size of the picture."""
+"""Width and height of the picture."""
 
 
 def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
-    """Plot an object by the function of that name; return its axes."""
+    """Plot an object by the named function; return its axes."""
     return getattr(import_module(DRAWING), f"plot_{name}")(value, ax=ax, **settings)
 
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:
     """Format an object as one to five lines of text.
 
-    Facts that have no room are replaced by three dots.
+    Facts beyond the last line are replaced by three dots.
     """
     words = [f"{name} {value}" for name, value in facts.items() if value]
     lines, line = [], ""
@@ -42,26 +42,23 @@ def show_text(title: str, facts: Mapping[str, str]) -> str:
 def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> str:
     """Format an object as a small table and an inline PNG.
 
-    Without a name of a plot there is no picture.
+    If the name of the plot is empty, there is no picture.
     """
     rows = "".join(
         f'<tr><th style="text-align:left">{escape(key)}</th><td style="text-align:left">{escape(text)}</td></tr>'
         for key, text in facts.items()
         if text
     )
-    picture = f'<img alt="{escape(title)}" src="data:image/png;base64,{_picture(name, value)}">' if name else ""
+    picture = ""
+    if name:
+        figure, axes = import_module(DRAWING).make_axes(width_in=PICTURE_IN[0], height_in=PICTURE_IN[1])
+        plot(name, value, ax=axes)
+        image = io.BytesIO()
+        figure.savefig(image, format="png", dpi=80, metadata={"Software": None})
+        content = base64.b64encode(image.getvalue()).decode()
+        picture = f'<img alt="{escape(title)}" src="data:image/png;base64,{content}">'
     return (
         f"<div><strong>{escape(title)}</strong>"
         f'<div style="display:flex;gap:1em;align-items:flex-start"><table>{rows}</table>'
         f"{picture}</div></div>"
     )
-
-
-def _picture(name: str, value: Any) -> str:
-    """Draw an object; return its PNG in base64."""
-    drawing = import_module(DRAWING)
-    figure, axes = drawing.make_axes(width_in=PICTURE_IN[0], height_in=PICTURE_IN[1])
-    plot(name, value, ax=axes)
-    image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=80, metadata={"Software": None})
-    return base64.b64encode(image.getvalue()).decode()

@@ -1,6 +1,6 @@
 """Arrays of .npy and .npz files of unknown origin.
 
-Lengths are checked before memory is taken; nothing is ever unpickled.
+Lengths are checked before memory is allocated. Python objects are never unpickled.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from doppelgait.core.cost import check_cost
 
 NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
-"""What a number is counted at least: readers make doubles or complex numbers of smaller ones."""
+"""Minimum bytes counted per number, because readers convert smaller types to doubles or complex numbers."""
 _FAULTS = (ValueError, EOFError, KeyError, TypeError, MemoryError, OverflowError, SyntaxError, RecursionError,
           NotImplementedError, RuntimeError, UnicodeDecodeError, tokenize.TokenError,
           zipfile.BadZipFile, zlib.error)  # fmt: skip
-"""What NumPy and zipfile raise at damaged bytes."""
+"""Exceptions that NumPy and zipfile raise for damaged bytes."""
 
 Array = npt.NDArray[Any]
 
 
 def is_npz(head: bytes) -> bool:
-    """Return whether bytes begin an npz file.
+    """Return True if bytes are the start of an npz file.
 
-    It is a zip archive that starts with a ``.npy``.
+    An npz file is a zip archive with a ``.npy`` file as its first member.
     """
     length = int.from_bytes(head[26:28], "little")
     return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
@@ -42,7 +42,7 @@ def is_npz(head: bytes) -> bool:
 def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
     """Load the array of a ``.npy`` file.
 
-    The errors are those of :func:`load_npz`.
+    It raises the same errors as :func:`load_npz`.
     """
     try:
         with path.open("rb") as stream:
@@ -62,16 +62,16 @@ def load_npz(
     ----------
     path : Path
     wanted : collection of str
-        Names of arrays; None stands for the others.
+        Names of the arrays to load; None stands for all others.
     error : callable
-        Type of the errors.
+        Type of the errors to raise.
     lone : bool
-        Load the only array whatever its name.
+        If the file has a single array, load it whatever its name.
 
     Raises
     ------
     Exception
-        Of the type ``error``, if the file is damaged, holds objects, or its values take too much memory.
+        If the file is damaged, holds Python objects, or its values take too much memory. It has the type ``error``.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -114,14 +114,14 @@ def _read_values(
     """Read ``size`` bytes of values from a stream."""
     n_bytes = math.prod(shape) * dtype.itemsize
     if n_bytes > size:
-        raise ValueError(f"{name} should hold {n_bytes} bytes, the file has {size}")
+        raise ValueError(f"{name} should hold {n_bytes} bytes, but the file has {size}")
     content = stream.read(n_bytes)
     if len(content) < n_bytes:
-        raise ValueError(f"{name} should hold {n_bytes} bytes, {len(content)} are there")
+        raise ValueError(f"{name} should hold {n_bytes} bytes, but has {len(content)}")
     if isinstance(stream, zipfile.ZipExtFile) and stream.read(1):
-        raise ValueError(f"{name} holds more bytes than its header says")
+        raise ValueError(f"{name} holds more bytes than its header states")
     if dtype.kind == "U" and (np.frombuffer(content, dtype.byteorder + "u4") > sys.maxunicode).any():
-        raise ValueError(f"{name} holds numbers that are no characters")
+        raise ValueError(f"{name} holds codes that are not characters")
     return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
 
 

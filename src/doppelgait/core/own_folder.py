@@ -1,6 +1,6 @@
 """Output folders that appear complete or not at all.
 
-They replace nothing but an earlier one of their kind.
+They replace only an earlier output folder of the same kind.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ PAGE = "index.html"
 def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
     """Refuse a path that cannot become the output folder.
 
-    This happens before any work is done; a folder with something else in it is refused, too.
+    The check is made before any work is done. A folder with other files is also refused.
 
     Parameters
     ----------
     out : Path
     listing : str
-        Name of the JSON file in it that lists all other files under ``files``, except the page.
+        Name of the JSON file in the folder that lists all other files, except the page, under ``files``.
     file_format : str
-        What that file has under ``format``.
+        Value of ``format`` in that file.
     command : str
-        Who writes such folders, for the error.
+        Command that writes such folders, named in the error.
 
     Raises
     ------
     ConfigError
-        If the folder above does not exist, ``out`` is a file, or it holds anything that is not of an earlier run.
+        If the parent folder does not exist, ``out`` is a file, or it holds files that an earlier run did not write.
     """
     if not out.resolve().parent.is_dir():
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
@@ -57,14 +57,14 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """Write a folder that is named when complete.
+    """Write a folder atomically: complete under its name, or absent.
 
-    The block writes to the yielded folder, which takes the name ``out`` when the block ends well and is removed if not.
+    The block writes to the yielded folder. It is renamed to ``out`` if the block succeeds, and removed if it raises.
 
     Raises
     ------
     OutputError
-        If a folder or file cannot be written; an earlier ``out`` is then as it was.
+        If a folder or file cannot be written. An earlier ``out`` then stays unchanged.
     """
     out = out.resolve()
     partial = out.with_name(f".{out.name}.partial-{os.getpid()}")

@@ -1,9 +1,9 @@
 """Safe opening of HDF5 files: unsafe ones are refused.
 
-HDF5 has three ways to make a file show what lies in another one: links, datasets with external storage (the bytes of
-any file become numbers) and virtual datasets. Neither our own files nor those of the vendors that are read have them.
-A damaged file can keep the library busy without end, a small one can declare or unpack to any amount of values, and
-damaged types of values make the library write beyond its memory, which ends the process.
+An HDF5 file can show the content of another file by links, by datasets with external storage (which read the bytes of
+any file as numbers) and by virtual datasets. Neither doppelgait's files nor the supported files of vendors use these.
+A damaged file can trap the library in an endless loop. A small file can declare, or decompress to, very many values.
+Damaged types of values make the library write beyond its memory, which ends the process.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from doppelgait.core.cost import describe_excess_memory, limit_bytes
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file."""
 USER_BLOCKS = (0, 512, 1024, 2048)
-"""Where the signature may stand; MATLAB puts it at 512."""
+"""Allowed positions of the signature. MATLAB writes it at byte 512."""
 HEAP = b"GCOL\x01"
-"""Signature and version of a heap of texts; the library does not look at the three bytes after it."""
+"""Signature and version of a heap of texts. The library ignores the three bytes after it."""
 HEAP_BYTES, OBJECT_BYTES = 16, 16
-"""Bytes before the objects of a heap, and before the content of an object (8-byte lengths, as h5py writes)."""
+"""Bytes before the objects of a heap, and before the content of an object with the 8-byte lengths that h5py writes."""
 TEXT_BYTES = 4096
-"""Length that is assumed of one of many texts, such as ids."""
+"""Length assumed for each text of a long list, such as ids."""
 CHUNK_BYTES = 6000
-"""Memory that the library takes for each chunk, measured: chunks of few values take more than these."""
+"""Memory that the library allocates for each chunk (measured). For small chunks it exceeds that of the values."""
 MAX_OBJECTS = 4_000_000
-"""Texts in heaps that are followed at most."""
+"""Maximum number of objects in heaps that are followed."""
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}
-"""Filters by number that are read, each once in a dataset."""
+"""Supported filters by number. A dataset may use each of them once."""
 INFLATES = 1040
-"""Bytes that one byte of a deflate stream can become at most."""
+"""Maximum number of bytes that one byte of a deflate stream can decompress to."""
 FLOATS = ("IEEE_F16LE", "IEEE_F32LE", "IEEE_F64LE", "IEEE_F16BE", "IEEE_F32BE", "IEEE_F64BE")
-"""Names of the floating-point types that are read."""
+"""Names of the supported floating-point types."""
 TEXT_MARK = b"\x10\x00\x00\x00"
-"""Size of what stands for a text of variable length: its length, the place of its heap, its number there."""
+"""Size of the reference to a text of variable length: length, address of the heap and number of the object."""
 TEXT = re.compile(
     rb"\x10\x00\x00\x00"
     rb"(?:[\x10\x20\x30].{3}\x01\x00\x00\x00.{4}(?:\x00{4})?|[\x13\x23\x33].{3}\x01\x00\x00\x00)"  # of characters
@@ -49,14 +49,14 @@ TEXT = re.compile(
     rb"(.{4})",
     re.DOTALL,
 )
-"""An attribute that is a text, from its size to the length that it declares."""
+"""Pattern of a text attribute, from its size to the length that it declares."""
 TEXT_AFTER = 32
-"""Bytes of the longest match after its mark."""
+"""Maximum number of bytes of a match after the mark."""
 READ_SIZE = 1 << 20
 """Bytes read at once."""
 
 FAULTS = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError, MemoryError)
-"""What h5py raises at damaged bytes."""
+"""Exceptions that h5py raises for damaged bytes."""
 
 
 def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:
@@ -66,13 +66,13 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
     ----------
     path : path-like
     members : bool
-        Check all links and datasets now. False where the caller reads attributes of the root only, or takes every
-        member by :func:`get_own_member`.
+        Check all links and datasets now. False if the caller reads only attributes of the root, or uses
+        :func:`get_own_member` for every member.
     soft_links : bool
-        Allow links to other places of the same file, and attributes and references of any type, which vendors' files
-        have. The caller must not read these attributes.
+        Allow links within the same file, and attributes and references of any type, as in the files of vendors. The
+        caller must not read these attributes.
     **options
-        Of ``h5py.File``.
+        Options of ``h5py.File``.
 
     Returns
     -------
@@ -81,10 +81,10 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
     Raises
     ------
     OSError
-        If it cannot be opened.
+        If the file cannot be opened.
     ValueError
-        If a chain of texts has no end, a member lies in another file, the values are of a type that is not read, or
-        they take more memory than :func:`~doppelgait.core.cost.limit_bytes` allows.
+        If a chain of texts is endless, a member is in another file, the values have an unsupported type, or they take
+        more memory than :func:`~doppelgait.core.cost.limit_bytes` allows.
     """
     import h5py
 
@@ -105,15 +105,15 @@ def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = Fals
 
 
 def is_hdf5(path: str | Path) -> bool:
-    """Return whether a file has the signature of HDF5."""
+    """Return True if a file has the signature of HDF5."""
     with Path(path).open("rb") as file:
         return _find_signature(file.read(USER_BLOCKS[-1] + len(SIGNATURE))) is not None
 
 
 def read_stated_format(path: str | Path) -> str | None:
-    """Return an HDF5 file's stated format, or None.
+    """Return the format that an HDF5 file states, or None.
 
-    None for any file that is not of doppelgait.
+    For a file that doppelgait did not write, it is None.
     """
     try:
         with open_hdf5(path, members=False) as file:
@@ -124,28 +124,28 @@ def read_stated_format(path: str | Path) -> str | None:
 
 
 def get_own_member(group: Any, name: str) -> Any:
-    """Return a dataset or group of an HDF5 group itself.
+    """Return a direct member (dataset or group) of an HDF5 group.
 
     Parameters
     ----------
     group : h5py.Group
     name : str
-        Of a direct member.
+        Name of a direct member.
 
     Returns
     -------
     h5py.Dataset, h5py.Group or None
-        None where there is none.
+        None if there is no such member.
 
     Raises
     ------
     ValueError
-        If it is a link, its values lie elsewhere or take too much memory.
+        If it is a link, its values are in another file, or they take too much memory.
     """
     import h5py
 
     key = name.encode()
-    if "/" in name:  # every part of a path could be a link
+    if "/" in name:  # every component of a path could be a link
         raise ValueError(f"{name!r} is not allowed as a name")
     if not group.id.links.exists(key):
         return None
@@ -166,7 +166,7 @@ def _check_limit(n_bytes: int, path: Path) -> None:
 
 
 def _check_members(file: Any, path: Path, soft_links: bool) -> None:
-    """Check positions and sizes of all members, without reading."""
+    """Check links and sizes of all members without reading values."""
     import h5py
 
     found: list[tuple[str, int]] = []
@@ -186,13 +186,13 @@ def _check_members(file: Any, path: Path, soft_links: bool) -> None:
         if isinstance(member, h5py.Group):
             address = h5py.h5o.get_info(member.id).addr
             if address in groups:
-                raise ValueError(f"the group {name[:80]!r} has two names; a group may be inside itself then")
+                raise ValueError(f"the group {name[:80]!r} has two names, so that it may contain itself")
             groups.add(address)
     _check_limit(n_bytes, path)
 
 
 def _check_attributes(member: Any, name: str) -> None:
-    """Refuse attributes of types that are not read, before they are read."""
+    """Refuse attributes of unsupported types before they are read."""
     import h5py
 
     for number in range(h5py.h5a.get_num_attrs(member.id)):
@@ -201,7 +201,7 @@ def _check_attributes(member: Any, name: str) -> None:
         fault = _type_fault(kind)
         n_dims = attribute.get_space().get_simple_extent_ndims()
         if kind.get_class() == h5py.h5t.STRING and kind.is_variable_str() and (n_dims or kind.committed()):
-            fault = "is a list of texts, or of a named type"  # TEXT finds single texts of a plain type only
+            fault = "is a list of texts, or of a named type"  # TEXT matches only single texts of a plain type
         if fault:
             text = attribute.name.decode(errors="replace")
             raise ValueError(f"the attribute {text[:80]!r} of {name[:80]!r} {fault}")
@@ -210,7 +210,7 @@ def _check_attributes(member: Any, name: str) -> None:
 def _type_fault(kind: Any, *, references: bool = False) -> str:
     """Return why values of a type must not be read, or "".
 
-    The library converts values of a damaged type without a check of their places and sizes.
+    The library converts values of a damaged type without a check of offsets and sizes.
     """
     from h5py import h5t
 
@@ -218,7 +218,7 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
     if class_ == h5t.ENUM:  # truth values
         kind = kind.get_super()
         class_, size = kind.get_class(), kind.get_size()
-    if class_ == h5t.COMPOUND:  # complex numbers: two real ones next to each other
+    if class_ == h5t.COMPOUND:  # complex numbers: two adjacent real numbers
         if kind.get_nmembers() != 2 or [kind.get_member_offset(n) for n in (0, 1)] != [0, size // 2] or size % 2:
             return "is of a compound type other than complex numbers"
         first, second = kind.get_member_type(0), kind.get_member_type(1)
@@ -232,25 +232,25 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
         return "" if any(kind.equal(getattr(h5t, name)) for name in FLOATS) else "holds unusual floating-point numbers"
     if class_ == h5t.STRING or (references and class_ == h5t.REFERENCE):
         return ""
-    return f"is of the type class {class_}, which is not read"
+    return f"is of the type class {class_}, which is not supported"
 
 
 def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = False) -> int:
     """Return the size of a dataset's values, 0 for groups.
 
-    ``text_bytes`` is what each text of variable length is taken to have.
+    ``text_bytes`` is the length assumed for each text of variable length.
 
     Raises
     ------
     ValueError
-        If they lie in another file, or are packed in a way that is not read.
+        If the values are in another file, or have an unsupported type or compression.
     """
     import h5py
 
     if not isinstance(found, h5py.Dataset):
         return 0
     if found.external or found.is_virtual:
-        raise ValueError(f"the values of {name[:80]!r} lie in another file, which is not read")
+        raise ValueError(f"the values of {name[:80]!r} are in another file, which is not read")
     kind, properties = found.id.get_type(), found.id.get_create_plist()
     if fault := _type_fault(kind, references=references):
         raise ValueError(f"{name[:80]!r} {fault}")
@@ -268,7 +268,7 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
     filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
     if not set(filters) <= set(FILTERS) or len(set(filters)) < len(filters):
         raise ValueError(
-            f"{name[:80]!r} is packed by the filters {filters}; read are {', '.join(FILTERS.values())}, each once"
+            f"{name[:80]!r} has the filters {filters}; supported are {', '.join(FILTERS.values())}, each once"
         )
     if 1 in filters and found.id.get_storage_size() * INFLATES > limit_bytes(0):
         _check_chunks(found, name, chunk_bytes)
@@ -276,14 +276,14 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
 
 
 def _check_lengths(dataset: Any, name: str, count: int) -> None:
-    """Refuse texts longer than their file.
+    """Refuse texts with a declared length beyond the file's size.
 
-    The library allocates the length that they declare.
+    The library allocates the length that a text declares.
     """
     import h5py
 
     if dataset.id.get_create_plist().get_layout() != h5py.h5d.CONTIGUOUS:
-        raise ValueError(f"the texts of {name[:80]!r} are stored in chunks, which is not read")
+        raise ValueError(f"the texts of {name[:80]!r} are stored in chunks, which is not supported")
     start, path = dataset.id.get_offset(), Path(os.fsdecode(dataset.file.filename))
     if start is None or not count:  # never written
         return
@@ -294,13 +294,13 @@ def _check_lengths(dataset: Any, name: str, count: int) -> None:
     for at in range(0, len(stored) - 15, 16):
         length = int.from_bytes(stored[at : at + 4], "little")
         if length > size:
-            raise ValueError(f"{name[:80]!r} holds a text of {length:,} bytes, the file has {size:,}")
+            raise ValueError(f"{name[:80]!r} holds a text of {length:,} bytes, but the file has {size:,}")
 
 
 def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
-    """Refuse packed chunks that unpack to too much.
+    """Refuse chunks that decompress to more than their size.
 
-    The library unpacks a chunk whatever that becomes. Small chunks cannot become much and are not looked at.
+    The library decompresses a chunk without a limit. Chunks too small to exceed it are not decompressed here.
     """
     large: list[Any] = []
     dataset.id.chunk_iter(
@@ -313,23 +313,23 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
             size += len(unpacker.decompress(packed, READ_SIZE))
             packed = unpacker.unconsumed_tail
         if size > chunk_bytes + 4:
-            raise ValueError(f"a chunk of {name[:80]!r} unpacks to more than its {chunk_bytes:,} bytes")
+            raise ValueError(f"a chunk of {name[:80]!r} decompresses to more than its {chunk_bytes:,} bytes")
 
 
 @lru_cache(maxsize=64)
 def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """Return why HDF5 must not open a file, or "".
 
-    Texts lie in global heaps, chains of objects that each hold their length; the library follows a length of 0 without
-    end. It allocates whatever length an attribute declares, before it looks for the text. Layout: "HDF5 File Format
-    Specification", sections II.A and III.E. ``stamp`` makes the result valid for one
-    state of the file.
+    Texts are stored in global heaps, chains of objects that each state their length. The library follows a length of 0
+    endlessly, and it allocates any length that an attribute declares before it finds the text. The layout is that of
+    the "HDF5 File Format Specification", sections II.A and III.E. The result is cached by ``stamp``, the state of the
+    file.
     """
     with path.open("rb") as file:
         head = file.read(USER_BLOCKS[-1] + 64)
         at = _find_signature(head)
         if at is None:
-            return "it is no HDF5 file"
+            return "it is not an HDF5 file"
         version = head[at + 8] if len(head) > at + 8 else 0
         sizes = head[at + 13 : at + 15] if version < 2 else head[at + 9 : at + 11]
         if sizes != b"\x08\x08":
@@ -337,7 +337,7 @@ def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
         size = file.seek(0, os.SEEK_END)
         for _, following in _find(file, TEXT_MARK, TEXT_AFTER):
             if (found := TEXT.match(following)) and (length := int.from_bytes(found[1], "little")) > size:
-                return f"one of its attributes is a text of {length:,} bytes, the file has {size:,}"
+                return f"one of its attributes is a text of {length:,} bytes, but the file has {size:,}"
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             for start in _find_endless_heaps(content, (at for at, _ in _find(file, HEAP))):
                 return f"its heap at byte {start} has no end"
@@ -349,9 +349,9 @@ def _find_signature(head: bytes) -> int | None:
 
 
 def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Yield the positions of a mark and its following bytes.
+    """Yield the positions of a mark and the bytes after it.
 
-    The file is read in blocks: of a memory map every searched page stays in memory.
+    The file is read in blocks. A memory map would keep every searched page in memory.
     """
     window, kept, first = len(mark) + after, b"", 0
     file.seek(0)
@@ -370,14 +370,14 @@ def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, by
 
 
 def _find_endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
-    """Yield the start of every heap with endless objects.
+    """Yield the start of every heap with an endless chain of objects.
 
-    Chains of a damaged file may run into each other; every object is looked at once.
+    Chains of a damaged file may join, so every object is visited once.
     """
     size = len(content)
-    faults: dict[int, int] = {}  # by the start of an object: the first one from there that leads nowhere
+    faults: dict[int, int] = {}  # by the start of an object: the invalid object that ends its chain
     for start in starts:
-        if start + HEAP_BYTES <= size:  # else it is cut off; the library reports that
+        if start + HEAP_BYTES <= size:  # otherwise it is truncated, which the library reports
             end = min(start + struct.unpack_from("<Q", content, start + 8)[0], size)
             at, chain, fault = start + HEAP_BYTES, [], size
             while at + OBJECT_BYTES <= size:
@@ -386,7 +386,7 @@ def _find_endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[i
                     break
                 chain.append(at)
                 number, n_bytes = struct.unpack_from("<H6xQ", content, at)
-                step = OBJECT_BYTES + -(-n_bytes // 8) * 8 if number else n_bytes  # object 0 is the free rest with head
+                step = OBJECT_BYTES + -(-n_bytes // 8) * 8 if number else n_bytes  # object 0: free space with header
                 if step < OBJECT_BYTES or step >= 1 << 63:
                     fault = at
                     break

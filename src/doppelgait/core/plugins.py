@@ -1,7 +1,7 @@
 """Plug-ins: functions or objects with frozen parameters and a decorator.
 
-A package adds its own by importing this decorator in a module and naming that module as an entry point of the group
-``doppelgait.plugins``. Every group of plug-ins is a :class:`Group` in the room that uses it.
+A package adds plug-ins in a module that uses the decorator and that is an entry point of the group
+``doppelgait.plugins``. Every group of plug-ins is a :class:`Group` in the subpackage that uses it.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from doppelgait.core.errors import ConfigError, warn_caller
 T = TypeVar("T")
 
 ENTRY_POINTS = "doppelgait.plugins"
-"""Entry-point group of other packages: each entry is a module that registers plug-ins when it is imported."""
+"""Entry-point group of other packages. Each entry names a module that registers plug-ins when it is imported."""
 
 GROUP_NAMES = (
     "classifier", "environment", "exporter", "feature", "impairment", "motion_model", "motion_reader", "path",
     "radar_reader", "radar_writer", "rcs", "waveform",
 )  # fmt: skip
-"""Names of doppelgait's groups, known before the rooms that declare them are imported."""
+"""Names of doppelgait's groups, available before the subpackages that declare them are imported."""
 NAMING_KEYS = ("kind", "gate", "format")
-"""Keys of a configuration that name plug-ins by a text or several; the name of a group is another."""
+"""Keys of a configuration with one or several names of plug-ins, in addition to the names of the groups."""
 CHOICES = ("choice", "cycle")
 
 
@@ -45,15 +45,15 @@ class Plugin(Generic[T]):
     ----------
     group, name : str
     run : callable or object
-        What the group calls; its contract is in the docstring of the group's :class:`Group`.
+        Object that the group calls. The docstring of the group's :class:`Group` states its contract.
     parameters : type of FrozenModel, optional
-        Its parameters; None for a plug-in without.
+        Model of its parameters; None for a plug-in without parameters.
     version : str
-        Raise it when the same parameters give other numbers.
+        Version of the results: it must change when the same parameters give other numbers.
     package : str
-        Top-level package that it comes from.
+        Top-level package that contains it.
     facts : mapping
-        What the group must know besides, for example a feature's unit.
+        Further information for the group, for example a feature's unit.
     module : str
         Module that registered it.
     """
@@ -71,7 +71,7 @@ class Plugin(Generic[T]):
     def identity(self) -> dict[str, str]:
         """Name, version and package release of a plug-in.
 
-        A dataset's identity records them for plug-ins of other packages.
+        The identity of a dataset contains them for plug-ins of other packages.
         """
         releases = packages_distributions().get(self.package, [])
         release = version(releases[0]) if releases else ""
@@ -91,20 +91,22 @@ def plugin(
 ) -> Callable[[T], T]:  # fmt: skip
     """Register a function, class or object as plug-in.
 
-    Registered again by the same module, for example by a notebook cell that is run again, it replaces the former one.
+    If the same module registers a name again, for example in a notebook cell that runs twice, the later plug-in
+    replaces the earlier one.
 
     Parameters
     ----------
     group : str
         ``impairment``, ``waveform``, ``feature``, ...: a key of :func:`list_plugin_groups`.
     name : str, optional
-        By default the value of the field ``kind`` of ``parameters``.
+        Name of the plug-in. The default is the default value of the field ``kind`` of ``parameters``.
     parameters : type of FrozenModel, optional
-        Frozen model of the plug-in's parameters; a decorated class that is such a model is its own.
+        Frozen model of the plug-in's parameters. A decorated class that is such a model is its own ``parameters``.
     version : str
-        Raise it when the same parameters give other numbers; it is part of a dataset's identity.
+        Version of the results: change it when the same parameters give other numbers. It is part of the identity of a
+        dataset.
     **facts
-        What the group must know besides; see the group.
+        Further information that the group requires; see the group.
 
     Raises
     ------
@@ -133,13 +135,13 @@ def plugin(
         if key is None and model is not None and "kind" in model.model_fields:
             key = model.model_fields["kind"].default
         if not isinstance(key, str) or not key:
-            raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field kind that has a default")
+            raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field `kind` that has a default")
         known = _REGISTERED.setdefault(group, {})
         if key in known and known[key].module != module:
             raise ConfigError(f"the {group.replace('_', ' ')} {key!r} is registered twice: by {known[key].module} "
                               f"and by {module}")  # fmt: skip
         made = Plugin(group, key, item, model, version, module.partition(".")[0], facts, module)
-        if group in _GROUPS:  # otherwise when the group is first looked at
+        if group in _GROUPS:  # otherwise it is checked on the group's first use
             _GROUPS[group].check(made)
         known[key] = made
         return item
@@ -153,13 +155,13 @@ class Group(Generic[T]):
     Parameters
     ----------
     name : str
-        As in the decorator, for example ``impairment``.
+        Name of the group, as in the decorator, for example ``impairment``.
     built_in : sequence of str
         Modules of doppelgait that register this group's plug-ins; imported on first use.
     noun : str, optional
-        For messages; by default the name with spaces.
+        Word for a plug-in of the group in messages; by default the name with spaces.
     check : callable, optional
-        Refuses a plug-in with facts that the group cannot use, by a :class:`ConfigError`.
+        Function that raises :class:`ConfigError` for a plug-in with facts that the group cannot use.
     """
 
     def __init__(
@@ -176,8 +178,9 @@ class Group(Generic[T]):
     def _load_plugins(self) -> dict[str, Plugin[T]]:
         known = _REGISTERED.setdefault(self.name, {})
         if not self._complete:
-            # Several threads may do this at once: importing twice is harmless, and Python's own import lock makes each
-            # wait until a module is whole. A module that looks its group up while it is imported gets what is there.
+            # Several threads may do this at once: importing twice is harmless, and Python's import lock makes each
+            # thread wait until a module is complete. A module that reads its group during its import gets the plug-ins
+            # that are registered by then.
             for module in self._built_in:
                 import_module(module)
             _load_packages()
@@ -207,9 +210,9 @@ class Group(Generic[T]):
         return [found[name] for name in sorted(found)]
 
     def of(self, parameters: FrozenModel) -> Plugin[T]:
-        """Return the plug-in of a parameter model.
+        """Return the plug-in that a parameter model belongs to.
 
-        The model's field ``kind`` decides.
+        The model's field ``kind`` selects it.
         """
         found = self[str(getattr(parameters, "kind", None))]
         if found.parameters is None or not isinstance(parameters, found.parameters):
@@ -251,7 +254,7 @@ class Group(Generic[T]):
 def list_plugin_groups() -> dict[str, Group[Any]]:
     """Return all groups of plug-ins by name.
 
-    Rooms that were not imported yet are imported.
+    The subpackages that declare them are imported if necessary.
     """
     from doppelgait import PLUGIN_ROOMS
 
@@ -261,7 +264,7 @@ def list_plugin_groups() -> dict[str, Group[Any]]:
 
 
 def list_foreign_plugins() -> list[Plugin[Any]]:
-    """List the plug-ins that do not come with doppelgait."""
+    """List the plug-ins that are not part of doppelgait."""
     _load_packages()
     found = [item for known in _REGISTERED.values() for item in known.values()]
     return sorted((item for item in found if item.package != "doppelgait"), key=lambda p: (p.group, p.name))
@@ -270,15 +273,15 @@ def list_foreign_plugins() -> list[Plugin[Any]]:
 def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = None) -> list[dict[str, Any]]:
     """Identify the plug-ins of other packages in a configuration.
 
-    The identity is name, version, release and default parameters.
+    The identity consists of name, version, release and default parameters.
 
     Parameters
     ----------
     tables : mapping or list
-        Plain configuration. A plug-in is used where its name is below a key ``kind`` or the name of its group, also
-        among choices; a feature always, since every feature is computed.
+        Plain configuration. A plug-in is used if its name is the value, or one of the choices, of a key ``kind`` or of
+        a key with the name of its group. Features are always used, since every feature is computed.
     files : mapping, optional
-        Files by group of readers: a reader with ``sniff`` is used where it takes one of them.
+        Files by group of readers. A reader with ``sniff`` is used if it accepts one of them.
     """
     foreign = list_foreign_plugins()
     names: dict[str, set[str]] = {}
@@ -320,7 +323,7 @@ def _read_head(path: Path) -> bytes:
 def _load_packages() -> None:
     """Import the plug-in modules of installed packages, once.
 
-    One that fails is a warning and is left out.
+    A module that cannot be imported causes a warning and is left out.
     """
     with _LOADING:
         found = entry_points()
@@ -328,18 +331,18 @@ def _load_packages() -> None:
             entry for group in found.groups if group.startswith("doppelgait.") for entry in found.select(group=group)
         ]
         for entry in ours:
-            if entry.group != ENTRY_POINTS and entry.value not in _LOADED:  # as in version 0.1.0
+            if entry.group != ENTRY_POINTS and entry.value not in _LOADED:  # the groups of version 0.1.0
                 _LOADED.add(entry.value)
                 warn_caller(
                     f"the plug-in {entry.name!r} ({entry.value}) is in the entry-point group {entry.group!r}, which is "
-                    f"not read, and is left out: name a module in the group {ENTRY_POINTS!r} that registers it with "
+                    f"not read, and is left out; name a module in the group {ENTRY_POINTS!r} that registers it with "
                     "doppelgait.plugin"
                 )
         new = [entry for entry in ours if entry.group == ENTRY_POINTS and entry.value not in _LOADED]
         if not new:
             return
         _LOADED.update(entry.value for entry in new)
-        for group in list_plugin_groups().values():  # doppelgait's own names come first: no other package may take them
+        for group in list_plugin_groups().values():  # first, so that no other package can use doppelgait's names
             for module in group._built_in:
                 import_module(module)
         for entry in new:

@@ -1,6 +1,6 @@
 """Random streams, one for every (seed, example, purpose).
 
-No draw shifts another.
+The draws of one stream do not change those of another.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from doppelgait.core.errors import ConfigError
 
 PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split", "batches")
-"""Purposes of the streams. The position in this tuple is part of the stream's key: append only."""
+"""Purposes of the streams. The index in this tuple is part of the stream's key, so new purposes are appended."""
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,14 @@ class Streams:
     Parameters
     ----------
     seed : int
-        Root of all streams, 0 or larger; as ``seed`` in a scene file and ``--seed`` of the command line.
+        Root of all streams, 0 or larger: ``seed`` of a scene file or ``--seed`` of the command line.
     example : int
         Number of the example in a dataset, 0 or larger.
 
     Raises
     ------
     ConfigError
-        If the seed or the example is no integer or below 0.
+        If the seed or the example is not an integer, or below 0.
 
     Examples
     --------
@@ -64,12 +64,12 @@ class Streams:
         purpose : str
             One of :data:`PURPOSES`.
         key : str
-            Further name, such as the dotted key of a parameter: adding a parameter then shifts no other.
+            Further name, such as the dotted key of a parameter. A new parameter then leaves other draws unchanged.
 
         Returns
         -------
         numpy.random.Generator
-            The same stream for the same values, whatever else was sampled before or in whichever process.
+            Generator that depends only on the seed, the example, the purpose and the key.
         """
         name = (zlib.crc32(key.encode()),) if key else ()
         spawn_key = (PURPOSES.index(purpose), self.example, *name)
@@ -79,12 +79,12 @@ class Streams:
 def rng(seed: int) -> Streams:
     """Make the random streams of a single run.
 
-    The bytes are the same as with ``seed`` in a scene file and ``--seed``.
+    The streams are those of ``seed`` in a scene file and of ``--seed``.
 
     Raises
     ------
     ConfigError
-        If the seed is no integer or below 0.
+        If the seed is not an integer, or below 0.
 
     Examples
     --------
@@ -96,12 +96,12 @@ def rng(seed: int) -> Streams:
 
 
 RandomSource: TypeAlias = "Streams | np.random.Generator"
-"""Source of random numbers of one purpose: streams, or a generator to continue."""
+"""Source of random numbers: streams, or a generator that is continued."""
 
 
 def as_generator(source: RandomSource, purpose: str) -> np.random.Generator:
     """Return the generator of a purpose.
 
-    A generator is returned unchanged, to continue at its state.
+    A generator is returned unchanged and continues from its state.
     """
     return source.generator(purpose) if isinstance(source, Streams) else source

@@ -1,6 +1,6 @@
 """Complex samples as float32 planes or a matrix.
 
-Receiver noise is added where samples are read.
+Receiver noise is computed only for the samples that are read.
 """
 
 from __future__ import annotations
@@ -24,28 +24,26 @@ Turns = npt.NDArray[np.float64]
 Rows = Callable[[int, int], Matrix]
 
 ROWS = 32
-"""Rows of planes or of a matrix that are changed at a time, so that intermediate results stay in the cache."""
+"""Rows of planes or of a matrix that are processed together, so that intermediate results stay in the cache."""
 
 
 LARGEST_SPARE_BYTES = 1 << 25
-"""Largest memory that a thread keeps for its next samples; a long recording gives its memory back at once."""
+"""Maximum size of memory that a thread keeps for its next samples. Larger memory is released at once."""
 _of_thread = threading.local()
 
 
 def borrow_planes(shape: tuple[int, ...]) -> Planes:
-    """Make float32 planes in memory of this thread.
+    """Make float32 planes, in reused memory of this thread if possible.
 
-    It is memory that the thread has used before, where some is free.
-
-    New memory of this size costs a third of the echoes that are written to it, because the system clears every page.
-    The memory is free again when nothing refers to the planes or a view of them.
+    New memory takes a third of the time of computing the echoes, because the system clears every page. The memory is
+    free again when nothing refers to the planes or a view of them.
     """
     n_values = math.prod(shape)
     spare: list[Planes] = _of_thread.__dict__.setdefault("spare", [])
     while spare and spare[-1].size != n_values:
         spare.pop()
     memory = spare.pop() if spare else np.empty(n_values, dtype=np.float32)
-    # Views of an array refer to the array that owns the memory; behind a buffer they refer to this one.
+    # Views refer to the array that owns the memory. Through a buffer, they refer to this array, which is finalised.
     planes = np.frombuffer(memory.data, dtype=np.float32)
     if 0 < memory.nbytes <= LARGEST_SPARE_BYTES:
         weakref.finalize(planes, _return_memory, spare, memory).atexit = False
@@ -62,9 +60,9 @@ WHITE: Factor = np.ones(1, dtype=np.float32)
 
 
 class Noise(NamedTuple):
-    """Pending receiver noise: key, rms in V, factor over range.
+    """Pending receiver noise: key, rms in V and factor over range.
 
-    The noise is a function of (key, pulse, sample).
+    The noise depends only on key, pulse and sample.
     """
 
     key: np.uint64
@@ -75,31 +73,31 @@ class Noise(NamedTuple):
 class Samples:
     """Complex samples, one row per pulse.
 
-    They behave in arithmetic like a complex64 array of shape (pulses, samples).
-
-    ``samples + 0.1``, ``samples * turn[:, None]`` and the like give new samples; ``samples += row`` uses their memory
-    again where it belongs to them. ``numpy.asarray(samples)`` is the complex matrix.
+    In arithmetic they are like a complex64 array of shape (pulses, samples). ``samples + 0.1`` or
+    ``samples * turn[:, None]`` return new samples. ``samples += row`` reuses the memory if the samples own it.
+    ``numpy.asarray(samples)`` is the complex matrix.
 
     Parameters
     ----------
     matrix : array_like, shape (pulses, samples), complex
-        V. Never changed: the samples own no memory until they are changed.
+        Values in V. The matrix is never changed: the samples copy it when they are changed.
 
     Raises
     ------
     AnalysisError
-        If it is no complex array of two dimensions.
+        If ``matrix`` is not a complex array of two dimensions.
 
     Notes
     -----
-    The values are kept in the layout they were made in. The *matrix* has one row a pulse. The *planes*, a float32 array
-    of shape (2, samples, at least pulses), hold real and imaginary parts with one row a sample: what the kernels read
-    and write, because a range bin's pulses follow each other in memory. Columns beyond the last pulse mean nothing.
+    The values keep the layout they were made in. The *matrix* has one row per pulse. The *planes*, a float32 array of
+    shape (2, samples, at least pulses), hold real and imaginary parts with one row per sample. The kernels use the
+    planes, because the pulses of a range bin are contiguous in memory. Columns beyond the last pulse are undefined.
 
-    Receiver noise may be pending (:meth:`with_noise`): every access shows it, but it is made for what is read only.
+    Receiver noise may be pending (:meth:`with_noise`). Every access includes it, but it is computed only for the values
+    that are read.
 
-    Samples may be *stored* in a file, or come from another source of rows (:meth:`stored`): they are read or computed
-    when they are asked for, and not kept.
+    Samples may be *stored* in a file or be computed by a function (:meth:`stored`). They are then read or computed on
+    every access and not cached.
     """
 
     __slots__ = ("_matrix", "_noise", "_owned", "_planes", "_stored", "shape")
@@ -129,14 +127,14 @@ class Samples:
 
     @classmethod
     def stored(cls, shape: tuple[int, int], rows: Rows) -> Samples:
-        """Wrap samples of a file, or others made on demand.
+        """Wrap samples that are read or computed on demand.
 
         Parameters
         ----------
         shape : (int, int)
             Pulses and samples.
         rows : callable
-            Reads or makes the pulses from a first to before a second number, complex64.
+            Function of a first and a stop number that returns these pulses, complex64.
         """
         made = cls._make(shape, None, None, None, False)
         made._stored = rows
@@ -144,7 +142,7 @@ class Samples:
 
     @property
     def in_memory(self) -> bool:
-        """False for samples that every access makes again."""
+        """False for samples that are read or computed on every access."""
         return self._stored is None
 
     @classmethod
@@ -191,22 +189,22 @@ class Samples:
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
         """Read planes of some samples (range bins).
 
-        Noise is computed only for the pulses that are needed.
+        Noise is computed only for the needed pulses.
 
         Parameters
         ----------
         spans : ndarray, shape (samples, 2)
-            First and one past the last pulse that is needed of every sample; an empty span for one that is not needed.
+            First and one past the last needed pulse of every sample; an empty span for a sample that is not needed.
         margin : int
-            Number of pulses after each span that are finite, with any value.
+            Number of pulses after each span that must be finite; their values are arbitrary.
 
         Returns
         -------
         planes : ndarray, shape (2, rows, at least pulses)
-            From the first to the last sample that is needed. Values outside the spans mean nothing and may be
-            no numbers. Not to be changed.
+            Planes from the first to the last needed sample. They must not be changed. Values outside the spans are
+            undefined and may be NaN.
         first : int
-            The sample of row 0.
+            Number of the sample in row 0.
         """
         needed = np.flatnonzero(spans[:, 0] < spans[:, 1])
         first, stop = (int(needed[0]), int(needed[-1]) + 1) if needed.size else (0, 0)
@@ -226,17 +224,17 @@ class Samples:
     def read_tile(self, pulses: slice, columns: slice) -> Planes:
         """Read planes of some pulses and range bins.
 
-        They are what :meth:`read` gives, in memory of the tile's size.
+        The values are those of :meth:`read`, in an array of the tile's size.
 
         Parameters
         ----------
         pulses, columns : slice
-            With start and stop inside the samples.
+            Slices with start and stop inside the samples.
 
         Returns
         -------
         ndarray, shape (2, columns, pulses)
-            Real and imaginary parts. Not to be changed.
+            Real and imaginary parts. They must not be changed.
         """
         if self._stored is not None:
             tile = _split(self._stored(pulses.start, pulses.stop), columns)
@@ -255,17 +253,17 @@ class Samples:
     def with_noise(self, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
         """Return the samples with complex Gaussian noise pending.
 
-        It is white, or correlated over samples by the taps ``factor`` of unit energy (E-18c). The values are shared,
-        not copied, and so is the memory: from now on the result alone may change it.
+        It is white, or correlated over samples by the taps ``factor`` of unit energy (E-18c). The result shares the
+        memory of these samples; from then on, only the result may change it.
         """
         quiet = self.add_pending_noise()
         owned, quiet._owned, self._owned = quiet._owned, False, False
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
 
     def add_noise_from(self, first_pulse: int, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
-        """Add the noise of a longer recording to a part of it.
+        """Add the noise of a longer recording to an excerpt.
 
-        It is the noise of :meth:`with_noise`; the longer recording's ``first_pulse`` is the first pulse here.
+        The noise is that of :meth:`with_noise`. The excerpt starts at ``first_pulse`` of the longer recording.
         """
         from doppelgait.core.kernels.noise import add_noise_block
 
@@ -274,7 +272,7 @@ class Samples:
         return Samples.from_planes(planes, n_pulses)
 
     def add_pending_noise(self) -> Samples:
-        """Add pending noise in place if memory is owned."""
+        """Add pending noise, in place if the samples own their memory."""
         if self._stored is not None:
             return Samples.own(self.matrix)
         if self._noise is None:
@@ -291,18 +289,18 @@ class Samples:
         return noisy
 
     def _add_noise(self) -> Samples:
-        """Add pending noise in memory of its own."""
+        """Add pending noise in memory that the result owns."""
         return self._make(self.shape, self._matrix, self._planes, self._noise, False).add_pending_noise()
 
     def _make_writable(self, keep: bool = True) -> Samples:
         """Return samples that may be changed.
 
-        Where they are not these themselves, their values are copied (``keep``) or mean nothing.
+        They are these samples if possible. Otherwise the values are copied if ``keep``, or undefined.
         """
         return self if self._owned else self._allocate(keep)
 
     def copy(self) -> Samples:
-        """Copy the samples to memory of their own."""
+        """Copy the samples."""
         return self._allocate(keep=True) if self._stored is None else self.add_pending_noise()
 
     def _allocate(self, keep: bool) -> Samples:
@@ -317,7 +315,7 @@ class Samples:
     def freeze(self) -> Samples:
         """Return the same values, protected from change.
 
-        Changes of either are made in a copy.
+        A later change of either object is made in a copy.
         """
         self._owned = False
         frozen = self._make(self.shape, self._matrix, self._planes, self._noise, False)
@@ -331,7 +329,7 @@ class Samples:
         -------
         samples : Samples
         n_beyond : int
-            Number of values that were larger in magnitude than ``limit``.
+            Number of values with a magnitude above ``limit``.
         """
         from doppelgait.core.kernels.parts import quantise_parts
 
@@ -374,13 +372,13 @@ class Samples:
         return float(np.int32(largest_bits(values.view(np.int32), n)).view(np.float32))
 
     def _rows(self) -> tuple[Planes, int]:
-        """Return all float32 rows, and the number of filled columns."""
+        """Return all float32 rows and the number of filled columns."""
         if self._planes is not None:
             return self._planes.reshape(-1, self._planes.shape[2]), self.shape[0]
         return self.matrix.view(np.float32), 2 * self.shape[1]
 
     def repeat(self, pulses: npt.NDArray[np.int64], sources: npt.NDArray[np.int64]) -> Samples:
-        """Overwrite some pulses by other pulses."""
+        """Replace some pulses by copies of other pulses."""
         changed = self.add_pending_noise()._make_writable()
         if changed._matrix is not None:
             changed._matrix[pulses] = changed._matrix[sources]
@@ -391,7 +389,7 @@ class Samples:
     def add_at(self, pulses: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], values: npt.ArrayLike) -> Samples:
         """Add complex values to the samples ``columns`` of ``pulses``.
 
-        Every sample may occur once at most.
+        Every sample may occur only once.
 
         Parameters
         ----------

@@ -8,27 +8,27 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 ERROR_MEMORY_S = 0.5
-"""Errors of ranges that are nearer in time than this are alike: a stride, and the memory of a tracker's smoother."""
+"""Correlation time of range errors, set by the stride and by the memory of a tracker's smoother."""
 SPEED_WANDER = 0.004
-"""What ranges of recorded people who walk steadily depart from constant velocity, of the way: their speed wanders by
-some 5 per cent over several seconds."""
+"""Standard deviation of the range of steady walkers from constant velocity, as a share of the path along the range. In
+recordings, the speed varies by about 5 per cent over several seconds."""
 PARABOLA, LINE = 3, 2
-"""Parameters of straight motion, and of motion straight towards or away from the radar."""
+"""Number of parameters of straight motion in general, and of straight motion towards or away from the radar."""
 
 
 def compute_straight_probability(
     residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
-    r"""Compute the chance of larger residuals in straight, steady motion.
+    r"""Compute the probability of larger residuals in straight, steady motion.
 
     With :math:`\nu = T / 0.5\,\mathrm{s}` independent errors, :math:`\nu \overline{r^2} / \sigma^2` is chi-squared with
-    :math:`\nu` less the fitted parameters degrees of freedom (one half or more). The variance is that of a range and
-    of a steady walker's speed, 0.004 of the way.
+    :math:`\nu` less the number of fitted parameters as degrees of freedom (at least one half). The variance is the sum
+    of that of a range and that of a steady walker's varying speed, (0.004 of the path)^2.
 
     Parameters
     ----------
     residual_m : ndarray
-        Ranges less those of the motion that fits best.
+        Ranges less those of the best-fitting motion.
     range_sd_m, duration_s, way_m, n_parameters
         As in :func:`compute_straight_probability_of_square`.
     """
@@ -46,14 +46,15 @@ def compute_straight_probability_of_square(
     Parameters
     ----------
     square_m2 : float
+        Mean square of the residuals.
     range_sd_m : float
         Standard deviation of a range.
     duration_s : float
-        From the first range to the last.
+        Time from the first range to the last.
     way_m : float
-        Way along the range.
+        Length of the path along the range.
     n_parameters : int
-        Fitted parameters.
+        Number of fitted parameters.
     """
     from scipy.special import chdtrc
 

@@ -1,4 +1,4 @@
-"""Small worker processes, and bytes independent of thread counts."""
+"""Worker processes, and results that do not depend on thread counts."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ WORKER_ENVIRONMENT = {
     "MALLOC_MMAP_THRESHOLD_": str(KEPT_BYTES),
     "MALLOC_TRIM_THRESHOLD_": str(KEPT_BYTES),
 }
-"""Environment variables of a worker, read when it starts. One thread each, since examples are the parallelism. The last
-two make the GNU C library keep freed memory: it would give large arrays back to the system and every example would pay
-for its pages again, a tenth of its time. Other systems ignore them."""
+"""Environment variables of a worker, read when it starts. Each worker has one thread, since examples run in parallel.
+The last two variables make the GNU C library keep freed memory. Otherwise large arrays are returned to the system, and
+every example spends a tenth of its time on new pages. Other systems ignore them."""
 
 
 @contextmanager
 def mark_workers() -> Iterator[None]:
     """Mark processes started in this context as workers.
 
-    The caller's own environment is restored afterwards.
+    The environment of the caller is restored afterwards.
     """
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
     os.environ.update(WORKER_ENVIRONMENT)
@@ -52,17 +52,16 @@ def mark_workers() -> Iterator[None]:
 
 _limiting = threading.Lock()
 _limits: list[Any] = []
-"""The active limit, then one entry for each user."""
+"""The active limit, followed by one entry for each user."""
 
 
 @contextmanager
 def limit_blas_threads() -> Iterator[None]:
     """Limit this process's matrix products to one thread.
 
-    The limit lasts until the last user ends: the bytes of a product depend on the number of threads.
-
-    Right in threads, too: a cluster's worker may begin an example while one that it had to give up still runs; the
-    first of them to end must not give the other its threads back.
+    The bytes of a product depend on the number of threads. The limit lasts until the last user ends, in whichever
+    thread: a cluster's worker may start an example while an abandoned one still runs, and the first to end must not
+    lift the limit of the other.
     """
     with _limiting:
         if not _limits:
@@ -90,21 +89,20 @@ def _find_blas() -> Any:
 
 
 def collect_garbage_rarely() -> None:
-    """Run Python's garbage collector every 5000 objects only.
+    """Run Python's garbage collector only every 5000 objects.
 
-    While libraries are imported it finds nothing and looks through all that is loaded again and again: a tenth of the
-    time that a command takes to begin.
+    During imports it finds nothing, but inspects all loaded objects repeatedly, which takes a tenth of the start time
+    of a command.
     """
     gc.set_threshold(5000)
 
 
 def prepare_worker() -> None:
-    """Prepare a new worker process; its first call.
+    """Prepare a new worker process; this is its first call.
 
-    Ctrl-C is left to the main process, and pandas does without Arrow.
-
-    Arrow is 66 MB that only writing tables needs. Too late for that where the main script imports pandas, or this
-    package's datasets, at its top: workers import that, too.
+    The worker ignores Ctrl-C, which the main process handles, and pandas is loaded without Arrow: Arrow takes 66 MB and
+    is needed only to write tables. If the main script imports pandas or ``doppelgait.datasets`` at its top, workers
+    import it before this call, and Arrow is loaded.
     """
     collect_garbage_rarely()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -115,12 +113,12 @@ def prepare_worker() -> None:
 def serve(pipes: Sequence[Connection], module: str) -> None:
     """Load a module, then serve requests until the pipes close.
 
-    With more than one pipe, this process makes a copy of itself for each, and waits for their ends: the module is
-    loaded once. On Linux alone: elsewhere, libraries do not survive the copy.
+    With more than one pipe, this process loads the module once, forks a copy of itself for each pipe and waits until
+    they end. This works only on Linux, since libraries elsewhere do not support a fork.
 
-    Through a pipe comes first a function of one argument, then arguments; every one is answered with the result or the
-    exception. A thread reads the pipe, so that the process ends at once, at work or not, when the main process closes
-    it or is gone, however it went.
+    The first message of a pipe is a function of one argument; each further message is an argument. The reply is the
+    result or the exception. A thread reads the pipe, so that the process ends at once, even during work, when the main
+    process closes the pipe or ends for any reason.
     """
     prepare_worker()
     import_module(module)
@@ -130,8 +128,11 @@ def serve(pipes: Sequence[Connection], module: str) -> None:
     for number, pipe in enumerate(pipes):
         worker = os.fork()
         if worker == 0:
-            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # who kills this process, kills its workers
-            for other in (*pipes[:number], *pipes[number + 1 :]):  # the pipe of a worker closes with that worker
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # if this process is killed, its workers are, too
+            for other in (
+                *pipes[:number],
+                *pipes[number + 1 :],
+            ):  # a pipe must close when its worker ends
                 other.close()
             _serve_one(pipe)
         workers.append(worker)
@@ -139,7 +140,7 @@ def serve(pipes: Sequence[Connection], module: str) -> None:
         pipe.close()
     for worker in workers:
         os.waitpid(worker, 0)
-    os._exit(0)  # nothing is left to do, and taking down what was loaded takes a quarter of a second
+    os._exit(0)  # an ordinary exit takes a quarter of a second to unload modules
 
 
 PR_SET_PDEATHSIG = 1
@@ -154,7 +155,7 @@ def _serve_one(pipe: Connection) -> NoReturn:
                 received.put(pipe.recv())
         except (OSError, EOFError):
             os._exit(0)
-        except Exception:  # what this process cannot read: another version, a module that is not here
+        except Exception:  # the message cannot be unpickled: another version or a missing module
             traceback.print_exc()
             os._exit(1)
 
@@ -170,5 +171,5 @@ def _serve_one(pipe: Connection) -> NoReturn:
             pipe.send(answer)
         except OSError:
             os._exit(1)
-        except Exception as error:  # what cannot be pickled
+        except Exception as error:  # the answer cannot be pickled
             pipe.send(RuntimeError(f"a worker's answer cannot be sent: {error}: {answer!r}"))
