@@ -44,7 +44,7 @@ def test_a_plain_file_is_opened_as_h5py_does(tmp_path: Path) -> None:
         assert file["group/values"][:].tolist() == [0, 1, 2, 3, 4]
         assert file["text"][()].decode() == "long " * 2000
     (tmp_path / "no.h5").write_bytes(b"no HDF5")
-    with pytest.raises(ValueError, match="no HDF5 file"):
+    with pytest.raises(ValueError, match="not an HDF5 file"):
         open_hdf5(tmp_path / "no.h5")
 
 

@@ -15,12 +15,12 @@ from doppelgait.motion.skeleton import FOOT_PARTS
 FloatArray = npt.NDArray[np.float64]
 
 _METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
-# files write units out, in several languages' spelling, and some cut the word to four letters
+# files spell units in several languages, and some truncate the word to four letters
 _WORDS = {"mill": "mm", "cent": "cm", "mete": "m", "metr": "m", "inch": "in", "foot": "ft", "feet": "ft"}
 
 
 def convert_unit_to_metres(name: str, *, where: str) -> float:
-    """Return a length unit's factor to metres.
+    """Return the conversion factor from a length unit to metres.
 
     Parameters
     ----------
@@ -32,12 +32,13 @@ def convert_unit_to_metres(name: str, *, where: str) -> float:
     Raises
     ------
     MotionError
-        If the unit is not a length or not known.
+        If the unit is not a known unit of length.
     """
     word = name.strip().lower()
     factor = _METRES.get(_WORDS.get(word[:4], word))
     if factor is None:
-        raise MotionError(f"{where}: the unit {name!r} is no known length; give it: units= one of {', '.join(_METRES)}")
+        allowed = ", ".join(_METRES)
+        raise MotionError(f"{where}: the unit {name!r} is not a known unit of length; set units to one of {allowed}")
     return factor
 
 
@@ -52,7 +53,7 @@ _ROTATIONS = {
     "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "-x": ((0, 1, 0), (0, 0, -1), (-1, 0, 0)),
 }
-"""Rows: new x, y and z in the old axes; rotations all, so that left stays left."""
+"""Rotation matrix by upward axis. The rows are the new x, y and z in the old axes; none of them mirrors the body."""
 
 
 def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
@@ -68,7 +69,7 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
     Raises
     ------
     MotionError
-        If ``up_axis`` is another word.
+        If ``up_axis`` is not one of :data:`AXES`.
     """
     if up_axis not in _ROTATIONS:
         raise MotionError(f"up_axis={up_axis!r} is not allowed; use one of {', '.join(AXES)}")
@@ -78,18 +79,19 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
     """Find the upward axis of an upright body.
 
-    Known feet, torso and head decide. Else it is the axis letter that the file declares, unless the body is more than
-    twice as long along a steadier axis; else the longer of the two axes along which the body travels least. The sign
-    follows from where the points are: the floor is at 0, or where points come to rest.
+    If feet, torso and head are known, the axis from the feet to the others is used. Otherwise it is the axis that the
+    file declares, unless the body is more than twice as long along a steadier axis. Without a declared axis, it is the
+    longer of the two axes along which the body travels least. The sign follows from the position of the points: the
+    floor is at 0, or where points come to rest.
 
     Parameters
     ----------
     position : ndarray, shape (T, P, 3)
         NaN where missing, any unit.
     parts : sequence of str, length P
-        Body part of each point, ``""`` when unknown.
+        Body part of each point, ``""`` if unknown.
     declared : str
-        ``"x"``, ``"y"`` or ``"z"`` when the file names a vertical axis.
+        ``"x"``, ``"y"`` or ``"z"`` if the file names a vertical axis.
 
     Returns
     -------
@@ -97,7 +99,7 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
         ``up_axis`` (one of :data:`AXES`) and ``up_axis_from`` ("body parts", "file", "motion" or "assumed").
     """
     typical = _compute_median(position, axis=0)
-    # from the feet to head and torso; the mean of all points replaces the one that is unknown
+    # from the feet to head and torso; the mean of all points replaces an unknown end
     feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
     body = [i for i, part in enumerate(parts) if part in ("head", "torso", "trunk")]
     head = [i for i, part in enumerate(parts) if part == "head"]
@@ -112,9 +114,9 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     extent, travel = np.nan_to_num(measure_body_extent(position)), np.zeros(3)
     centre = _compute_median(position, axis=1)
     seen = centre[np.isfinite(centre).all(axis=1)]
-    if seen.size:  # how far the body gets along each axis, but for the 2 % of strangest frames at either end
+    if seen.size:  # travel along each axis, without the outermost 2 % of the frames at either end
         travel = np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0)
-    # z comes first among equals: it is what most systems write
+    # z is preferred if axes are equal, since most systems use it
     other, axis = sorted(
         sorted((2, 1, 0), key=lambda k: round(float(travel[k]), 9))[:2], key=lambda k: float(extent[k])
     )
@@ -131,7 +133,7 @@ def _name(axis: int, sign: float) -> str:
 
 
 def _compute_median(values: FloatArray, axis: int) -> FloatArray:
-    # an all-NaN column is an answer here, not a fault
+    # a column of NaN is a valid result here
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.asarray(np.nanmedian(values, axis=axis))
@@ -140,7 +142,7 @@ def _compute_median(values: FloatArray, axis: int) -> FloatArray:
 def measure_body_extent(position: FloatArray) -> FloatArray:
     """Return the body's typical extent per axis.
 
-    It is the median over time of highest minus lowest point, shape (3,).
+    It is the median over time of the distance between the outermost points, shape (3,).
 
     Parameters
     ----------
@@ -155,7 +157,7 @@ def measure_body_extent(position: FloatArray) -> FloatArray:
 def _find_height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
     """Return +1 for an upward or unknown axis, else -1.
 
-    The floor of nearly every laboratory is at 0. Where it is not, the points that come to rest at times are feet.
+    The floor of nearly every laboratory is at 0. Otherwise, points that come to rest at times are taken for feet.
     """
     height = typical[:, axis][np.isfinite(typical[:, axis])]
     if height.size < 3:

@@ -23,13 +23,12 @@ BoolArray = npt.NDArray[np.bool_]
 
 SPIKE_M = 0.05
 SPIKE_ACCELERATION_MPS2 = 400.0
-"""A point that leaves its neighbours in time by more than 5 cm and by more than this acceleration explains."""
+"""Limits of a spike: a sample departs from its neighbours in time by more than 5 cm and by more than this acceleration
+explains."""
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
-    """Replace short jumps off a point's path by gaps.
-
-    A jump is one frame or two.
+    """Replace spikes of one or two frames by gaps.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
     limit = max(SPIKE_M, SPIKE_ACCELERATION_MPS2 / rate_hz**2)
     padded = np.pad(position, ((2, 2), (0, 0), (0, 0)), mode="reflect", reflect_type="odd")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0)
-    # a gap inside the window makes the median NaN; there nothing is judged
+    # a gap inside the window makes the median NaN, and the sample is kept
     away = np.linalg.norm(position - np.median(windows, axis=-1), axis=2)
     spiky = away > limit
     position[spiky] = np.nan
@@ -56,9 +55,9 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
 
 
 def fill_linear(position: FloatArray) -> FloatArray:
-    """Fill every gap by a straight line.
+    """Fill every gap by linear interpolation.
 
-    The ends get the nearest value; points never seen stay NaN.
+    At the ends, the nearest value is repeated. Points that are never seen stay NaN.
 
     Parameters
     ----------
@@ -122,14 +121,14 @@ MIN_RATE_PER_CUTOFF = 3.0
 FILTER_ORDER = 4
 MOST_GROWTH = 1.5
 MEMORY_S, FIT_S, PREDICTION_NOISE_M = 0.1, 1.0, 1e-3
-"""Ends are continued for twice the memory of the prediction, which is fitted to the last second as if it had 1 mm of
-noise: that keeps it from growing."""
+"""Memory of the linear prediction, time that it is fitted to, and assumed noise. The ends are continued for twice the
+memory. The assumed noise keeps the prediction from growing."""
 
 
 def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
-    """Return whether the frame rate suits the low-pass.
+    """Return True if the frame rate is high enough for the low-pass.
 
-    The filter needs three frames per period of the cutoff; None is no filter.
+    The filter needs three frames per period of the cutoff. A cutoff of None means no filter.
     """
     return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
 
@@ -139,8 +138,8 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
 
     The filter is a fourth-order Butterworth, forwards and backwards, with half power at the cutoff.
 
-    Before filtering, the ends are continued by linear prediction. The usual point reflection alone bends the path at
-    the ends and spoils the velocity there by a tenth of its peak.
+    Before filtering, the ends are continued by linear prediction. The usual point reflection bends the path at the ends
+    and causes an error of the velocity there of a tenth of its peak.
 
     Parameters
     ----------
@@ -149,13 +148,13 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
     rate_hz : float
         Frames per second, more than twice the cutoff.
     cutoff_hz : float or None
-        Frequency at which half the power is left, in Hz; None for no filter.
+        Frequency with half the power, in Hz; None for no filter.
     """
     from scipy.signal import butter, sosfiltfilt
 
     if cutoff_hz is None:
         return position
-    # two passes lose 3 dB together where each loses 1.5 dB: pre-warped bilinear corner of one pass
+    # two passes attenuate by 3 dB where each attenuates by 1.5 dB: pre-warped bilinear corner of one pass
     widening = (math.sqrt(2.0) - 1.0) ** (-1.0 / (2 * FILTER_ORDER))
     corner = 2.0 / math.pi * math.atan(math.tan(math.pi * cutoff_hz / rate_hz) * widening)
     sections = butter(FILTER_ORDER, corner, output="sos")
@@ -171,8 +170,8 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
     """Continue columns by linear prediction about their trend.
 
-    A jump among the recent frames can make the prediction grow: where it leaves the span of what it was made from, the
-    column is continued by point reflection instead.
+    A jump in the recent frames can make the prediction grow. If it leaves the range of these frames, the column is
+    continued by point reflection instead.
     """
     steps = np.arange(len(recent) + n_frames) - (len(recent) - 1.0)
     trend = np.polynomial.polynomial.polyval(steps, np.polynomial.polynomial.polyfit(steps[: len(recent)], recent, 1)).T
@@ -197,7 +196,7 @@ MIN_DURATION_S = 0.5
 STATIONARY_M = 0.03
 MOVING_BODY_M = 0.5
 MAX_MISSING = 0.6
-"""Points missing in a larger part of the frames do not count for the centre of the body."""
+"""Largest share of missing frames of a point that contributes to the centre of the body."""
 
 
 def clean_motion(
@@ -211,12 +210,13 @@ def clean_motion(
 ) -> Motion:
     """Make a recording smooth, complete and on the floor.
 
-    Only points of the body remain; the floor is at z = 0.
+    The steps are:
 
-    Points that exchanged their names get them back; spikes become gaps; longer jumps are only reported; points that
-    never show, stand still while the body walks away, double another point, live short without a name or lie far off
-    are dropped; gaps are filled by a cubic spline; the segment and the points that together give the most complete data
-    are kept; positions are low-passed (E-02) and put on the floor (E-01).
+    1. Swapped names of points are corrected, and spikes become gaps. Longer jumps are only reported.
+    2. Points are dropped that are never seen, stand still while the body moves, duplicate another point, are unknown
+       and short-lived, or are far from the body.
+    3. Gaps are filled by a cubic spline, and the segment and points with the most complete data are kept.
+    4. Positions are low-passed (E-02), and the floor is moved to z = 0 (E-01).
 
     Parameters
     ----------
@@ -225,23 +225,23 @@ def clean_motion(
     gap_limit_s : float
         Longest gap that is filled, in s, 0 or more.
     lowpass_hz : float or None
-        Corner frequency of the low-pass in Hz, above 0; None leaves the positions as they are. Recordings with fewer
-        than three frames per period of it are left as they are, too.
+        Corner frequency of the low-pass in Hz, above 0; None for no filter. Recordings with fewer than three frames per
+        period of it are not filtered.
     floor : bool
         Shift z so that the floor is at 0.
     min_duration_s : float
         Shortest segment that is accepted, in s.
     whole : Motion, optional
-        Recording that the motion is a part of: the height is measured there, where it can be. In a part the body may
-        jump, rear or sit throughout.
+        Recording that contains the motion. The height is measured in it if possible, because the body may jump, rear or
+        sit during the whole motion.
 
     Returns
     -------
     Motion
-        Motion without NaN; what was done is in ``report``: ``swaps_repaired``, ``spikes_removed``, ``jumps``
-        (frames of the recording), ``gaps_filled``, ``dropped`` (reason: names), ``parts`` (how many of the points have
-        a known body part; without a trunk among them the radar cross section is split equally), ``unknown_parts``
-        (names of the others) and more.
+        Motion without NaN. ``report`` lists the changes: ``swaps_repaired``, ``spikes_removed``, ``jumps``
+        (frames of the recording), ``gaps_filled``, ``dropped`` (reason: names), ``parts`` (number of points with a
+        known body part; without a trunk, the radar cross section is split equally), ``unknown_parts`` (names of the
+        other points) and more.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def clean_motion(
     largest_m = np.abs(position[np.isfinite(position)]).max(initial=0.0)
     if largest_m > LARGEST_M:
         raise MotionError(
-            f"{where}: a coordinate is {largest_m:.3g} m, at most {LARGEST_M:g} m is taken for a motion; give the "
+            f"{where}: a coordinate is {largest_m:.3g} m, but at most {LARGEST_M:g} m is allowed; give the "
             "right unit (units=...), or repair the file"
         )
     names, parts = motion.markers, motion.parts
@@ -275,7 +275,7 @@ def clean_motion(
     if len(kept) < MIN_MARKERS or not duration_s >= min_duration_s:
         reasons = sorted(set(dropped.values()))
         raise MotionError(
-            f"{where}: {len(kept)} of {len(names)} points over {duration_s:.2f} s remain after cleaning, {MIN_MARKERS} "
+            f"{where}: {len(kept)} of {len(names)} points over {duration_s:.2f} s remain after cleaning; {MIN_MARKERS} "
             f"points over {min_duration_s:g} s are needed. Points dropped: {'; '.join(reasons) or 'none'}. Give "
             "another part (start_s, stop_s) or a larger gap_limit_s."
         )
@@ -297,7 +297,7 @@ def clean_motion(
     belt = belt_velocity_mps(smooth, kept_parts, rate_hz=rate)
     sides = _check_sides(smooth, kept_parts, rate_hz=rate, belt_mps=belt)
     for note in (note for note in sides if note.endswith(EXCHANGED)):
-        warn_caller(f"{where}: {note}; the gait measured from them is that of the exchanged names.")
+        warn_caller(f"{where}: {note}; the measured gait is therefore that of the exchanged names.")
     notes = [*sides, *([] if belt is None else [format_belt_note(belt)]), *([size_note] if size_note else [])]
     report = {
         **motion.report,
@@ -322,10 +322,10 @@ def clean_motion(
 def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
     """Measure the height in a recording after cleaning.
 
-    It is NaN where cleaning refuses the recording.
+    It is NaN if the recording cannot be cleaned.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)  # only the part is used otherwise
+        warnings.simplefilter("ignore", DoppelgaitWarning)  # they are about the whole recording
         try:
             cleaned = clean_motion(whole, gap_limit_s=gap_limit_s, lowpass_hz=lowpass_hz, floor=floor)
         except MotionError:
@@ -336,7 +336,7 @@ def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None,
 def describe_known_parts(parts: Sequence[str]) -> str:
     """Describe how many points have a known body part.
 
-    The text is "known", "k of n known" (with ": equal split" where no trunk is) or "unknown: equal split".
+    The text is "known", "k of n known" (with ": equal split" if no trunk is known) or "unknown: equal split".
     """
     known = sum(part in HUMAN_PARTS or part in DOG_PARTS for part in parts)
     if known == 0:
@@ -349,10 +349,10 @@ def describe_known_parts(parts: Sequence[str]) -> str:
 
 EXCHANGED = "their names are exchanged"
 HEADING_S = 0.25
-"""The direction of the path at a frame is that from so long before it to so long after it."""
+"""The direction of the path at a frame is measured from this time before to this time after the frame."""
 SLOWEST_MPS = 0.2
 WRONG_SIDE = 0.25
-"""A pair of parts is exchanged if it is apart the wrong way by more than this part of the widest pair."""
+"""A pair of parts is exchanged if its lateral distance is negative by more than this share of the widest pair's."""
 
 
 def _check_sides(
@@ -360,8 +360,8 @@ def _check_sides(
 ) -> list[str]:
     """Return a note if left parts are on the right.
 
-    Sides are seen along the path, at every frame in which the body moves (on a treadmill, over the belt): a turn or a
-    circle changes nothing.
+    Sides are relative to the direction of the path at every frame in which the body moves (on a treadmill, over the
+    belt). Turns and circles therefore have no effect.
     """
     pairs = {
         part.removeprefix("left_"): [[i for i, one in enumerate(parts) if one == name] for name in (part, other)]
@@ -393,7 +393,7 @@ def _check_sides(
 
 
 def _find_unmoved_points(position: FloatArray) -> dict[int, str]:
-    """Find points never seen or left behind."""
+    """Find points that are never seen or stand still."""
     seen = np.isfinite(position).all(axis=2)
     reasons = {int(i): "never seen" for i in np.flatnonzero(~seen.any(axis=0))}
     still = find_stationary_points(position)
@@ -407,7 +407,7 @@ def _find_unmoved_points(position: FloatArray) -> dict[int, str]:
 def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
     """Find the points that hardly move, shape (P,).
 
-    Their total excursion, the diagonal of the box that holds them, stays below a limit.
+    Their total excursion, the diagonal of the bounding box of the path, is below a limit.
 
     Parameters
     ----------
@@ -450,8 +450,8 @@ def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int,
 
     Samples are frames times points.
 
-    Points are dropped one by one, the one seen least first (by name where two are seen as often); what is complete in
-    the segment stays anyway.
+    Points are dropped one by one, starting with the point that is seen least (by name if two are equal). Points that
+    are complete in the segment are kept in any case.
     """
     best, score = (0, 0), -1
     order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
@@ -471,7 +471,7 @@ def find_floor_height(position: FloatArray, parts: Sequence[str]) -> float:
 
     It is the 1st percentile of the feet's z, or of the z of the three lowest points.
 
-    A body with known parts but without recorded feet stays where it is, unless it reaches below z = 0.
+    A body with known parts but without recorded feet is not shifted, unless it reaches below z = 0.
 
     Parameters
     ----------

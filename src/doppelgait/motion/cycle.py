@@ -1,4 +1,4 @@
-"""Closing of a gait clip to an endless cycle."""
+"""Conversion of a gait clip to an endless cycle."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from doppelgait.motion.retime import Spline, fit_spline
 FloatArray = npt.NDArray[np.float64]
 
 OVERLAP_STRIDES = 0.15
-"""The end of a cycle fades into its beginning over this part of a stride."""
+"""Share of a stride over which the end of a cycle fades into its beginning."""
 SEARCH = 0.12
-"""The cycle may be longer or shorter than whole strides by this part of one."""
+"""Largest difference of the cycle's length from whole strides, in strides."""
 GRID_PER_STRIDE, MOST_STRIDES = 60, 12
-"""Cuts are tried at this spacing, for cycles of up to so many strides: they hold all the variation that shows."""
+"""Number of tried seams per stride, and largest number of strides of a cycle. More strides add no visible variation."""
 UNSEEN_M = 1e-3
-"""A seam below a millimetre is as good as none."""
+"""Mismatch of a seam that is negligible."""
 PRECISION_FRAMES = 1e-6
 SLOWEST = 0.05
-"""A point counts as no slower than this share of the mean speed: its share of a correction has no corner at rest."""
+"""Lower limit of a point's speed, as a share of the mean speed, so that its share of a correction is smooth at rest."""
 
 
 @dataclass(frozen=True)
 class Seam:
-    """Position of a cut in a clip, with the mismatch.
+    """Seam of a cycle: its place in the clip and its mismatch.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ class Seam:
     lag : float
         Length of the cycle in frames.
     strides : int
-        Whole strides in it.
+        Number of whole strides in the cycle.
     position_m, velocity_mps : float
-        Root mean square over points and overlap of what is left between the two cuts once the advance is taken off.
+        Root-mean-square difference between the two ends, without the advance, over points and overlap.
     """
 
     start: float
@@ -56,9 +56,9 @@ _fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictiona
 
 
 def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
-    """Fit a clip's endless cycle over whole strides.
+    """Fit an endless cycle of whole strides to a clip.
 
-    Also returns the clip with its gait facts, and the median difference of neighbouring strides.
+    The function also returns the clip with its gait facts, and the median difference of neighbouring strides.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
     if not math.isfinite(period):
         raise MotionError(
             f"{where}: shows no gait cycle, so it cannot be looped over whole strides; give a part in which the body "
-            "walks, or state it: motion.with_facts(stride_frequency_hz=...)"
+            "walks, or state the cycle: motion.with_facts(stride_frequency_hz=...)"
         )
     if motion.n_frames - 1 < period + overlap + 1:
         raise MotionError(
@@ -86,18 +86,16 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
         )
     seam, usual = _find_best_seam(motion, period, overlap)
     fitted = known, _close_cycle(motion, seam, overlap), usual
-    if not motion.position_m.flags.writeable:  # a clip that many examples of a dataset take
+    if not motion.position_m.flags.writeable:  # a clip that many examples of a dataset share
         _fitted[motion] = fitted
     return fitted
 
 
 def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
-    """Find the longest usual cut and the median seam.
+    """Find the best seam, and the median seam after one stride.
 
-    The cut has as many strides as it can with a mismatch no larger than usual; the median seam is that after one
-    stride.
-
-    Cuts are tried on a grid of a sixtieth of a stride; the length of the best one is then refined between frames.
+    The best seam has the largest number of strides with a mismatch no larger than that of the median seam. Seams are
+    tried on a grid of a sixtieth of a stride, and the length of the best one is then refined between frames.
     """
     curve, rate = fit_spline(motion), motion.rate_hz
     step = max(1, round(period / GRID_PER_STRIDE))
@@ -105,7 +103,7 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
     velocity = np.gradient(position, step / rate, axis=0)
     stride, width = period / step, max(2, math.ceil(overlap / step) + 1)
     weight_s = period / rate / (2 * math.pi)
-    # median mismatch of cuts one stride apart
+    # median mismatch of seams after one stride
     frames = np.arange(0.0, motion.positions.shape[0] - 1 - period, step)
     before, after = (curve.at(at / rate) for at in (frames, frames + period))
     stride_moved, stride_change = (
@@ -128,7 +126,7 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
             cut = min(seams, key=lambda seam: _combine_mismatch(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
             best.append(_refine_seam(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
-    # neither pose nor velocity may differ more than is usual between neighbouring strides
+    # neither pose nor velocity may differ by more than the median between neighbouring strides
     most_m, most_mps = max(usual.position_m, UNSEEN_M), max(usual.velocity_mps, UNSEEN_M / weight_s)
     fitting = [seam for seam in best if seam.position_m <= most_m and seam.velocity_mps <= most_mps]
     if fitting:
@@ -139,7 +137,7 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
 def _combine_mismatch(seam: Seam, weight_s: float) -> float:
     """Combine position and velocity mismatch in m.
 
-    A velocity weighs like the position of a swing at the stride rate.
+    A velocity has the weight of the position amplitude of a swing at the stride rate.
     """
     return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
 
@@ -147,7 +145,7 @@ def _combine_mismatch(seam: Seam, weight_s: float) -> float:
 def _measure_mismatch(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
     """Return rms mismatches of position and velocity per first frame.
 
-    It is taken over points and ``width`` frames, of displacements less their ground advance and of changes in velocity.
+    The mean is over points and ``width`` frames, of displacements without the ground advance and of velocity changes.
     """
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
     advance = _average_running(moved[..., :2].mean(axis=1), width)
@@ -162,7 +160,7 @@ def _average_running(values: FloatArray, width: int) -> FloatArray:
 def _refine_seam(
     curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
 ) -> Seam:
-    """Refine the length of a cut below one frame."""
+    """Refine the length of a cycle to a fraction of a frame."""
     from scipy.optimize import minimize_scalar
 
     frames = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
@@ -191,9 +189,9 @@ def _refine_seam(
 class Cycle:
     """Endless cycle of a clip.
 
-    Times count in frames; ``advance`` in m is that of one cycle, ``astray`` in m what each point does not come back by,
-    ``faster`` in m per frame what the body gains in speed. ``travel`` has two columns per point: its path since the
-    start of the cycle as a part of its path in the cycle, about the mean, and the path that it gains.
+    Times are in frames. ``advance`` in m is the displacement of one cycle, ``astray`` in m the closing error of each
+    point, ``faster`` in m per frame the body's gain of speed over the cycle. ``travel`` has two columns per point: the
+    share of the cycle's path covered since its start, about the mean, and the gain of path.
     """
 
     curve: Spline
@@ -209,7 +207,7 @@ class Cycle:
     def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
         """Return positions at times in frames, shape (I, P, 3).
 
-        All points by default.
+        By default, all points are returned.
         """
         chosen = list(range(self.shape[1])) if points is None else points
         numbers = np.array(chosen)
@@ -237,7 +235,7 @@ class Cycle:
     def count_strides(self, total: FloatArray, points: list[int]) -> FloatArray:
         """Count strides since time 0, shape (I, P).
 
-        They are about the same for all points.
+        The counts of the points differ only slightly.
         """
         turns = np.floor(total / self.seam.lag)
         travel = _select_columns(self.travel, np.array(points))
@@ -251,7 +249,7 @@ def _select_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
 
 
 def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
-    """Return the endless cycle of a cut clip."""
+    """Return the endless cycle of a clip with a seam."""
     from doppelgait.core.kernels.spline import spline_moments
 
     rate, curve = motion.rate_hz, fit_spline(motion)
@@ -264,8 +262,8 @@ def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)
     advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
-    # what a point does not come back by, and what the body gains in speed, are taken off along the whole cycle (within
-    # the overlap alone they would be a jerk), in proportion to the speed of the point: a foot on the ground stays
+    # the closing error of a point and the body's gain of speed are removed along the whole cycle (within the overlap
+    # alone they would cause a jerk), in proportion to the speed of the point: a foot on the ground stays
     faster = (later[1] - earlier[1]).mean(axis=(0, 1)) / rate * (1.0, 1.0, 0.0)
     lasts = seam.lag + overlap + 1.0
     grid = np.linspace(0.0, lasts, max(64, math.ceil(lasts)))

@@ -1,4 +1,4 @@
-"""Facts of a motion recording: file, travel, stride."""
+"""Facts about a motion recording: file, travel and stride."""
 
 from __future__ import annotations
 
@@ -24,18 +24,17 @@ __all__ = ["describe_motion", "describe_recording", "smooth_path"]
 
 
 def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
-    """Return facts of a motion file, raw and cleaned.
+    """Return facts about a motion file, raw and cleaned.
 
-    Facts of the cleaned motion are under ``"cleaned"``, or there the reason why cleaning refuses it.
-
-    ``"segments"`` are those of the cleaned motion where there is one.
+    Facts about the cleaned motion are under ``"cleaned"``. If cleaning fails, the reason is there. ``"segments"`` are
+    those of the cleaned motion if it exists, otherwise those of the raw motion.
 
     Parameters
     ----------
     path : path-like
         A motion file.
     **options
-        As for :func:`doppelgait.motion.readers.read`, but for ``clean``.
+        Options of :func:`doppelgait.motion.readers.read`, except ``clean``.
 
     Raises
     ------
@@ -43,7 +42,7 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
         If the file cannot be read.
     """
     if "clean" in options:
-        raise MotionError("clean is no option here: the motion is described both as recorded and cleaned")
+        raise MotionError("clean is not an option here: both the recorded and the cleaned motion are described")
     check_types(Path(path), options)
     part: dict[str, Any] = {"segment": None, "loop_to_s": None, "loop_variation": 1.0, "treadmill": False}
     part = {name: options.pop(name, default) for name, default in part.items()}
@@ -62,9 +61,9 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
 
 
 def describe_motion(motion: Motion) -> dict[str, Any]:
-    """Return a motion's facts as JSON values.
+    """Return facts about a motion as JSON values.
 
-    None stands where something cannot be measured.
+    A value that cannot be measured is None.
 
     Parameters
     ----------
@@ -75,9 +74,9 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
     -------
     dict
         Lengths in m, speeds in m/s, frequencies in Hz. ``height_m`` is the span of the points (median over time of
-        highest minus lowest), ``stature_m`` the height above the floor where it is known. Positions are about the
-        centre of the points that are seen nearly always; its path is averaged over 0.5 s. ``segments``: the straight
-        segments at constant velocity (:func:`~doppelgait.motion.segments.find_segments`), one mapping each.
+        highest minus lowest), ``stature_m`` the height above the floor if known. Positions are relative to the centre
+        of the points that are seen nearly always; its path is averaged over 0.5 s. ``segments`` has a mapping for
+        each straight segment at constant velocity (:func:`~doppelgait.motion.segments.find_segments`).
     """
     position = motion.position_m
     rate = motion.rate_hz
@@ -110,9 +109,9 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
 
 
 def _describe_segment(segment: Segment, starts_s: float) -> dict[str, Any]:
-    """Return plain facts of a segment.
+    """Return plain facts about a segment.
 
-    Times count from the first frame of the file, as ``start_s`` and ``stop_s`` of read do.
+    Times are relative to the first frame of the file, like ``start_s`` and ``stop_s`` of ``read``.
     """
     gait = segment.gait
     facts = {

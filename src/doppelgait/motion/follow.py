@@ -35,21 +35,21 @@ from doppelgait.motion.skeleton import FOOT_PARTS
 FloatArray = npt.NDArray[np.float64]
 
 SPEED_BAND = 0.3
-"""A gait is slowed down or quickened by this share at most: beyond it stride length and posture would change."""
+"""Largest relative change of a gait's speed. Beyond it, stride length and posture would change."""
 UNEVEN_M, UNEVEN_SHARE = 0.15, 0.05
-"""A motion is straight and steady if its body stays this near, plus this share of the distance, to even travel."""
+"""Largest distance of the body of a straight and steady motion from even travel: a constant and a share of the path."""
 SUPPORT_STRIDES = 0.12
-"""Share of a stride over which the speed of the feet is averaged to find double support: what it lasts in a walk."""
+"""Share of a stride over which the speed of the feet is averaged to find double support: its duration in a walk."""
 _SAMPLES_PER_STRIDE = 400
 BLOCK_FRAMES = 1 << 15
-"""Frames that are put on a path at a time: an hour has a million."""
+"""Number of frames that are placed on a path at a time. An hour has a million frames."""
 
 
 @dataclass(frozen=True)
 class Gait:
-    """Straight motion in the frame that travels along.
+    """Straight motion in a frame that travels with the body.
 
-    x points ahead, y to the left; the origin is below the mean body centre.
+    x points ahead, y to the left. The origin is below the mean body centre.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Gait:
     lasts_s: float
 
     def offsets_m(self, time_s: FloatArray) -> FloatArray:
-        """Return the points about the travelling origin."""
+        """Return the points relative to the travelling origin."""
         position = self.spline.at(np.ascontiguousarray(time_s))[0].reshape(time_s.size, -1, 3)
         position[..., 0] -= self.speed_mps * time_s[:, None]
         return position
@@ -76,7 +76,7 @@ class Gait:
 
 @dataclass(frozen=True)
 class Course:
-    """A gait's path: curve, pace and lateral offset."""
+    """Path of a gait: curve, pace and lateral offset."""
 
     curve: Curve
     pace: Pace
@@ -87,7 +87,7 @@ class Course:
     def phase_time_s(self, time_s: FloatArray) -> FloatArray:
         """Return the straight-motion time of equal distance (E-02b).
 
-        The distance is that of the body on its own track.
+        The distance is that of the body, which may be offset from the path.
         """
         gone_m = distance_m(self.pace, time_s)
         if self.side_m == 0:
@@ -111,24 +111,25 @@ def follow(
     .. math:: x(t) = c(s) + R_z(\psi(s)) [\, x_0(\tau) - V \tau \,], \qquad \tau = s(t) / V
 
     with c the ground curve, s(t) the distance travelled, psi the tangent averaged over 0.5 m and x_0 the straight
-    motion of mean speed V. The phase of the gait is s over its stride length, which stays: at another speed on the path
-    the stride frequency changes in proportion. A foot at rest in the straight motion, at the horizontal distance d
-    from the path's point, moves at d \|d psi / dt\|. Stops are moved to the nearest phase in which the feet are
-    stillest, at most a quarter stride; while the body stands, its posture fades to the mean of the two double-support
-    postures half a stride apart. On a turn on the spot the body turns rigidly. No leaning into curves.
+    motion of mean speed V. The phase of the gait is s divided by the stride length, which is constant: at another speed
+    on the path, the stride frequency changes in proportion. A foot that rests in the straight motion, at the horizontal
+    distance d from the point on the path, moves at d \|d psi / dt\|. Stops are moved by at most a quarter stride, to
+    the phase in which the feet are slowest. While the body stands, its posture fades to the mean of two double-support
+    postures that are half a stride apart. In a turn on the spot, the body rotates rigidly. It does not lean into
+    curves.
 
     Parameters
     ----------
     motion : DataArray (time, marker, space)
-        Travels straight and steadily, without gaps: a model, a loop or a straight segment of a recording.
+        Motion that travels straight and steadily, without gaps: a model, a loop or a straight segment of a recording.
     path : Path
         One of the path kinds (:mod:`doppelgait.motion.paths`).
     start_position_m : (float, float)
-        Ground position of the path's origin. The mean line of the body centre starts on the path, its sway stays.
+        Ground position of the path's origin. The mean line of the body centre starts on the path; its sway is kept.
     heading_deg : float
         Direction of the path's x axis, from +x towards +y.
     duration_s : float, optional
-        Time to cover; by default until the path or the motion ends.
+        Duration of the result; by default until the path or the motion ends.
 
     Returns
     -------
@@ -160,7 +161,7 @@ def follow(
     require_motion(motion)
     gait, layout = _rotate_to_x(motion), lay_out(path)
     pace = _find_pace(gait, path, layout)
-    # the curve in the world frame; a turn on the spot divides its line where the body comes to rest
+    # the curve in the world frame; a turn on the spot divides its line at the place where the body stops
     start_heading_rad = math.radians(heading_deg)
     elements = list(layout.elements)
     if any(stop.turn_rad for stop in pace.stops):
@@ -194,7 +195,7 @@ def follow(
 
 
 def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
-    """Put the motion's points at some times on the path (E-02b).
+    """Place the motion's points at some times on the path (E-02b).
 
     The result is written into ``position``.
     """
@@ -219,7 +220,7 @@ def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: Flo
 def steady_speed_mps(motion: Motion) -> float:
     """Return the speed of a straight, steady motion.
 
-    It is taken over whole strides where they are known.
+    The mean is over whole strides if they are known.
 
     Raises
     ------
@@ -232,11 +233,11 @@ def steady_speed_mps(motion: Motion) -> float:
 def _rotate_to_x(motion: Motion) -> Gait:
     """Rotate a straight motion to +x through the origin.
 
-    A :class:`MotionError` if it is not straight.
+    A motion that is not straight raises :class:`MotionError`.
     """
     lasts_s = motion.duration_s
     centre = fit_centre(motion)
-    # over as many whole strides as there are, or over everything where none is known
+    # over all whole strides, or over the whole motion if strides are unknown
     stride_hz = float(motion.facts.stride_frequency_hz)
     strides = math.floor(lasts_s * stride_hz + 1e-6) if stride_hz > 0 else 0
     last_s = min(strides / stride_hz, lasts_s) if strides else lasts_s
@@ -264,7 +265,7 @@ def _rotate_to_x(motion: Motion) -> Gait:
     if off_m > UNEVEN_M + UNEVEN_SHARE * speed_mps * lasts_s:
         raise MotionError(
             f"{motion.facts.source}: its body is up to {off_m:.2f} m away from straight and even travel; a "
-            "path needs a straight steady segment: cut one out with start_s and stop_s"
+            "path needs a straight, steady segment: select one with start_s and stop_s"
         )
     return gait
 
@@ -297,28 +298,28 @@ def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
 
 
 def _stop_phase_s(gait: Gait, at_m: float) -> float:
-    """Find the time of stillest feet near a distance.
+    """Find the time of the slowest feet near a distance.
 
-    It is at most a quarter stride from it.
+    It differs from the distance by at most a quarter stride.
     """
     source, facts = gait.motion.facts.source, gait.motion.facts
     feet = [n for n, part in enumerate(gait.motion.parts) if part in FOOT_PARTS]
     if not feet or not facts.step_frequency_hz > 0:
         raise MotionError(
-            f"{source}: cannot stop: that needs points on the feet, and a gait of known step frequency whose half "
-            f"strides mirror each other (walk, trot, run), not {facts.gait or 'an unknown one'}"
+            f"{source}: cannot stop: it needs points on the feet, and a gait of known step frequency and "
+            f"mirrored half strides (walk, trot, run), not {facts.gait or 'an unknown one'}"
         )
     quarter_s, wanted_s = 0.25 / facts.stride_frequency_hz, at_m / gait.speed_mps
     if wanted_s + quarter_s > gait.lasts_s:
         raise MotionError(
-            f"{source}: goes {gait.speed_mps * gait.lasts_s:.2f} m, too short for a stop at {at_m:.2f} m; use a longer "
-            "motion or stop earlier"
+            f"{source}: travels {gait.speed_mps * gait.lasts_s:.2f} m, too short for a stop at {at_m:.2f} m; use a "
+            "longer motion or stop earlier"
         )
     step_s = 4 * quarter_s / _SAMPLES_PER_STRIDE
     quarter, support = _SAMPLES_PER_STRIDE // 4, round(SUPPORT_STRIDES * _SAMPLES_PER_STRIDE / 2)
     times_s = wanted_s + step_s * np.arange(-quarter - support, quarter + support + 1)
     velocity = gait.spline.at(np.clip(times_s, 0.0, gait.lasts_s))[1].reshape(times_s.size, -1, 3)[:, feet]
-    # averaged, since a swinging foot is still for a moment where it turns
+    # averaged, since a swinging foot is at rest for a moment at its turning point
     moving = np.convolve(np.sqrt((velocity**2).sum(axis=-1)).sum(axis=1), np.ones(2 * support + 1), mode="valid")
     return max(float(times_s[support + moving.argmin()]), 0.0)
 
@@ -326,7 +327,7 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
 def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
     """Return the number of frames for the wanted time.
 
-    By default until the path or the motion ends.
+    The default is the time until the path or the motion ends.
     """
     slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps
     stops_s = sum(course.pace.ramp_s + stop.pause_s for stop in course.pace.stops)
@@ -356,7 +357,7 @@ def _make_facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> 
     paused_s = sum(min(max(last_s - rest, 0.0), stop.pause_s) for rest, stop in zip(rests_s, stops, strict=True))
     end_s = float(course.phase_time_s(times_s[-1:])[0])
     factor = end_s / (last_s - paused_s)
-    # one and the same pace gives the same numbers to the last digit
+    # equal paces result in exactly equal numbers
     facts = gait.motion.facts
     if not math.isclose(factor, 1.0, rel_tol=1e-9):
         facts = facts.with_frequencies(lambda hz: factor * hz)

@@ -18,9 +18,9 @@ from doppelgait.motion.skeleton import FOOT_PARTS
 FloatArray = npt.NDArray[np.float64]
 
 SMOOTHING_S = 0.5
-"""The path of the body centre is averaged over this time: about one step of a person."""
+"""Averaging time of the path of the body centre: about one step of a person."""
 MIN_TRAVEL_M = 0.5
-"""Below this displacement there is no direction of travel, hence no fore-aft motion and no stride."""
+"""Smallest displacement with a direction of travel, which the fore-aft motion and the stride require."""
 STRIDE_BAND_HZ = (0.4, 6.0)
 
 
@@ -46,7 +46,7 @@ def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArr
     if len(path) < 2:
         return path
     width = max(1, round(smoothing_s * rate_hz)) | 1
-    # a straight continuation of the ends: repeating the last value would shorten the path
+    # straight continuation of the ends, since repeated end values would shorten the path
     edge = min(width // 2, len(path) - 1)
     longer = np.pad(path, ((edge, edge), (0, 0)), mode="reflect", reflect_type="odd") if edge else path
     return np.asarray(uniform_filter1d(longer, width, axis=0, mode="nearest")[edge : edge + len(path)])
@@ -55,7 +55,7 @@ def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArr
 def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure displacement, path length, straightness and mean speed.
 
-    Over the longest segment in which half of the points are seen: a body that has not entered yet does not stand.
+    Only the longest segment in which half of the points are seen is used, since a body outside the view does not stand.
 
     Parameters
     ----------
@@ -89,9 +89,7 @@ def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 def _find_seen_path(position: FloatArray) -> FloatArray:
     """Return the path of the body centre.
 
-    It adds the steps of the points that are seen.
-
-    A point that was not seen yet, or no more, does not hold the centre back.
+    It is the sum of the mean steps of the seen points, so that points that appear or disappear cause no jump.
     """
     path = find_body_centre(position)[:, :2]
     if len(path) < 2 or not np.isfinite(path).all():
@@ -117,7 +115,7 @@ def _find_seen_frames(position: FloatArray) -> FloatArray:
 def find_principal_direction(path: FloatArray) -> FloatArray:
     """Return the unit vector of a path's largest spread.
 
-    It points in the direction of travel.
+    The vector points in the direction of travel.
     """
     offset = path - path.mean(axis=0)
     along = np.linalg.svd(offset, full_matrices=False)[2][0]
@@ -127,10 +125,9 @@ def find_principal_direction(path: FloatArray) -> FloatArray:
 def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure stride and step frequency from the limbs' swing.
 
-    The fore-aft motion of all points about the centre is used; None for a standing body.
-
-    The spectra of all points are summed; limbs swing once per stride, so its peak is the stride frequency. A step is
-    half a stride (person; trot and walk of a dog).
+    The spectra of the fore-aft motion of all points about the centre are summed. Limbs swing once per stride, so the
+    peak is the stride frequency. A step is half a stride (person; trot and walk of a dog). For a standing body, the
+    values are None.
 
     Parameters
     ----------
@@ -167,15 +164,16 @@ def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 
 SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
-"""A foot swings while it goes faster than the body; what does not reach 1.4 body speeds or is shorter is no swing."""
+"""Minimum peak speed of a swing in body speeds, and its minimum duration. A foot swings while it is faster than the
+body."""
 STILL = 0.01
-"""A foot that has slowed down to this part of its highest speed in swing has landed."""
+"""A foot has landed when its speed has fallen to this share of its maximum in the swing."""
 STANCE_SPEED = 0.5
 """A foot bears weight while its slowest point moves at less than half the body's speed."""
 SLOWEST_BODY_MPS = 0.2
-"""A body slower than this stands: a foot must outrun this speed to be in swing."""
+"""Speed below which a body stands. A swinging foot must be faster than this."""
 LOW_POINTS = 0.15
-"""Without named feet, points with a 5th percentile of height in the lowest 15 % of the body's are taken for feet."""
+"""Without named feet, points with a 5th percentile of height in the lowest 15 % of the body's height are feet."""
 
 
 @dataclass(frozen=True)
@@ -185,12 +183,12 @@ class Steps:
     Parameters
     ----------
     touchdown_s : ndarray
-        Times at which it lands.
+        Times at which the foot lands.
     overtaken_s : ndarray
-        Times at which its speed falls through that of the body, just before: less exact as a contact, more exact as a
-        clock, because the speed falls steeply there.
+        Times just before, at which the foot's speed falls below that of the body. They are less exact as contact times,
+        but more exact as a measure of the period, because the speed falls steeply there.
     duty_factor : float
-        Share of the time between two mid-swings for which it bears weight, 0 to 1; NaN with fewer than two swings.
+        Share of the time between two mid-swings in which the foot bears weight, 0 to 1; NaN for fewer than two swings.
     """
 
     touchdown_s: FloatArray
@@ -199,7 +197,7 @@ class Steps:
 
 
 def is_quadruped(motion: Motion) -> bool:
-    """Return whether a motion has paws or a non-human species."""
+    """Return True if a motion has paws or a non-human species."""
     paws = any(part.endswith("_paw") for part in motion.parts)
     return paws or motion.facts.species not in ("", "human")
 
@@ -209,8 +207,8 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
 
     Names are ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
 
-    By body part where parts name feet; otherwise the lowest points, left and right of the centre (and before and behind
-    it for a quadruped). Empty where neither gives feet on both sides.
+    Feet are found by body part if possible. Otherwise they are the lowest points, left and right of the centre (and in
+    front of and behind it for a quadruped). The result is empty unless there are feet on both sides.
     """
     feet: dict[str, list[int]] = {}
     for n, part in enumerate(motion.parts):
@@ -223,7 +221,7 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
     if len(path) < 2 or not np.isfinite(path).all():
         return {}
     ahead = path[-1] - path[0]
-    # comparisons with a point that was never seen are false: it is no foot
+    # comparisons with a point that was never seen are false, so it is not a foot
     offset = np.median(position[:, :, :2] - find_body_centre(position)[:, np.newaxis, :2], axis=0)
     left = offset @ np.array([-ahead[1], ahead[0]]) > 0
     hind = offset @ ahead < 0
@@ -239,21 +237,21 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
 def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
     """Find touchdowns and duty factor of each foot.
 
-    A foot swings forward faster than the body goes and is nearly still on the ground. It lands where, after a swing,
-    its forward speed stops falling or reaches 1 % of its highest value in that swing. Speeds are those over the ground
-    along the smoothed path of the body, so that a turning walk has footfalls, too.
+    In the swing, a foot is faster than the body; on the ground, it is nearly at rest. It lands when, after a swing, its
+    forward speed stops falling or reaches 1 % of its maximum in that swing. Speeds are over the ground and along the
+    smoothed path of the body, so that footfalls are also found in turns.
 
     Parameters
     ----------
     motion : Motion
         Motion (time, marker, space) in m, z up; gaps are bridged by straight lines.
     feet : mapping, optional
-        Numbers of the points of each foot, by default those of :func:`find_feet`.
+        Point numbers of each foot; by default those of :func:`find_feet`.
 
     Returns
     -------
     dict of str to Steps
-        Times on the motion's time axis; empty for a body that has no known feet.
+        Steps by foot, on the motion's time axis; empty for a body without known feet.
     """
     feet = find_feet(motion) if feet is None else feet
     position = motion.position_m
@@ -270,7 +268,7 @@ def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> d
         filled = filled[:, np.isfinite(filled).all(axis=(0, 2)), :2]
         if filled.shape[1]:
             forward = np.einsum("tpk,tk->tp", np.gradient(filled, 1.0 / rate, axis=0), ahead)
-            # swings of the foot, and where it lands after each
+            # swings of the foot, and the landing after each
             speed, slowest = forward.mean(axis=1), forward.min(axis=1)
             touchdown, overtaken, peaks = [], [], []
             for first, stop in find_runs(speed > body_mps):
@@ -294,24 +292,24 @@ def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> d
 NAN = float("nan")
 
 SYMMETRICAL = ("walk", "run", "pace", "trot")
-"""Gaits with half strides that mirror each other: a step is half a stride and f_mu = 2 f_stride (E-07)."""
+"""Gaits with mirrored half strides: a step is half a stride and f_mu = 2 f_stride (E-07)."""
 ASYMMETRICAL = ("canter", "gallop", "transverse_gallop", "bound")
-"""Gaits without that symmetry: f_mu = f_stride; ``gallop`` is the rotary one."""
+"""Gaits without mirrored half strides: f_mu = f_stride. ``gallop`` is the rotary gallop."""
 
 HALF_STRIDE = 0.15
-"""A pair of limbs lands half a stride apart when its lag is within this of 0.5 ..."""
+"""Tolerance of a lag of half a stride between a pair of limbs, in strides."""
 TOGETHER = 0.06
-"""... and at once when it is within this of 0."""
+"""Tolerance of a lag of 0 (simultaneous landing) between a pair of limbs, in strides."""
 QUARTER = 0.125
-"""Half way between the lateral lags of pace (0), walk (0.25) and trot (0.5); also from canter to gallop."""
+"""Half the spacing of the lateral lags of pace (0), walk (0.25) and trot (0.5), and limit between canter and gallop."""
 STEADY = 0.8
-"""Shortest mean vector of a lag's phases over the strides; below that the footfalls keep no order."""
+"""Minimum length of the mean vector of a lag's phases over the strides. Below it, the lag is not constant."""
 LANDING_HEIGHT = 0.25
-"""In a gallop nine of ten touchdowns are lower than this part of the paw's range of height (at most 0.15 in recorded
-gallops, 0.6 and more where a dog jumps)."""
+"""Share of the paw's height range that 90 % of the touchdowns of a gallop do not exceed (recorded gallops: at most
+0.15; jumping dogs: 0.6 or more)."""
 LEAST_LIFT_M = 0.02
 LARGEST_SCATTER = 0.15
-"""Touchdowns that scatter more than this part of a stride about an even beat give no stride frequency."""
+"""Maximum scatter of touchdowns about an even beat, in strides. Beyond it, the stride frequency is not measured."""
 FLIGHT_ACCELERATION_MPS2 = -5.9
 """A body without support falls at 9.81 m/s^2; 60 % of it separates flight from the dip of a brisk walk."""
 PAIRS = {
@@ -320,12 +318,12 @@ PAIRS = {
     "lf_rf": ("left_fore", "right_fore"),
     "l_r": ("left_foot", "right_foot"),
 }
-"""Lags: from the touchdown of the first foot to that of the second."""
+"""Pairs of feet by the name of their lag, which is from the touchdown of the first foot to that of the second."""
 
 
 @dataclass(frozen=True)
 class GaitFacts:
-    """Measured gait; NaN, ``""`` or empty where unknown.
+    """Measured gait; unknown values are NaN, ``""`` or empty.
 
     Parameters
     ----------
@@ -337,11 +335,11 @@ class GaitFacts:
     footfalls : dict
         Touchdown times in s by foot.
     phases : dict
-        Lags ``lh_lf``, ``lh_rh``, ``lf_rf`` or ``l_r`` as parts of the stride, 0 to 1.
+        Lags ``lh_lf``, ``lh_rh``, ``lf_rf`` or ``l_r`` in strides, 0 to 1.
     duty_factor : float
-        Share of the stride for which a foot bears weight, mean over the feet.
+        Share of the stride in which a foot bears weight, mean over the feet.
     measured_from : str
-        ``"footfalls"`` or ``"autocorrelation"``: where the stride frequency comes from.
+        Source of the stride frequency: ``"footfalls"`` or ``"autocorrelation"``.
     """
 
     gait: str = ""
@@ -357,11 +355,10 @@ class GaitFacts:
 def measure_gait(motion: Motion) -> GaitFacts:
     """Measure footfalls, stride frequency, phases and gait.
 
-    The speed should be about constant.
-
-    The stride frequency is that of an even beat fitted to the landings of all feet; where there are too few or they
-    keep no beat, that at which the limbs' motion repeats, or at which the left limbs repeat the right ones half a
-    stride later. The peak of a spectrum is not used: in a segment of a stride or two it is 7 % off.
+    The speed should be about constant. The stride frequency is that of an even beat fitted to the landings of all feet.
+    If landings are too few or irregular, it is the frequency at which the limbs' motion repeats, or at which the left
+    limbs repeat the right ones after half a stride. The peak of a spectrum is not used, since its error is 7 % in a
+    segment of one or two strides.
 
     Parameters
     ----------
@@ -376,7 +373,7 @@ def measure_gait(motion: Motion) -> GaitFacts:
         stride_hz, source = _limbs_hz(motion), "autocorrelation"
     if not math.isfinite(stride_hz):
         return GaitFacts(footfalls=footfalls)
-    # mean lag of every pair of feet, 0 to 1 strides; none where it keeps no value
+    # mean lag of every pair of feet, 0 to 1 strides; none if it is not constant
     phases: dict[str, float] = {}
     for name, (a, b) in ((name, pair) for name, pair in PAIRS.items() if set(pair) <= set(steps)):
         lags = (steps[b].touchdown_s[:, np.newaxis] - steps[a].touchdown_s) * stride_hz
@@ -395,7 +392,7 @@ def measure_gait(motion: Motion) -> GaitFacts:
 def _has_low_paws(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
     """Return True if the paws land low.
 
-    In a leap they stop in the air.
+    In a leap, they stop in the air.
     """
     feet, heights = find_feet(motion), []
     for foot, touchdown_s in footfalls.items():
@@ -424,18 +421,16 @@ def _limbs_hz(motion: Motion) -> float:
 
 
 def add_gait_facts(motion: Motion) -> Motion:
-    """Fill in missing gait facts by measurement.
+    """Add missing gait facts by measurement.
 
-    Facts that it already states stay.
-
-    Fills ``gait``, ``footfalls``, ``stride_frequency_hz``, ``step_frequency_hz`` and ``gait_frequency_hz``, and
-    ``report["gait"]`` with phases, duty factor and source. A step frequency is not stated for gallop, canter and bound
-    (E-07).
+    The facts are ``gait``, ``footfalls``, ``stride_frequency_hz``, ``step_frequency_hz`` and ``gait_frequency_hz``;
+    existing values are kept. ``report["gait"]`` holds phases, duty factor and source. Gallop, canter and bound have no
+    step frequency (E-07).
 
     Parameters
     ----------
     motion : Motion
-        Motion (time, marker, space) in m, z up, at about constant speed: take one segment of a mixed recording.
+        Motion (time, marker, space) in m, z up, at about constant speed. Select one segment of a mixed recording.
     """
     found = measure_gait(motion)
     known = motion.facts
@@ -459,7 +454,7 @@ def add_gait_facts(motion: Motion) -> Motion:
 def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[float, float]:
     """Return step frequency and f_mu of a gait (E-07).
 
-    f_mu is the fundamental of the signature; NaN where not defined or not known.
+    f_mu is the fundamental of the signature. Undefined or unknown values are NaN.
     """
     if gait in SYMMETRICAL:
         return 2 * stride_frequency_hz, 2 * stride_frequency_hz
@@ -469,12 +464,11 @@ def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[f
 def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     """Name the gait of a quadruped from footfall lags.
 
-    After Hildebrand 1965 and 1977.
-
-    Hind pair and fore pair both half a stride apart: symmetrical, and the lag of the fore limb behind the hind limb of
-    its side distinguishes pace (0), walk (0.25 or 0.75) and trot (0.5). Neither: hind pair and fore pair each at once
-    is a bound; leads on different sides a rotary gallop; on the same side a canter where the leading hind and the
-    trailing fore limb land together, else a transverse gallop.
+    The rules follow Hildebrand (1965, 1977). A gait is symmetrical if the lags of the hind pair and of the fore pair
+    are both half a stride. The lag of the fore limb behind the hind limb of its side then distinguishes pace (0), walk
+    (0.25 or 0.75) and trot (0.5). If neither lag is half a stride, simultaneous landings of both pairs are a bound, and
+    leads on different sides a rotary gallop. Leads on the same side are a canter if the leading hind and the trailing
+    fore limb land together, otherwise a transverse gallop.
 
     Parameters
     ----------
@@ -484,7 +478,7 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     Returns
     -------
     str
-        ``""`` where a lag is missing or only one pair is half a stride apart.
+        Name of the gait; ``""`` if a lag is missing or the lag of only one pair is half a stride.
     """
     if not {"lh_lf", "lh_rh", "lf_rf"} <= set(phases):
         return ""
@@ -511,7 +505,7 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
     """Name a person's gait: walk, run or unknown.
 
-    In a run each foot bears weight for less than half of the stride and the body falls freely between steps.
+    In a run, each foot bears weight for less than half of the stride, and the body is in free fall between steps.
     """
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
         return ""
@@ -526,9 +520,9 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
 
 
 def _fit_beat_hz(landings: list[FloatArray]) -> float:
-    """Fit an even beat to all footfalls, Hz.
+    """Fit an even beat to all footfalls, in Hz.
 
-    NaN where there is none.
+    It is NaN if there is no even beat.
     """
     intervals = np.concatenate([np.diff(times) for times in landings] or [np.empty(0)])
     if intervals.size < min(2, len(landings)):

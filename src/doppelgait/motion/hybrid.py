@@ -1,7 +1,7 @@
-"""Make other targets from recorded clips.
+"""New targets from recorded clips.
 
-A clip gets another speed, size and stride, or two clips are blended. The lengths between the points of the body are
-restored, feet on the ground stay where they are, and what still slides or bends too far is refused.
+A clip is changed in speed, size and stride, or two clips are blended. The distances between the points of the body are
+restored and feet on the ground stay in place. A result in which feet slide or joints bend too far is refused.
 """
 
 from __future__ import annotations
@@ -48,11 +48,12 @@ class SpeedLaw:
     Parameters
     ----------
     exponent : float
-        The stride frequency takes up the rest: 1 - exponent.
+        Exponent of the stride length. That of the stride frequency is 1 - exponent.
     spread : float
         Standard deviation of the logarithm of the stride length about the law, between recordings.
     speed : (float, float)
-        Dimensionless speeds of the recordings; l is the leg of a person, the withers height of an animal.
+        Range of dimensionless speeds of the recordings; l is the leg length of a person or the withers height of an
+        animal.
     """
 
     exponent: float
@@ -61,29 +62,29 @@ class SpeedLaw:
 
 
 WALK = SpeedLaw(0.63, 0.11, (0.17, 0.60))
-"""Of 36 shared recordings of walking people (tuning half); exponent +-0.05."""
+"""Law from 36 shared recordings of walking people (tuning half); exponent +-0.05."""
 RUN = SpeedLaw(0.74, 0.08, (0.43, 1.32))
-"""Of five shared recordings of runners (tuning half), exponent +-0.10; spread and range of all fourteen."""
+"""Law from five shared recordings of runners (tuning half), exponent +-0.10; spread and range from all fourteen."""
 QUADRUPED = SpeedLaw(0.60, 0.07, (0.20, 2.4))
-"""L/h = c Fr^0.3 of the models of dogs; in 37 recordings of a pacing dog the exponent is 0.50 +-0.04, in four trots of
-another 0.69 +-0.05. The spread is the largest of pace, walk and trot. The speeds are those of 76 straight segments of
-the shared recordings of dogs, 0.22 to 2.32, rounded."""
+"""Law L/h = c Fr^0.3 of the models of dogs. The exponent is 0.50 +-0.04 in 37 recordings of a pacing dog and 0.69
++-0.05 in four trots of another. The spread is the largest of pace, walk and trot. The speeds are those of 76 straight
+segments of the shared recordings of dogs, 0.22 to 2.32, rounded."""
 FACTOR = (0.8, 1.25)
-"""Allowed factors on speed and size: a quarter at most (assumed; a path changes the speed of a motion by as much)."""
+"""Allowed factors on speed and size (assumed). A path may change the speed of a motion by as much."""
 SPREADS = 1.0
-"""The stride may be longer or shorter than the law says by so many standard deviations."""
+"""Largest deviation of the stride length from the law, in standard deviations."""
 
 ROUNDED = 1e-5
-"""A factor may exceed its limit by this: messages and plans round."""
+"""Tolerance of the limits of a factor, since messages and plans round."""
 RIDGE, STEPS = 0.02, 6
-"""Of restoring lengths; more exact than in a loop."""
+"""Ridge and number of steps of the restoration of lengths, which is more exact than in a loop."""
 LIKE = 0.7
-"""Least normalised correlation of the limbs of two clips in the same phase of the stride."""
+"""Minimum normalised correlation of the limbs of two clips in the same phase of the stride."""
 PHASES = 60
 CLIP_OVERLAP = 0.4
-"""A blended clip continues for this part of a stride after its whole strides, so that it can be looped."""
+"""Share of a stride by which a blended clip exceeds its whole strides, so that it can be looped."""
 COMMON = 0.75
-"""Two clips must share this part of their points, and every body part."""
+"""Minimum share of common points of two clips. All body parts must be common."""
 
 Factor = Annotated[float, Field(ge=FACTOR[0], le=FACTOR[1])]
 
@@ -91,7 +92,7 @@ Factor = Annotated[float, Field(ge=FACTOR[0], le=FACTOR[1])]
 class Hybrid(FrozenModel):
     """Changes of a recorded clip: speed, size, stride and blend.
 
-    It is a table of a scene or a plan; ``other`` and ``share`` are set together.
+    It is a table of a scene or a plan. ``other`` and ``share`` must be set together.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ class Hybrid(FrozenModel):
 
 
 def make_hybrid(motion: Motion, hybrid: Hybrid, read_other: Callable[[Mapping[str, Any]], Motion]) -> Motion:
-    """Blend and retarget a clip as a table says."""
+    """Blend and retarget a clip as specified by a table."""
     known = _require_gait(motion)
     sources = [known]
     if hybrid.other is not None:
@@ -145,21 +146,22 @@ def retarget(
 ) -> Motion:
     r"""Change speed, size or stride of a recorded gait.
 
-    Size scales all lengths, and times by its square root (dynamic similarity). Speed, relative to that, changes stride
-    length and stride frequency as recorded people and animals do:
+    The size factor scales all lengths, and its square root all times (dynamic similarity). The relative speed changes
+    stride length and stride frequency as in recordings of people and animals:
 
     .. math:: V' = V\,v\,\sqrt{b}, \qquad L' = L\,b\,v^{a}\,s, \qquad T' = T\,\sqrt{b}\,s\,v^{a-1}
 
-    with the factors of size b, speed v and stride s, and a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). Every
-    point goes forward by L'/L times its own way, so that a foot on the ground stays there; then the lengths between
-    the points of the body are restored, with the feet held.
+    with the factors of size b, speed v and stride s, and a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). The
+    forward path of every point is multiplied by L'/L, so that a foot on the ground stays in place. Then the distances
+    between the points of the body are restored, with little movement of the feet.
 
     Parameters
     ----------
     motion : Motion
-        Motion (time, marker, space) in m, z up, no gaps: at least one stride of straight gait.
+        Motion (time, marker, space) in m, z up, without gaps: at least one stride of straight gait.
     speed_factor : float
-        v, 0.8 to 1.25; of the dimensionless speed V / sqrt(g l), which stays within that of recordings of the gait.
+        v, 0.8 to 1.25: factor of the dimensionless speed V / sqrt(g l), which must stay within that of recordings of
+        the gait.
     size_factor : float
         b, 0.8 to 1.25.
     stride_factor : float
@@ -169,13 +171,13 @@ def retarget(
     Returns
     -------
     Motion
-        Same points and number of frames; frame rate, height, frequencies and footfalls scaled along.
+        Motion of the same points and number of frames, with scaled frame rate, height, frequencies and footfalls.
         ``report["hybrid"]`` holds the factors, the largest change of a length and the slide of the feet.
 
     Raises
     ------
     MotionError
-        If a factor is outside its limits, the speed outside that of recordings, or the result slides or bends too far.
+        If a factor or the speed is outside its limits, or feet slide or joints bend too far in the result.
 
     See Also
     --------
@@ -206,7 +208,7 @@ def _retarget(
     if not low - ROUNDED <= speed_factor <= high + ROUNDED:
         raise MotionError(
             f"{known.label}: speed_factor = {speed_factor:g} is not allowed: the {known.facts.gait} would have the "
-            f"dimensionless speed {now * speed_factor:.2f}, recordings have {law.speed[0]:g} to {law.speed[1]:g}; "
+            f"dimensionless speed {now * speed_factor:.2f}, but recordings have {law.speed[0]:g} to {law.speed[1]:g}; "
             f"allowed are {low:.3g} to {high:.3g}"
         )
     longer = speed_factor**law.exponent * stride_factor
@@ -244,31 +246,30 @@ def _retarget(
 def blend(first: Motion, second: Motion, *, share: float) -> Motion:
     """Blend two clips of one gait.
 
-    They are mixed in the same phase of the stride. Both become endless cycles
-    (:func:`~doppelgait.motion.loop.loop`); the second is turned, scaled to the size of the first and shifted in phase
-    to where its points differ least. Positions, stride times and lengths between points are mixed, then these lengths
-    are restored, with the feet held.
+    Both clips become endless cycles (:func:`~doppelgait.motion.loop.loop`). The second is rotated and scaled to the
+    heading and size of the first, and shifted to the phase in which its points differ least. Positions, stride times
+    and distances between points are averaged. Then these distances are restored, with little movement of the feet.
 
     Parameters
     ----------
     first, second : Motion
         Motions (time, marker, space) in m, z up, no gaps: straight gait of the same kind and species, 1.2 strides or
-        more, with the same markers or joints; at most a quarter of the points may be in one of them only.
+        more, with the same markers or joints; at most a quarter of the points may be in only one of them.
     share : float
-        Part of the second, 0 to 1.
+        Weight of the second motion, 0 to 1.
 
     Returns
     -------
     Motion
-        Whole strides and a part of one, at the frame rate and heading of the first, with the points that both have.
-        Source, subject and licence name both; ``report["hybrid"]`` holds share, phase, ratio of the sizes, likeness of
-        the two, the largest change of a length and the slide of the feet.
+        Motion of whole strides and a fraction of one, at the frame rate and heading of the first, with the common
+        points. Source, subject and licence name both. ``report["hybrid"]`` holds share, phase, ratio of the sizes,
+        normalised correlation of the two, the largest change of a distance and the slide of the feet.
 
     Raises
     ------
     MotionError
-        If species, gait or points differ, one is more than 1.56 times as fast, the limbs do not move alike, or the
-        result slides or bends too far.
+        If species, gait or points differ, one is more than 1.56 times as fast, the motions of the limbs differ too
+        much, or feet slide or joints bend too far in the result.
 
     See Also
     --------
@@ -305,10 +306,10 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     ratio = sizes[0] / sizes[1]
     speeds = [float(np.hypot(*c.advance[:2])) / c.seam.lag * c.rate_hz for c in (cycle, second_cycle)]
     faster = speeds[1] * math.sqrt(ratio) / speeds[0]
-    low, high = FACTOR[0] ** 2, FACTOR[1] ** 2  # their middle is no further from either than a retargeted clip
+    low, high = FACTOR[0] ** 2, FACTOR[1] ** 2  # the blend then differs from both by at most the factors of retargeting
     if not low <= faster <= high:
         raise MotionError(
-            f"{where}: cannot be blended: at equal size the second goes {faster:.2f} times as fast; allowed are "
+            f"{where}: cannot be blended: at equal size the second is {faster:.2f} times as fast; allowed are "
             f"{low:.2g} to {high:.2g}; retarget one of them first"
         )
     scales = (1.0, ratio)
@@ -316,8 +317,8 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     shift, likeness, offset = _align(*(mean for mean, _ in cycles))
     if likeness < LIKE:
         raise MotionError(
-            f"{where}: cannot be blended: their limbs move alike by {likeness:.2f} only (normalised correlation; "
-            f"{LIKE:g} is needed), for example because the other leg leads"
+            f"{where}: cannot be blended: the normalised correlation of their limbs is only {likeness:.2f} "
+            f"({LIKE:g} is needed), for example because the other leg leads"
         )
     periods = [c.seam.lag / c.seam.strides / c.rate_hz for c in (cycle, second_cycle)]
     period_s = (1.0 - share) * periods[0] + share * periods[1] * math.sqrt(ratio)
@@ -381,9 +382,9 @@ def _require_gait(motion: Motion) -> Motion:
     if not motion.n_frames - 1 >= motion.rate_hz / known.facts.stride_frequency_hz:
         raise MotionError(
             f"{motion.label}: shows no whole stride, so it cannot be retargeted or blended; give a longer part in "
-            "which the body walks, or state it: motion.with_facts(stride_frequency_hz=...)"
+            "which the body walks, or state the stride: motion.with_facts(stride_frequency_hz=...)"
         )
-    if not motion.position_m.flags.writeable:  # one clip of many hybrids; the cycle of what is returned is kept too
+    if not motion.position_m.flags.writeable:  # many hybrids share a clip, and its cycle is cached
         _known[motion] = known
     return known
 
@@ -396,14 +397,14 @@ def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, 
     if not (_is_number(value) and limits[0] - ROUNDED <= value <= limits[1] + ROUNDED):
         raise MotionError(
             f"{motion.label}: {name} = {value!r} is not allowed: must be a number from {limits[0]:.3g} to "
-            f"{limits[1]:.3g}, as far as recordings differ; take a recording that is nearer"
+            f"{limits[1]:.3g}, the range of recordings; use a more similar recording"
         )
 
 
 def _find_common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
     """Find the points that two motions share.
 
-    Returns their numbers in both, their parts and their names.
+    The function returns their numbers in both motions, their parts and their names.
     """
     names = [[strip_subject(marker).upper() for marker in motion.markers] for motion in (one, other)]
     shared = [name for name in names[0] if name in names[1]]
@@ -432,7 +433,7 @@ def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
 def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
     """Return mean stride and cycle, facing +x.
 
-    The stride is without its advance; the cycle takes a phase in strides.
+    The stride does not include its advance. The cycle is a function of the phase in strides.
     """
     stride, angle = cycle.seam.lag / cycle.seam.strides, -math.atan2(cycle.advance[1], cycle.advance[0])
 
@@ -445,9 +446,10 @@ def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[Flo
 
 
 def _align(one: FloatArray, other: FloatArray) -> tuple[float, float, FloatArray]:
-    """Align two strides where they are most alike.
+    """Align two strides at their maximum correlation.
 
-    Returns the phase by which the second leads, the likeness and the offset in the ground plane.
+    The function returns the phase by which the second leads, the normalised correlation and the offset in the ground
+    plane.
     """
     offset = (one.mean(axis=(0, 1)) - other.mean(axis=(0, 1))) * (1.0, 1.0, 0.0)
     swings = [stride - stride.mean(axis=0) for stride in (one, other)]

@@ -1,4 +1,4 @@
-"""Check lengths, feet and joints of hybrids of clips."""
+"""Checks of lengths, feet and joints of hybrids of clips."""
 
 from __future__ import annotations
 
@@ -19,26 +19,27 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
 FREE_PARTS = ("head", "neck", "tail", "left_hand", "right_hand")
-"""Their joints have no limits here: a head to the left and one to the right blend to a straight neck."""
+"""Body parts without limits of their joints. A head turned left and one turned right blend to a straight neck."""
 
 LONGER = 0.005
-"""A length between two points may be off by this part of it, at most, or by :data:`LONGER_M`."""
+"""Largest relative error of the distance between two points; an absolute error of :data:`LONGER_M` is also allowed."""
 LONGER_M = 1e-3
 JERKS = 1.5
-"""Restoring lengths may raise the largest acceleration by this factor; more is a leg that snaps straight."""
+"""Factor by which the restoration of lengths may raise the largest acceleration. More indicates a leg that snaps
+straight."""
 SLIDES = 0.02
-"""Feet on the ground may slide faster than in the recordings by this part of the speed: the most that looping adds to a
-shared recording."""
+"""Allowed increase of the sliding speed of feet on the ground, as a share of the body's speed: the maximum that looping
+adds to a shared recording."""
 BENDS_DEG = 14.0
-"""A joint may bend further than in the recordings by this angle: two standard deviations of the smallest and largest
+"""Angle by which a joint may bend further than in the recordings: two standard deviations of the minimum and maximum
 angle of a joint between recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""
 
 
 def measure_foot_slide(motion: Motion) -> float:
-    """Measure how fast feet slide while they bear weight.
+    """Measure the sliding speed of feet that bear weight.
 
-    It is relative to the speed of the body: the mean, over all feet and the frames in which the slowest point of a foot
-    moves at less than half the body's speed, of the speed of that point in the ground plane; NaN without known feet.
+    It is the horizontal speed of the slowest point of a foot, relative to the body's speed. The mean is over all feet
+    and all frames in which it is less than half the body's speed. Without known feet it is NaN.
     """
     rate, speed_mps = motion.rate_hz, travel_speed_mps(motion)
     found = []
@@ -60,7 +61,7 @@ def check_hybrid(
 ) -> Motion:
     """Check lengths, feet and joints of a hybrid.
 
-    The report is added to the motion. ``loose`` has its positions before the lengths were restored.
+    The report is added to the motion. ``loose`` holds the positions before the lengths were restored.
     """
     position = made.position_m
     error = np.abs(measure_pair_lengths(position, pairs) - wanted)
@@ -118,7 +119,7 @@ def check_hybrid(
 def _find_joints(pairs: IntArray, position: FloatArray) -> IntArray:
     """Find the joints of a body, shape (J, 3).
 
-    They are points a, b, c with bones a-b and b-c that are no part of one rigid segment.
+    A joint is three points a, b, c with bones a-b and b-c that are not in one rigid segment.
     """
     bones = {(int(a), int(b)) for a, b in find_bones(position)}
     rigid = {(int(a), int(b)) for a, b in pairs}

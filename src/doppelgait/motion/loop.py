@@ -1,6 +1,6 @@
-"""Longer motions from a short clip, without a seam.
+"""Longer motions from a short clip, without a visible seam.
 
-The clip is cut over whole strides; successive strides vary about the recorded ones.
+Whole strides of the clip are repeated. Successive strides vary about the recorded ones.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 FloatArray = npt.NDArray[np.float64]
 
 FEW_STRIDES = 2.0
-"""A clip with fewer strides does not show how they vary."""
+"""Minimum number of strides of a clip that shows their variation."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +35,17 @@ class StrideVariation:
     Parameters
     ----------
     time, length : float
-        Of the stride time and of the stride length, which scales with the fore-aft swing of the limbs; relative.
+        Relative standard deviation of the stride time and of the stride length, which scales with the fore-aft swing of
+        the limbs.
     length_with_time : float
-        Correlation of the two.
+        Correlation of stride length and stride time.
     limb_phase : float
-        Of the lead of each limb, in strides.
+        Standard deviation of the lead of each limb, in strides.
     arm, head, tail, trunk : float
-        Of the swing of the upper body, relative.
+        Relative standard deviation of the swing of the upper body.
     pose : mapping of str to (float, float, float)
-        Of the place of leg, arm, head, tail and trunk relative to the body: ahead, to the side and up, as shares of the
-        stride length.
+        Standard deviation of the position of leg, arm, head, tail and trunk relative to the body: ahead, to the side
+        and up, as shares of the stride length.
     """
 
     time: float
@@ -65,7 +66,7 @@ PERSON = StrideVariation(
         "trunk": (0.0045, 0.0026, 0.0019),
     },
 )  # fmt: skip
-"""Of people: medians over shared recordings with several strides; how they were measured is in docs/motion.md."""
+"""Variation of people: medians over shared recordings with several strides (method: docs/motion.md)."""
 QUADRUPED = StrideVariation(
     0.048, 0.06, 0.35, 0.035, head=0.4, tail=0.5, trunk=0.05,
     pose={
@@ -73,55 +74,55 @@ QUADRUPED = StrideVariation(
         "trunk": (0.006, 0.012, 0.005),
     },
 )  # fmt: skip
-"""Of dogs, in the same way."""
+"""Variation of dogs, measured with the same method."""
 POSES_PER_STRIDE = 2
-"""A pose deviates anew at this rate."""
+"""Number of random deviations of the pose per stride."""
 SHARE_OF_SWING = 2.0
-"""A swing is multiplied by 0 to this factor at most."""
+"""Maximum factor on a swing; the minimum is 0."""
 FOOT_WEIGHT = 100.0
-"""A point of a foot counts as this much heavier than another where the lengths of a body are restored."""
+"""Weight of a point of a foot, relative to other points, when the lengths of a body are restored."""
 RIDGE, STEPS = 2.0, 3
-"""Of restoring these lengths: soft, because a foot may deviate further than the leg reaches. What that gives in loops
-of the shared recordings is in docs/motion.md."""
+"""Ridge and number of steps of the restoration of lengths. It is soft, because a foot may deviate further than the leg
+reaches. docs/motion.md lists the results for loops of the shared recordings."""
 KNOT_MARGIN = 3
-"""Strides before the first and after the last frame, so that the ends of the splines do not show."""
+"""Number of strides before the first and after the last frame, so that the ends of the splines have no effect."""
 
 
 def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
     """Lengthen a clip of straight gait over whole strides.
 
-    The clip is cut where pose and velocity after n strides are nearest to those before, n as large as it can be with
-    neither differing more than is usual (the median) between neighbouring strides. With cycle time L and advance D
-    (the mean displacement of all points over one cycle, in the ground plane) the endless cycle is
-    c(u) = q(u mod L) + D u / L, where q is the clip without its advance. At the start of each cycle q fades from what
-    follows the last cycle into the first one, with a weight that has no slope or curvature at its ends: position,
-    velocity and acceleration go on through the seam. What a point does not come back by, and what the body gains in
-    speed, are taken off along the cycle before, in proportion to the speed of each point.
+    The seam is the frame in which pose and velocity after n strides are closest to those before. n is the largest
+    number for which neither differs by more than the median between neighbouring strides. With cycle time L and advance
+    D (the mean displacement of all points over one cycle, in the ground plane), the endless cycle is
+    c(u) = q(u mod L) + D u / L, where q is the clip without its advance. At the start of each cycle, q fades from the
+    continuation of the last cycle into the first one, with a weight that has no slope or curvature at its ends:
+    position, velocity and acceleration are continuous at the seam. The closing error of a point and the body's gain of
+    speed are removed along the cycle beforehand, in proportion to the speed of each point.
 
-    Strides vary about this cycle: their times and lengths, the lead and place of each limb and the swing of the upper
-    body are first-order autoregressive from stride to stride with the spreads of recordings (:data:`PERSON`,
-    :data:`QUADRUPED`), reduced by sqrt(1/n) because a cycle of n strides holds the rest. Advance and fore-aft swing
-    are scaled by one factor, so that a foot on the ground stays where it is. The lengths between the points of the body
-    are restored to those of the cycle, with the feet held. The mean speed is that of the clip.
+    Strides vary about this cycle: their times and lengths, the lead and position of each limb and the swing of the
+    upper body are first-order autoregressive from stride to stride with the spreads of recordings (:data:`PERSON`,
+    :data:`QUADRUPED`), reduced by sqrt(1/n) because a cycle of n strides contains the rest. Advance and fore-aft swing
+    are scaled by one factor, so that a foot on the ground stays in place. The distances between the points of the body
+    are restored to those of the cycle, with little movement of the feet. The mean speed is that of the clip.
 
     Parameters
     ----------
     motion : Motion
-        Motion (time, marker, space) in m, z up, no gaps: one segment at constant velocity, at least 1.2 strides long.
+        Motion (time, marker, space) in m, z up, without gaps: one segment at constant velocity, 1.2 strides or longer.
     duration_s : float
-        Time to cover, above 0; the last frame is at or just after it.
+        Duration of the result, above 0; the last frame is at or just after it.
     variation : float
-        Factor on the spreads, 0 to 2; with 0 every cycle is the same.
+        Factor on the spreads, 0 to 2; with 0, all cycles are equal.
     rng : Streams or numpy.random.Generator, optional
-        Source of the variation. By default it is derived from source, subject and place of the clip: the same clip
-        gives the same motion.
+        Source of the variation. By default it is derived from source, subject and start time of the clip, so that the
+        same clip results in the same motion.
 
     Returns
     -------
     Motion
         Motion with the same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle and
-        exactly the mean over the duration; footfalls are repeated; ``report["loop"]`` holds the cut, its residuals next
-        to the median difference of neighbouring strides, the variation and the correction of the stride length.
+        exactly the mean over the duration. Footfalls are repeated. ``report["loop"]`` holds the seam, its residuals,
+        the median difference of neighbouring strides, the variation and the correction of the stride length.
 
     Raises
     ------
@@ -131,7 +132,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     Warns
     -----
     DoppelgaitWarning
-        If the clip has less than two strides.
+        If the clip has fewer than two strides.
 
     See Also
     --------
@@ -160,7 +161,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
     speed_mps = cycle_mps * _compute_speed_ratio(cycle, known)
     position, clocks, length_factor = _vary(cycle, known, count, speed_mps, spread, share, source)
-    if share:  # limbs that vary on their own would leave their joints
+    if share:  # limbs vary independently, which would separate them from their joints
         pairs = find_rigid_pairs(np.asarray(motion.position_m, dtype=np.float64))
         wanted_m = measure_pair_lengths(cycle.at(clocks[""]), pairs)
         position = restore_lengths(position, pairs, wanted_m, weigh_feet(motion), ridge=RIDGE, steps=STEPS)
@@ -194,7 +195,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
             "stride_length_sd": share * spread.length,
         },
     )
-    # touchdowns of one cycle in s after its start: as stated, else as found in the middle one of three cycles
+    # touchdowns of one cycle in s after its start: the stated ones, or those found in the middle one of three cycles
     every_s, until_s = seam.lag / rate, (len(position) - 1) / rate
     if motion.facts.footfalls:
         begins_s = float(motion.time_s[0]) + seam.start / rate
@@ -209,7 +210,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
         )
         times = {foot: step.touchdown_s - every_s for foot, step in find_steps(three).items()}
     touchdowns = {foot: [float(t) for t in found if 0.0 <= t < every_s - 1e-9] for foot, found in times.items()}
-    # a landing at the cut is there at both ends of a cycle that is a little longer than its strides
+    # a landing at the seam is at both ends of a cycle that is a little longer than its strides
     half_s = every_s / seam.strides / 2
     touchdowns = {foot: [t for t in found if t < found[0] + every_s - half_s] for foot, found in touchdowns.items()}
     turns = range(-1, math.floor(until_s / every_s) + 2)
@@ -223,7 +224,7 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
 
 
 def weigh_feet(motion: Motion) -> FloatArray:
-    """Return weights of points for :func:`~doppelgait.motion.rigid.restore_lengths`: feet are held."""
+    """Return large weights for feet, for :func:`~doppelgait.motion.rigid.restore_lengths`."""
     weights = np.ones(len(motion.markers))
     for points in find_feet(motion).values():
         weights[points] = FOOT_WEIGHT
@@ -233,7 +234,7 @@ def weigh_feet(motion: Motion) -> FloatArray:
 def _find_limb(part: str) -> str:
     """Return the limb of a body part or foot.
 
-    An arm, a leg, head or tail; ``""`` for the trunk and unknown points.
+    A limb is an arm, a leg, the head or the tail; the result is ``""`` for the trunk and unknown points.
     """
     side, _, rest = part.partition("_")
     if side not in ("left", "right"):
@@ -247,9 +248,9 @@ def _find_limb(part: str) -> str:
 def _compute_speed_ratio(cycle: Cycle, motion: Motion) -> float:
     """Return the speed ratio of a clip to its cycle.
 
-    Both are net travels of the body centre from the first to the last frame of the clip, that is between the same two
-    phases of the gait: the swing of the body within a stride, which a clip of no whole number of strides contains,
-    cancels.
+    Both speeds are from the net travel of the body centre between the first and the last frame of the clip, that is
+    between the same two phases of the gait. The swing of the body within a stride therefore cancels, even if the number
+    of strides is not whole.
     """
     ends = np.array([0.0, motion.n_frames - 1.0])
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS] or list(range(cycle.shape[1]))
@@ -269,9 +270,8 @@ def _vary(
 ) -> tuple[FloatArray, dict[str, FloatArray], float]:
     """Return frames of the varied cycle.
 
-    Also returns the clock of each limb, and the factor on the stride length.
-
-    A clock gives the time in the cycle, in frames; ``share`` multiplies all spreads.
+    The function also returns the clock of each limb (its time in the cycle, in frames) and the factor on the stride
+    length. ``share`` multiplies all spreads.
     """
     seam = cycle.seam
     stride = seam.lag / seam.strides
@@ -279,7 +279,7 @@ def _vary(
     strides = math.ceil((count - 1) / stride * 1.5) + 2 * KNOT_MARGIN + 2
     number = np.arange(strides) - KNOT_MARGIN
     shorter = sample_autoregressive(strides, rng)
-    # time of the cycle against that of the motion; over all frames they agree
+    # time of the cycle as a function of that of the motion; their totals are equal
     starts = np.cumsum(stride * (1.0 + share * spread.time * shorter))
     starts -= starts[KNOT_MARGIN]
     clock = fit_cubic_spline(starts, number * stride)
@@ -293,13 +293,13 @@ def _vary(
     common = spread.length_with_time
     longer = common * shorter + math.sqrt(1.0 - common**2) * sample_autoregressive(strides, rng)
     length = 1.0 + series(spread.length, longer)
-    # speed: the stride length takes up what the cut cycle lacks
+    # speed: the stride length corrects the speed of the cycle
     per_frame = cycle.advance / seam.lag
     way = np.concatenate([[0.0], np.cumsum((length[1:] + length[:-1]) / 2.0 * np.diff(body))])
     cycle_m, clip_m = float(np.hypot(*per_frame[:2])) * way[-1], speed_mps * (count - 1) / cycle.rate_hz
     length_factor = float(clip_m / cycle_m) if cycle_m > 0 else 1.0
     ahead = per_frame / np.hypot(*per_frame[:2]) if cycle_m > 0 else np.zeros(3)
-    # place of each point about which it swings
+    # mean position of each point, about which it swings
     grid = np.linspace(0.0, seam.lag, max(64, math.ceil(seam.lag)), endpoint=False)
     limbs: dict[str, list[int]] = {}
     for point, part in enumerate(motion.parts):
@@ -314,7 +314,7 @@ def _vary(
         points = limbs[limb]
         lead = stride * series(spread.limb_phase) if limb else np.zeros(count)
         own_sd = spread.arm if limb.endswith("_arm") else swings.get(limb, 0.0)
-        # points without a part may be feet: their swing goes with the stride length only
+        # points without a part may be feet: their swing scales with the stride length only
         known = np.array([bool(motion.parts[point]) for point in points])[np.newaxis, :, np.newaxis]
         own = np.clip(1.0 + series(own_sd), 0.0, SHARE_OF_SWING)[:, np.newaxis, np.newaxis]
         at = clocks[limb] = body + lead
@@ -325,7 +325,7 @@ def _vary(
         moved = middle + swing + (length_factor * length[:, np.newaxis, np.newaxis] - 1.0) * forward
         kind = limb.rpartition("_")[2] or "trunk"
         sds = spread.pose.get("leg" if kind in ("fore", "hind") else kind, (0.0, 0.0, 0.0))
-        # counted along the travel of each point: a foot on the ground keeps its place
+        # counted along the travel of each point, so that a foot on the ground stays in place
         step = cycle.count_strides(at, points)
         for sd, direction in zip(sds, (ahead, aside, np.array([0.0, 0.0, 1.0])), strict=True):
             pose = fit_cubic_spline(knots, share * sd * stride_m * sample_autoregressive(poses, rng))(step)

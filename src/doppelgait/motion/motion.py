@@ -1,4 +1,4 @@
-"""A motion: labelled positions of named points, with facts."""
+"""Motions: labelled positions of named points, with facts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PathFacts:
     kind : str
         Kind of the path.
     length_m, mean_speed_mps : float
-        Distance along the path, and that distance over the whole time, pauses included.
+        Distance along the path, and its ratio to the whole time, including pauses.
     pause_s : float
         Time at rest.
     stops_m : tuple of float
@@ -63,7 +63,7 @@ class MotionFacts:
     kind : str
         ``"recording"`` or the name of the model.
     subject : str
-        Person or animal: the group of all leakage-free splits.
+        Person or animal; leakage-free splits group rows by it.
     licence : str
     species : str
         ``"human"``, ``"dog"``, ...
@@ -75,13 +75,13 @@ class MotionFacts:
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
         Strides and steps per second, and f_mu, the fundamental of the signature (E-07).
     footfalls : mapping of str to sequence of float
-        Touchdown times in s by foot, where exactly known.
+        Touchdown times in s by foot, if they are exactly known.
     stride_from : str
-        ``"footfalls"`` or ``"autocorrelation"`` where the stride frequency was measured.
+        ``"footfalls"`` or ``"autocorrelation"`` if the stride frequency was measured.
     path : PathFacts, optional
-        For a motion that follows a path.
+        Facts of the path, if the motion follows one.
     file_time_s : float
-        Time in the recording, counted from its first frame, at time 0 of the motion.
+        Time of the recording, from its first frame, at time 0 of the motion.
 
     Examples
     --------
@@ -127,12 +127,12 @@ class Motion:
     Parameters
     ----------
     positions : DataArray (time, marker, space)
-        In m, z up, floor at z = 0; NaN where a point was not seen (only before cleaning). The coordinate ``part`` along
-        ``marker`` names the body part of each point, ``""`` when unknown.
+        Positions in m, z up, floor at z = 0; NaN where a point was not seen (only before cleaning). The coordinate
+        ``part`` along ``marker`` names the body part of each point, ``""`` if unknown.
     facts : MotionFacts
-        What the program uses: frequencies, footfalls, height, subject.
+        Facts that doppelgait uses: frequencies, footfalls, height, subject.
     report : mapping
-        For people: what reading and cleaning did. No code decides by it.
+        Notes of reading and cleaning for the user. They have no effect on later steps.
 
     Raises
     ------
@@ -206,7 +206,7 @@ class Motion:
 
     @property
     def parts(self) -> list[str]:
-        """Body part of each point, ``""`` when unknown."""
+        """Body part of each point, ``""`` if unknown."""
         return [str(part) for part in read_axis(self.positions, "part")]
 
     @property
@@ -229,7 +229,7 @@ class Motion:
     def with_points(self, position_m: npt.NDArray[Any], markers: Sequence[str], parts: Sequence[str]) -> Motion:
         """Return a motion of other points (T, P, 3).
 
-        Times and facts stay.
+        Times and facts are kept.
         """
         coords = {"time": self.time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
         return replace(self, positions=make_array(MOTION, position_m, coords, {"rate_hz": self.rate_hz}))
@@ -241,7 +241,7 @@ class Motion:
     def cut(self, first: int, stop: int) -> Motion:
         """Return frames ``first`` to ``stop`` - 1 from time 0.
 
-        Footfalls move along.
+        Footfalls are shifted accordingly.
         """
         part, times = self.positions.isel(time=slice(first, stop)), self.time_s[first:stop]
         positions = part.assign_coords(
@@ -257,7 +257,7 @@ class Motion:
 
 
 def require_motion(motion: object) -> Motion:
-    """Return a motion unchanged; anything else is a :class:`MotionError`."""
+    """Return a motion unchanged, or raise :class:`MotionError`."""
     if not isinstance(motion, Motion):
         raise MotionError(
             f"a motion must be a doppelgait.motion.Motion, not {type(motion).__name__}: use a model, read() or "
@@ -287,13 +287,13 @@ def make_motion(
     markers : sequence of str, length P
         Unique point names.
     parts : sequence of str, length P
-        Body part of each point (:mod:`doppelgait.motion.skeleton`), ``""`` when unknown.
+        Body part of each point (:mod:`doppelgait.motion.skeleton`), ``""`` if unknown.
     start_s : float
         Time of the first frame.
     facts : MotionFacts or mapping, optional
         Facts, or some of their values by name.
     report : mapping, optional
-        Notes for people.
+        Notes for the user.
 
     Returns
     -------
@@ -332,9 +332,9 @@ def make_motion(
 def _make_labels(
     markers: tuple[str, ...], parts: tuple[str, ...], frames: int, rate_hz: float, start_s: float
 ) -> xr.DataArray:
-    """Cache the coordinates of a motion without values.
+    """Make and cache the coordinates of a motion without values.
 
-    A model needs the same points and times again and again.
+    A model uses the same points and times repeatedly.
     """
     time_s = start_s + np.arange(frames) / rate_hz
     coords = {"time": time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}

@@ -1,6 +1,6 @@
 """Paths over the ground: lines, arcs and stops.
 
-Coordinates of a path are those of its target at the start: origin there, x in its heading, y to its left.
+The origin of a path's coordinates is the target's position at the start. x is its heading, and y points to its left.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from doppelgait.core.plugins import Group, plugin
 FloatArray = npt.NDArray[np.float64]
 
 HEADING_WINDOW_M = 0.5
-"""The body turns over this distance where the curvature of its path jumps: about a step, assumed."""
+"""Distance over which the body turns where the curvature of its path jumps: about a step (assumed)."""
 TRANSITION_S = 0.6
-"""Time from the freeze in double support to standing, and back, assumed."""
+"""Time of the transition from double support to standing, and of that back (assumed)."""
 _HALVINGS = 80
 
 
@@ -35,11 +35,11 @@ class CurveElement:
     Parameters
     ----------
     length_m : float
-        Positive; infinite only in the last element.
+        Length, positive; only that of the last element may be infinite.
     curvature_per_m : float
         1 / radius, positive to the left; 0 for a line.
     turn_rad : float
-        Turn on the spot before it.
+        Turn on the spot before the element.
     """
 
     length_m: float
@@ -49,20 +49,20 @@ class CurveElement:
 
 @dataclass(frozen=True)
 class Curve:
-    """Joined lines and arcs, an array entry per element.
+    """Joined lines and arcs, with one array entry per element.
 
     Parameters
     ----------
     start_m : ndarray, shape (n,)
         Distance at which each element starts; the first is 0.
     point_m : ndarray, shape (n, 2)
-        Where it starts.
+        Point at which each element starts.
     heading_rad : ndarray, shape (n,)
-        Tangent there, from +x towards +y, without the turns on the spot before it.
+        Tangent at the start, from +x towards +y, without the turns on the spot before it.
     curvature_per_m, spot_rad : ndarray, shape (n,)
-        Curvature, and the sum of all turns on the spot so far.
+        Curvature, and the sum of all turns on the spot up to the element.
     length_m : float
-        Length of all elements, perhaps infinite.
+        Length of all elements; it may be infinite.
     """
 
     start_m: FloatArray
@@ -75,7 +75,7 @@ class Curve:
     def locate_elements(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """Return the element at each distance, and the remainder.
 
-        The first and the last element continue without end.
+        The first and the last element are extended without limit.
         """
         number = np.clip(np.searchsorted(self.start_m, distance_m, side="right") - 1, 0, None)
         return number, distance_m - self.start_m[number]
@@ -121,10 +121,8 @@ def find_points(curve: Curve, distance_m: FloatArray) -> FloatArray:
 def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
     """Return the tangent averaged over :data:`HEADING_WINDOW_M`, shape (n,).
 
-    Turns on the spot are left out.
-
-    The tangent is piecewise linear in the distance, so its mean is exact, has a continuous rate and is the tangent
-    itself wherever the window lies in one element.
+    Turns on the spot are not included. The tangent is piecewise linear in the distance, so that its mean is exact and
+    has a continuous rate. It is the tangent itself if the window is inside one element.
     """
     half_m = HEADING_WINDOW_M / 2
     whole = _integrate_heading(curve, distance_m + half_m) - _integrate_heading(curve, distance_m - half_m)
@@ -152,16 +150,16 @@ class Stop:
 
 @dataclass(frozen=True)
 class Pace:
-    """Speed along a curve: constant but for stops.
+    """Speed along a curve: constant except at stops.
 
     Parameters
     ----------
     speed_mps : float
         Cruising speed v.
     ramp_s : float
-        Time T to come to rest and to set off again, on a half cosine: highest acceleration pi v / (2 T).
+        Time T to stop and to start again, on a half cosine with the maximum acceleration pi v / (2 T).
     stops : tuple of Stop
-        In order, at least v T apart, the first at v T / 2 or later.
+        Stops in order, at least v T from each other; the first is at v T / 2 or later.
     """
 
     speed_mps: float
@@ -182,7 +180,7 @@ class Pace:
 def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
     """Return the distance travelled at each time.
 
-    It is v t less the loss at each stop; speed and acceleration are continuous.
+    The distance is v t less the loss at each stop. Speed and acceleration are continuous.
     """
     lost_s = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
@@ -197,7 +195,7 @@ def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
 def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
     """Return the integral of a half-cosine ramp.
 
-    The share is (1 - cos(pi t / T)) / 2; outside the ramp the integral is constant.
+    The ramp is (1 - cos(pi t / T)) / 2. After the ramp, the integral of the loss is constant.
     """
     t = np.clip(time_s, 0.0, ramp_s)
     return np.asarray(t / 2 - ramp_s / (2 * np.pi) * np.sin(np.pi * t / ramp_s))
@@ -206,7 +204,7 @@ def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
 def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
     """Return the sum of all turns on the spot.
 
-    A turn fills its pause except for the transition to standing before and after it.
+    A turn takes its whole pause, except the transitions to standing before and after it.
     """
     turned = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
@@ -219,9 +217,8 @@ def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
 def compute_stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
     """Return the share of standing posture at a stop.
 
-    0 is the frozen stride, 1 the standing body.
-
-    A pause shorter than two transition times fades in part, so that limbs do not move faster in it.
+    The share is 0 for the frozen stride and 1 for the standing body. In a pause shorter than two transition times, it
+    stays below 1, so that limbs do not move faster.
     """
     rest_s, stop = pace.rest_s(number), pace.stops[number]
     transition_s = _get_transition_s(stop)
@@ -241,9 +238,9 @@ def _ramp_half_cosine(share: FloatArray) -> FloatArray:
 
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
-    """Find when a progress first reaches values.
+    """Find the times at which a monotonic progress reaches values.
 
-    By bisection in [0, ``stop_s``]; the progress never falls.
+    The method is bisection in [0, ``stop_s``]; the progress must not decrease.
     """
     goal = np.atleast_1d(np.asarray(wanted, dtype=float))
     low, high = np.zeros_like(goal), np.full_like(goal, stop_s)
@@ -255,12 +252,12 @@ def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.Array
 
 
 def make_arc(radius_m: float, turn_rad: float) -> CurveElement:
-    """Return an arc; positive turns go left."""
+    """Return an arc; positive turns are to the left."""
     return CurveElement(radius_m * abs(turn_rad), math.copysign(1 / radius_m, turn_rad))
 
 
 TURN_S, ACCELERATION_MPS2 = 2.0, 1.0
-"""Usual time of a half turn on the spot, and highest acceleration where a walker stops or sets off; assumed."""
+"""Default time of a half turn on the spot, and default maximum acceleration on stopping and starting (assumed)."""
 _SHORTEST_M = 1e-3
 ENDLESS = CurveElement(math.inf)
 
@@ -282,11 +279,11 @@ class Path(FrozenModel):
     Parameters
     ----------
     speed_mps : float, optional
-        Speed along the path, within 30 % of the motion's own, which it is by default.
+        Speed along the path, within 30 % of the motion's own speed, which is the default.
     side_m : float
         Distance of the body to the left of the path, for a person who accompanies another.
     ahead_m : float
-        Distance of the body ahead of the point on the path, along it.
+        Distance of the body ahead of the point on the path, along the path.
     """
 
     kind: str
@@ -296,13 +293,13 @@ class Path(FrozenModel):
 
 
 class StraightPath(Path):
-    """Straight line for as long as the motion lasts."""
+    """Straight line that lasts as long as the motion."""
 
     kind: Literal["straight"] = "straight"
 
 
 class ArcPath(Path):
-    """Part of a circle, or several rounds of it.
+    """Arc of a circle, or several rounds of it.
 
     Parameters
     ----------
@@ -325,14 +322,14 @@ class ArcPath(Path):
 
 
 class PolylinePath(Path):
-    """From point to point, corners rounded.
+    """Polyline through points, with rounded corners.
 
     Parameters
     ----------
     points_m : list of (float, float)
         Two or more corners; the path starts at the first.
     corner_radius_m : float
-        Radius of the corners, 0.1 or more; the arc touches both legs of a corner and must fit between its neighbours.
+        Radius of the corners, 0.1 or more. The arc touches both legs of a corner and must fit between its neighbours.
     """
 
     kind: Literal["polyline"] = "polyline"
@@ -353,7 +350,7 @@ class StopSpec(FrozenModel):
     at_m : float
         Distance along the path from its start to the stop.
     pause_s : float
-        Time that the body stands there.
+        Time that the body stands at the stop.
     """
 
     at_m: float = Field(gt=0, le=1e5)
@@ -366,9 +363,9 @@ class StopAndGoPath(Path):
     Parameters
     ----------
     stops : list of StopSpec
-        Places and times of the stops in their order, at most 20.
+        Places and times of the stops in order, at most 20.
     acceleration_mps2 : float
-        Highest acceleration on stopping and setting off.
+        Maximum acceleration on stopping and starting.
     """
 
     kind: Literal["stop_and_go"] = "stop_and_go"
@@ -380,25 +377,25 @@ class StopAndGoPath(Path):
     def _check_order(cls, stops: tuple[StopSpec, ...]) -> tuple[StopSpec, ...]:
         for one, other in pairwise(stops):
             if other.at_m <= one.at_m:
-                raise ValueError(f"at_m must rise from stop to stop, not go from {one.at_m:g} to {other.at_m:g}")
+                raise ValueError(f"at_m must rise from stop to stop, but {other.at_m:g} follows {one.at_m:g}")
         return stops
 
 
 class TurnAroundPath(Path):
     """Straight out, half a turn to the left, and back.
 
-    For as long as the motion lasts.
+    The path lasts as long as the motion.
 
     Parameters
     ----------
     out_m : float
         Distance from the start to the turn.
     radius_m : float, optional
-        Radius of a U-turn at full speed, 0.3 or more; without it the body stops and turns on the spot.
+        Radius of a U-turn at full speed, 0.3 or more. Without it, the body stops and turns on the spot.
     turn_s : float, optional
         Duration of the turn on the spot, 2 s by default; the body stands still briefly before and after it.
     acceleration_mps2 : float, optional
-        Highest acceleration before and after the turn on the spot, 1 by default.
+        Maximum acceleration before and after the turn on the spot, 1 by default.
     """
 
     kind: Literal["turn_around"] = "turn_around"
@@ -419,13 +416,13 @@ class TurnAroundPath(Path):
 
 @plugin("path", parameters=StraightPath)
 def lay_out_straight(path: StraightPath) -> Layout:
-    """Return a straight line without end."""
+    """Return an endless straight line."""
     return Layout((ENDLESS,))
 
 
 @plugin("path", parameters=ArcPath)
 def lay_out_arc(path: ArcPath) -> Layout:
-    """Return a part of a circle."""
+    """Return an arc of a circle."""
     return Layout((make_arc(path.radius_m, math.radians(path.turn_deg)),))
 
 
@@ -440,7 +437,7 @@ def lay_out_stops(path: StopAndGoPath) -> Layout:
 def lay_out_turn(path: TurnAroundPath) -> Layout:
     """Return a path out, a turn and the path back.
 
-    The turn is a U or on the spot.
+    The turn is a U-turn or a turn on the spot.
     """
     if path.radius_m is not None:
         return Layout((CurveElement(path.out_m), make_arc(path.radius_m, math.pi), ENDLESS))
@@ -452,7 +449,7 @@ def lay_out_turn(path: TurnAroundPath) -> Layout:
 def lay_out_polyline(path: PolylinePath) -> Layout:
     """Return legs and corner arcs of a polyline.
 
-    A ValueError where they do not fit.
+    If they do not fit, ValueError is raised.
     """
     legs = np.diff(np.array(path.points_m), axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
@@ -481,7 +478,7 @@ def lay_out_polyline(path: PolylinePath) -> Layout:
 
 
 PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.motion.paths",))
-"""Paths by the ``kind`` of a scene file: a model derived from :class:`Path` and a function that lays it out."""
+"""Plug-ins by the ``kind`` of a scene file: a model derived from :class:`Path` and a function that returns a layout."""
 
 
 def make_path(table: Mapping[str, Any] | Path) -> Path:
@@ -511,6 +508,6 @@ def make_path(table: Mapping[str, Any] | Path) -> Path:
 def lay_out(path: Path) -> Layout:
     """Return the layout of a path.
 
-    Turns on the spot are in its stops alone.
+    Turns on the spot are only in its stops.
     """
     return PATHS.of(path).run(path)

@@ -1,4 +1,4 @@
-"""Stride period from the repetition of the limbs' motion."""
+"""Stride period from the repetition of the limb motion."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ FloatArray = npt.NDArray[np.float64]
 
 PERIOD_S = (0.25, 2.5)
 OVERLAP_S = 0.25
-"""Least time that the motion and its shifted copy have in common."""
+"""Minimum overlap of the motion and its shifted copy."""
 LIKENESS = 0.7
-"""Least normalised autocorrelation of a repetition; 1 is an exact one."""
+"""Minimum normalised autocorrelation of a repetition; 1 is an exact repetition."""
 FIRST = 0.1
-"""The first peak counts that is within this of the highest: its multiples are as high."""
+"""Tolerance from the highest peak within which the first peak is used, since multiples of the period are as high."""
 
 
 def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
@@ -23,8 +23,8 @@ def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
 
     .. math:: \\rho(\\tau) = \\frac{2 \\sum_t v(t)\\, v(t + \\tau)}{\\sum_t v^2(t) + v^2(t + \\tau)}
 
-    with the velocities v of all points; both sums run over the times that the motion and its shifted copy share, so
-    that little more than one period is enough.
+    with the velocities v of all points. Both sums are over the times that the motion and its shifted copy share, so
+    that slightly more than one period is enough.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
     Returns
     -------
     float
-        NaN where the motion does not repeat within its duration.
+        Frequency; NaN if the motion does not repeat within its duration.
     """
     velocity = np.gradient(swing, axis=0)
     return _first_peak_hz(velocity, velocity, rate_hz, PERIOD_S)
@@ -45,8 +45,8 @@ def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
 def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
     """Measure the stride frequency from mirrored half strides, Hz.
 
-    In a walk, run, pace or trot each left part repeats after half a stride what its right part did: little more than
-    half a stride is enough.
+    In a walk, run, pace or trot, each left part repeats the motion of the right part after half a stride. Slightly more
+    than half a stride is therefore enough.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: 
     Returns
     -------
     float
-        NaN where no parts of both sides are known or the half strides do not mirror each other.
+        Frequency; NaN if no parts of both sides are known or the half strides are not mirrored.
     """
     sides = []
     for part in dict.fromkeys(parts):

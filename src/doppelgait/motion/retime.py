@@ -1,4 +1,4 @@
-"""Fit of motions to scenes: height, position, resampling."""
+"""Adaptation of motions to scenes: height, position, resampling."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ FloatArray = npt.NDArray[np.float64]
 ScalingMode = Literal["uniform", "froude", "z_only"]
 
 STILL_BELOW_M = 0.2
-"""A body centre that travels less than this has no direction of travel: it is taken to face +x."""
+"""Minimum travel of the body centre with a direction. A body that travels less is assumed to face +x."""
 
 
 def body_centre_m(motion: Motion) -> FloatArray:
     """Return the mean position of the torso or trunk.
 
-    In m; of all points where no torso or trunk is known.
+    Without a known torso or trunk, it is the mean of all points. Values are in m.
     """
     return _average_points(motion.position_m, _find_central_points(motion))
 
 
 def _find_central_points(motion: Motion) -> npt.NDArray[np.int64]:
-    """Return the torso or trunk point numbers, or all."""
+    """Return the point numbers of torso or trunk, or all."""
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
     return np.array(central or range(motion.positions.shape[1]), dtype=np.int64)
 
@@ -44,7 +44,7 @@ def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
     """Return the body's net ground displacement.
 
-    From the first to another frame, by default the last.
+    It is from the first frame to another one, by default the last.
     """
     before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
     return np.asarray(after - before)
@@ -53,7 +53,7 @@ def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
 def travel_heading_rad(motion: Motion) -> float:
     """Return the ground direction of net travel.
 
-    From +x towards +y; 0 for a body that stays in place.
+    The angle is from +x towards +y; it is 0 for a body that stays in place.
     """
     net = _net_travel_m(motion)
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
@@ -62,7 +62,7 @@ def travel_heading_rad(motion: Motion) -> float:
 def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
     """Return the net ground speed of the body centre.
 
-    Over the first seconds of a motion, by default all of it.
+    It is over the first seconds of a motion, by default over the whole motion.
     """
     times = motion.time_s
     last = int(np.searchsorted(times, times[0] + first_s, side="right")) - 1
@@ -79,15 +79,15 @@ def scale_to_height(
     Parameters
     ----------
     motion : DataArray (time, marker, space)
-        Floor at z = 0.
+        Motion with the floor at z = 0.
     height_m : float
         Wanted stature (people) or withers height (dogs, cats), positive.
     mode : {"uniform", "froude", "z_only"}
-        ``uniform``: all coordinates, times kept. ``froude``: all coordinates, times by the square root
-        (dynamically similar). ``z_only``: heights only, as the report does; speeds and steps stay.
+        ``uniform``: scale all coordinates, keep times. ``froude``: scale all coordinates, and times by the square root
+        (dynamic similarity). ``z_only``: scale only heights, as in the report; speeds and steps are kept.
     recorded_height_m : float, optional
-        Height of the recorded subject; the motion's own ``height_m`` by default, for ``z_only`` the highest point
-        where that is unknown.
+        Height of the recorded subject. The default is the motion's own ``height_m``, or for ``z_only`` the highest
+        point if that is unknown.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def scale_to_height(
     require_motion(motion)
     recorded = motion.facts.height_m if recorded_height_m is None else recorded_height_m
     if mode == "z_only" and not recorded > 0:
-        recorded = float(motion.position_m[..., 2].max())  # the report takes the highest marker always
+        recorded = float(motion.position_m[..., 2].max())  # the report always uses the highest marker
     if not recorded > 0:
         raise MotionError(
             f"{motion.facts.source}: the recorded subject's height is unknown (no head is known among its points, and "
@@ -140,7 +140,7 @@ def scale_to_height(
 def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:
     """Rotate and move a motion to a heading and position.
 
-    Its body centre is at the ground point at that time.
+    At the time ``at_s``, its body centre is above the ground position.
 
     Parameters
     ----------
@@ -167,12 +167,12 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
 def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
     """Interpolate the body centre at a time, shape (3,).
 
-    The time counts from the first frame; the interpolation is linear.
+    The time is relative to the first frame; the interpolation is linear.
     """
     times = motion.time_s
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
-    if share == 0.0:  # a gap in the next frame does not matter then
+    if share == 0.0:  # then a gap in the next frame has no effect
         return np.asarray(_average_points(motion.position_m[before : before + 1], _find_central_points(motion))[0])
     first, second = _average_points(motion.position_m[before : before + 2], _find_central_points(motion))
     return np.asarray(first + share * (second - first))
@@ -181,12 +181,12 @@ def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Resample positions and velocities by a cubic spline (E-02).
 
-    The spline goes through the frames (C2); velocities are its slope.
+    The spline interpolates the frames and is C2; velocities are its slope.
 
     Parameters
     ----------
     motion : DataArray (time, marker, space)
-        At least 4 frames, no NaN.
+        Motion of at least 4 frames without NaN.
     time_s : array_like, shape (I,)
         Times after the first frame, 0 to the duration.
 
@@ -197,7 +197,7 @@ def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatAr
     Raises
     ------
     MotionError
-        If a time lies outside the motion, or the motion has gaps or too few frames.
+        If a time is outside the motion, or the motion has gaps or too few frames.
     """
     spline = fit_spline(motion)
     position, velocity = spline.at(check_times(motion, time_s))
@@ -219,7 +219,7 @@ class Spline:
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return values and slopes at times, both (I, C).
 
-        Times count from the first frame.
+        Times are relative to the first frame.
         """
         from doppelgait.core.kernels.spline import positions_and_velocities
 
@@ -242,7 +242,7 @@ def fit_spline(motion: Motion) -> Spline:
 def fit_centre(motion: Motion) -> Spline:
     """Fit a spline to the body centre; 3 columns.
 
-    As :func:`fit_spline`, to :func:`body_centre_m`.
+    It is like :func:`fit_spline`, for :func:`body_centre_m`.
     """
     return _fit_motion_spline(motion, body_centre_m(motion))
 
@@ -263,7 +263,7 @@ def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
 def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
     """Return times as float64 and check their range.
 
-    They count from the first frame; a :class:`MotionError` if one lies outside the motion.
+    They are relative to the first frame. A time outside the motion raises :class:`MotionError`.
     """
     wanted = np.ascontiguousarray(time_s, dtype=np.float64)
     lasts = motion.duration_s

@@ -1,6 +1,6 @@
-"""Segments, feet and bones of unnamed bodies.
+"""Rigid segments, feet and bones of bodies without names.
 
-Points of one segment keep their distances.
+The distances between points of one segment are constant.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int_]
 
 RIGID_M = 0.008
-"""Spread of the distance between two points of one segment: skin moves, but less than this."""
+"""Maximum spread of the distance between two points of one segment. Skin movement is smaller."""
 N_LOOKS = 1000
-"""Frames, evenly spread, at which distances are compared."""
+"""Number of evenly spaced frames at which distances are compared."""
 ROBUST_SD = 1.4826
-"""Standard deviation of normal noise over its median absolute deviation."""
+"""Ratio of standard deviation to median absolute deviation of normal noise."""
 MIN_SHARED_FRAMES = 10
 FOOT_REACH = 0.15
-"""Feet lie in this lowest part of a body's height."""
+"""Share of a body's height that contains the feet."""
 RESTING, SWINGING = 0.35, 1.5
-"""Speeds of a foot over that of the body: below the first in 15 % of the frames, above the second in 5 %."""
+"""Speeds of a foot relative to the body: below the first in 15 % of the frames, above the second in 5 %."""
 MIN_TRAVEL_M = 1.0
 
 
@@ -29,8 +29,8 @@ def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) 
     """Group points with constant mutual distances.
 
     The spread of a distance is 1.4826 times its median absolute deviation from its median. Groups grow by complete
-    linkage: every pair of a group stays within the limit. Parts of a body that do not move against each other come out
-    as one group, and so does a body that stands still.
+    linkage: every pair of a group is within the limit. Parts of a body without relative motion are one group, and so is
+    a body that stands still.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) 
 def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
     """Propose rigid segments and the two feet without names.
 
-    A cluster (:func:`find_rigid_clusters`) is a foot if it lies in the lowest 15 % of the body's height, rests at times
-    (below 0.35 of the body's speed) and swings at others (above 1.5 of it). If there are just two of them and the body
-    travels by 1 m or more, the one on the left of its path is the left foot. Head, torso and the others are not
-    distinguished: heads and trunks are rigid together in many recordings.
+    A cluster (:func:`find_rigid_clusters`) is a foot if it is in the lowest 15 % of the body's height, rests at times
+    (below 0.35 of the body's speed) and swings at others (above 1.5 of it). If exactly two clusters are feet and the
+    body travels by 1 m or more, the one on the left of the path is the left foot. Head, torso and other parts are not
+    distinguished, because head and trunk form one rigid cluster in many recordings.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
     Returns
     -------
     list of str, length P
-        ``"left_foot"``, ``"right_foot"``, ``"segment_1"`` (the largest of the others), ``"segment_2"``...; ``""`` for a
-        point that is rigid with no other.
+        ``"left_foot"``, ``"right_foot"``, ``"segment_1"`` (the largest of the others), ``"segment_2"``, ...; ``""`` for
+        a point without a rigid neighbour.
     """
     position = np.asarray(position_m, dtype=np.float64)
     groups = find_rigid_clusters(position)
@@ -93,9 +93,9 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
 
 
 def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
-    """Name the two groups that behave like feet.
+    """Name the two groups that move like feet.
 
-    Keys are group indices; empty unless just two groups behave so.
+    Keys are group indices. The result is empty unless exactly two groups move like feet.
     """
     middle = np.median(position, axis=1)
     net = middle[-1, :2] - middle[0, :2]
@@ -125,12 +125,13 @@ def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) ->
 def measure_distance_spread(position: FloatArray) -> FloatArray:
     """Return the robust spread of all point distances.
 
-    It is a robust standard deviation over time, in m.
+    The spread is a robust standard deviation over time, in m. It is infinite if two points were not seen together often
+    enough.
 
     Parameters
     ----------
     position : ndarray, shape (T, P, 3)
-        In m, NaN where missing. Infinite where two points were not seen together often enough.
+        In m, NaN where missing.
     """
     looks = np.unique(np.linspace(0, len(position) - 1, min(len(position), N_LOOKS)).round().astype(int))
     position = position[looks]
@@ -148,29 +149,28 @@ def measure_distance_spread(position: FloatArray) -> FloatArray:
 
 
 SWAY_WEIGHT = 40.0
-"""How much a change of distance counts against its length: what a joint moves apart is no bone."""
+"""Weight of the variation of a distance relative to its mean. Two points that a joint separates are not a bone."""
 FEWEST_FRAMES, MOST_FRAMES = 2, 64
 TIES = 9
-"""Costs and lengths are compared to this many digits, in m."""
+"""Number of decimals to which costs and lengths in m are compared."""
 
 
 def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     """Return the bones of a moving body.
 
-    They are the tree through all of its points with short branches of constant length.
-
-    A minimum spanning tree (Kruskal 1956) of ``mean(d) + 40 sd(d)``, d being the distance of two points over time: the
-    two ends of a bone keep theirs, a hand and the thigh it passes do not. No names are needed.
+    The bones are a tree through all points with short branches of constant length: the minimum spanning tree (Kruskal
+    1956) of ``mean(d) + 40 sd(d)``, where d is the distance of two points over time. The distance is constant for the
+    two ends of a bone, but not for a hand and the thigh that it passes. No names are needed.
 
     Parameters
     ----------
     position_m : array_like, shape (T, P, 3)
-        Points over time, m; points that are NaN now and then are judged by the rest, those that always are get no bone.
+        Points over time, m. NaN values are ignored; a point that is always NaN has no bone.
 
     Returns
     -------
     ndarray, shape (B, 2)
-        int32 pairs of points, the lower number first, in order; none for a single point.
+        int32 pairs of points in order, with the lower number first; empty for a single point.
     """
     from scipy.sparse.csgraph import minimum_spanning_tree
 
@@ -182,22 +182,22 @@ def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     count = np.maximum(seen.sum(axis=0), 1)
     mean = np.where(seen, distance, 0.0).sum(axis=0) / count
     sway = np.sqrt(np.where(seen, (distance - mean) ** 2, 0.0).sum(axis=0) / count)
-    # pairs never seen together have no cost, hence no branch
+    # pairs that are never seen together have no cost, hence no branch
     cost = np.where(seen.any(axis=0), np.maximum(mean + SWAY_WEIGHT * sway, 1e-9), 0.0)
-    cost = np.round(cost, TIES)  # equal sides of a body tie, whatever their heading
+    cost = np.round(cost, TIES)  # both sides of a body have equal costs, whatever the heading
     tree = minimum_spanning_tree(np.triu(cost, k=1)).tocoo()
     pairs = np.sort(known[np.stack([tree.row, tree.col], axis=1)], axis=1)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].astype(np.int32)
 
 
 NEAR_POINTS = 2
-"""So many rigid neighbours of each point keep their distances, next to the bones."""
+"""Number of rigid neighbours of each point with distances that are kept, in addition to the bones."""
 
 
 def find_rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
     """Return point pairs of constant distance.
 
-    These are bones, and near points of one segment; shape (B, 2).
+    They are bones and neighbouring points of one segment, shape (B, 2).
     """
     bones = find_bones(position)
     some = position[:: max(1, len(position) // MOST_FRAMES)]
@@ -221,9 +221,9 @@ def restore_lengths(
     ridge: float,
     steps: int,
 ) -> FloatArray:
-    """Move points least for the wanted pair distances.
+    """Move points as little as possible to wanted pair distances.
 
-    Newton's method in every frame, on the least weighted sum of squares of the moves.
+    Newton's method minimises the weighted sum of squared displacements in every frame.
 
     Parameters
     ----------
@@ -231,11 +231,12 @@ def restore_lengths(
     pairs : ndarray, shape (B, 2)
     wanted_m : ndarray, shape (T, B)
     weights : ndarray, shape (P,)
-        A heavy point moves less.
+        Weights; a point with a larger weight moves less.
     ridge : float
-        Above 0; a larger one keeps moves small, hence smooth in time, where no pose has the wanted distances.
+        Regularisation, above 0. A larger value keeps displacements small, hence smooth in time, where no pose has the
+        wanted distances.
     steps : int
-        Of Newton's method.
+        Number of steps of Newton's method.
     """
     if not len(pairs):
         return position

@@ -1,6 +1,6 @@
 """Straight segments at constant velocity.
 
-A long mixed recording becomes several examples.
+They divide a long mixed recording into several examples.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from doppelgait.motion.motion import Motion, require_motion
 FloatArray = npt.NDArray[np.float64]
 
 GRID_S = 0.05
-"""Segments begin and end on this grid."""
+"""Time grid of the starts and ends of segments."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,13 @@ class SegmentLimits:
     Parameters
     ----------
     smoothing_s : float
-        The path of the body centre is averaged over this time.
+        Averaging time of the path of the body centre.
     lateral_m : float
-        Farthest that the path may lie from the line through its ends, above 0.
+        Maximum distance of the path from the line through its ends, above 0.
     speed_deviation : float
-        Largest departure of the smoothed speed from its mean, relative to it; above 0, below 1.
+        Maximum relative deviation of the smoothed speed from its mean, above 0 and below 1.
     min_duration_s, min_length_m, min_speed_mps : float
-        Least time, distance and mean speed.
+        Minimum time, distance and mean speed.
     """
 
     smoothing_s: float = 0.5
@@ -56,17 +56,17 @@ class Segment:
     Parameters
     ----------
     start_s, stop_s : float
-        First and last frame, on the time axis of the motion.
+        Times of the first and the last frame, on the time axis of the motion.
     mean_speed_mps : float
-        Distance between its ends over its duration.
+        Distance between the ends, divided by the duration.
     straightness : float
-        That distance over the length of the smoothed path, 0 to 1.
+        Distance between the ends, divided by the length of the smoothed path, 0 to 1.
     lateral_m : float
-        Farthest from the line through its ends.
+        Maximum distance from the line through the ends.
     speed_deviation : float
-        Largest departure of the smoothed speed from its mean, relative to it.
+        Maximum relative deviation of the smoothed speed from its mean.
     heading_deg : float
-        From +x towards +y, -180 to 180.
+        Direction of travel, from +x towards +y, -180 to 180.
     gait : GaitFacts
         Footfalls, stride and step frequency, name of the gait.
     """
@@ -89,22 +89,22 @@ class Segment:
 def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> list[Segment]:
     """Find all straight segments at constant velocity.
 
-    The longest is taken first, none overlap, and they come in order of time.
-
-    The body centre is the mean of the moving points. Its ground path, averaged over ``smoothing_s``, stays within
-    ``lateral_m`` of the chord of the segment, its speed within ``speed_deviation`` of the mean speed.
+    The body centre is the mean of the moving points. In a segment, its ground path, averaged over ``smoothing_s``, is
+    within ``lateral_m`` of the chord, and its speed within ``speed_deviation`` of the mean speed. The longest segment
+    is selected first. Segments do not overlap and are returned in order of time.
 
     Parameters
     ----------
     motion : Motion
-        Motion (time, marker, space) in m, z up; clean it first, gaps are bridged by straight lines.
+        Motion (time, marker, space) in m, z up. It should be cleaned; gaps are bridged by straight lines.
     limits : SegmentLimits, optional
-        By default those of a quadruped where the motion has paws or a species other than human, else of a person.
+        Limits. The defaults are those of a quadruped if the motion has paws or a species other than human, otherwise
+        those of a person.
 
     Returns
     -------
     list of Segment
-        Empty when there is none.
+        Segments; the list is empty if there are none.
 
     See Also
     --------
@@ -172,12 +172,10 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
 
 
 def crop(motion: Motion, segment: Segment) -> Motion:
-    """Cut one segment out of a motion.
+    """Extract one segment of a motion.
 
-    The result starts at time 0.
-
-    Facts that the motion states are kept, its footfalls shifted; what it does not state can be measured in the part
-    (:func:`doppelgait.motion.gait.with_gait_facts`), as ``read(segment=...)`` does.
+    The result starts at time 0. Known facts are kept, and footfalls are shifted. Missing facts can be measured in the
+    segment (:func:`doppelgait.motion.gait.add_gait_facts`), as ``read(segment=...)`` does.
 
     Raises
     ------
@@ -188,7 +186,7 @@ def crop(motion: Motion, segment: Segment) -> Motion:
     if segment.start_s < times[0] - 0.5 / rate or segment.stop_s > times[-1] + 0.5 / rate:
         raise MotionError(
             f"{motion.facts.source or 'motion'}: the segment from {segment.start_s:g} to {segment.stop_s:g} s is "
-            f"not in this motion, which goes from {times[0]:g} to {times[-1]:g} s; find segments in the same motion"
+            f"not in this motion, which lasts from {times[0]:g} to {times[-1]:g} s; find segments in the same motion"
         )
     first, last = (round((t - times[0]) * rate) for t in (segment.start_s, segment.stop_s))
     report = {"segment_from_s": float(times[first]), "segment_to_s": float(times[last])}

@@ -1,8 +1,8 @@
 """Body parts of known markers and joints.
 
-Two kinds of names exist. Markers, and joints named after the joint (knee, wrist) or after the bone that ends there
-(femur, humerus in ASF/AMC), are in :data:`PERSON_WORDS` and :data:`ANIMAL_WORDS`. Joints of BVH skeletons carry the
-name of the bone that starts there: ``LeftLeg`` is the knee; :data:`PERSON_STARTS` and :data:`ANIMAL_STARTS` have these.
+There are two kinds of names. :data:`PERSON_WORDS` and :data:`ANIMAL_WORDS` contain markers, and joints with the name of
+the joint (knee, wrist) or of the bone that ends there (femur, humerus in ASF/AMC). Joints of BVH skeletons have the
+name of the bone that starts there (``LeftLeg`` is the knee): :data:`PERSON_STARTS` and :data:`ANIMAL_STARTS`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 def _list_words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
     """Return body parts by plain word.
 
-    Every sided word has each spelling of its side before it; the words of the midline follow.
+    Each sided word is prefixed with all spellings of its side. The words of the midline follow.
     """
     table: dict[str, str] = {}
     for part, names in sided.items():
@@ -98,9 +98,9 @@ _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 
 def reduce_word(name: str) -> str:
-    """Reduce a name to small letters and digits.
+    """Reduce a name to lower-case letters and digits.
 
-    A rig's prefix is removed: ``"UpperLeg_L"`` is "lupperleg".
+    The prefix of a rig is removed. ``"UpperLeg_L"`` becomes "lupperleg".
 
     Parameters
     ----------
@@ -116,22 +116,22 @@ def reduce_word(name: str) -> str:
 
 
 def look_up(word: str, table: Mapping[str, str]) -> str:
-    """Return a word's body part, with or without number.
+    """Return the body part of a word, with or without a number.
 
-    For example ``"lknee2"``; ``""`` when neither is known.
+    An example is ``"lknee2"``. The result is ``""`` if the word is unknown.
     """
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
 
 
 def strip_end(word: str) -> str:
-    """Return the bone of a free end (``"lefthandend"``), else ``""``."""
+    """Return the bone of a free end (``"lefthandend"``), or ``""``."""
     return word.removesuffix("end") if word.endswith("end") else ""
 
 
 def name_bones(words: set[str]) -> bool:
-    """Return whether joints carry the names of bones.
+    """Return True if joints have the names of bones.
 
-    BVH files do so: there is an upper leg.
+    That is so in BVH files, which have an upper leg.
     """
     legs = {word for word in words if re.fullmatch(r"(l|r|left|right)(upleg|upperleg|legupper)\d*", word)}
     return bool(legs) or {"lthigh", "lcalf"} <= words
@@ -154,7 +154,7 @@ DOG_PARTS = (
 """Parts of a four-legged animal; "upper" is scapula + humerus or femur, "lower" forearm or tibia + metatarsus."""
 
 BODY_CENTRE_PARTS = ("torso", "trunk")
-"""Parts with a mean position that is the centre of the body; without any, the mean of all points is."""
+"""Parts that define the centre of the body by their mean position. Without them, it is the mean of all points."""
 
 FOOT_PARTS = tuple(p for p in (*HUMAN_PARTS, *DOG_PARTS) if p.endswith(("_foot", "_paw")))
 """Parts that stand on the floor."""
@@ -169,7 +169,7 @@ BOULIC_PARTS = {
     "left_ankle": "left_shank", "right_ankle": "right_shank",
     "left_toe": "left_foot", "right_toe": "right_foot",
 }  # fmt: skip
-"""The 17 points of the Boulic walking model. A joint counts to the part above it, as a skin marker there does."""
+"""The 17 points of the Boulic walking model. A joint belongs to the part above it, like a skin marker on it."""
 
 _PART_OF = {
     "human": (
@@ -182,7 +182,7 @@ _PART_OF = {
 }
 _ONLY_ANIMALS = re.compile(r"tail|paw|withers|hock|stifle|fetlock|muzzle|snout|hoof")
 MIN_HUMAN_PARTS = 10
-"""So many of the 14 parts of a person must be named before names alone show that it is one."""
+"""Minimum number of named parts, of the 14 of a person, from which names alone identify a person."""
 
 _CMU_SIDED = "FHD BHD SHO UPA ELB FRM WRA WRB FIN FWT BWT THI KNE SHN ANK HEE TOE MT5"
 _PIG_SIDED = "FHD BHD SHO UPA ELB FRA WRA WRB FIN ASI PSI THI KNE TIB ANK HEE TOE"
@@ -203,9 +203,9 @@ def strip_subject(marker: str) -> str:
 
 
 def find_part(name: str, species: Species = "human") -> str:
-    """Return a marker or joint name's body part.
+    """Return the body part of a marker or joint name.
 
-    :func:`find_parts` knows more, because it sees the whole set.
+    :func:`find_parts` resolves more names, because it uses the whole set.
 
     Parameters
     ----------
@@ -213,12 +213,12 @@ def find_part(name: str, species: Species = "human") -> str:
         Name in any case, with or without subject prefix, spaces, dots and underscores (``"liu:LFHD"``, ``"r heel"``,
         ``"UpperLeg_L"``).
     species : {"human", "dog"}
-        "dog" stands for any four-legged animal.
+        "dog" means any four-legged animal.
 
     Returns
     -------
     str
-        One of :data:`HUMAN_PARTS` or :data:`DOG_PARTS`, or ``""`` when the name is not known.
+        One of :data:`HUMAN_PARTS` or :data:`DOG_PARTS`, or ``""`` if the name is unknown.
     """
     return _find(reduce_word(strip_subject(name)), species, starts=False)
 
@@ -232,11 +232,9 @@ def _find(word: str, species: Species, *, starts: bool) -> str:
 def guess_species(names: Iterable[str]) -> Species | Literal[""]:
     """Guess the species from marker or joint names.
 
-    ``""`` when they do not show it.
-
-    A tail, a paw, withers, a hock and the like make it a four-legged animal, called "dog" here whatever its species
-    is. Without these, at least 10 of the 14 parts of a person make it a person: joints of a leg alone do not, animals
-    have hips and knees too.
+    A tail, a paw, withers, a hock or similar indicates a four-legged animal, which is called "dog" here whatever its
+    species. Otherwise, at least 10 of the 14 parts of a person indicate a person. The joints of a leg alone do not,
+    since animals also have hips and knees. If the names indicate neither, the result is ``""``.
 
     Parameters
     ----------
@@ -252,12 +250,10 @@ def guess_species(names: Iterable[str]) -> Species | Literal[""]:
 def find_parts(names: Iterable[str]) -> list[str]:
     """Return the body parts of one body's names.
 
-    ``""`` where a name is not known.
-
-    The species comes from :func:`guess_species`, a person's words are taken where it is unknown. A joint counts to
-    the part above it, whatever it is called: in skeletons whose joints carry the name of the bone that starts there
-    (BVH: ``LeftUpLeg``), ``LeftLeg`` is the knee and counts to the thigh, ``LeftFoot`` is the ankle and counts to the
-    shank, and the end of the foot counts to the foot.
+    The part of an unknown name is ``""``. The species is that of :func:`guess_species`; if it is unknown, the words of
+    a person are used. A joint belongs to the part above it, whatever its name. In skeletons that name joints after the
+    bone that starts there (BVH: ``LeftUpLeg``), ``LeftLeg`` is the knee and belongs to the thigh, ``LeftFoot`` is the
+    ankle and belongs to the shank, and the end of the foot belongs to the foot.
 
     Parameters
     ----------
@@ -270,7 +266,7 @@ def find_parts(names: Iterable[str]) -> list[str]:
 
 def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
     names = [strip_subject(name) for name in names]
-    if len(names) > 1:  # a prefix that all names share, up to a mark, is none of theirs
+    if len(names) > 1:  # a common prefix of all names, up to a separator, is removed
         first, last = min(names), max(names)
         apart = (i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b)
         same = next(apart, min(len(first), len(last)))
@@ -282,9 +278,9 @@ def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:
-    """Return the known marker set that these markers complete.
+    """Return the known marker set that the markers contain.
 
-    At least 90 % must be there; empty when there is none.
+    At least 90 % of the set must be present. The result is empty if there is no such set.
 
     Parameters
     ----------

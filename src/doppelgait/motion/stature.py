@@ -1,6 +1,6 @@
 """Height of a recorded body (E-01).
 
-Stature of a person, withers height of an animal.
+It is the stature of a person or the withers height of an animal.
 """
 
 from __future__ import annotations
@@ -15,31 +15,30 @@ from doppelgait.motion.skeleton import name_bones, reduce_word, strip_subject
 FloatArray = npt.NDArray[np.float64]
 
 LEG_SHARE = 0.245 + 0.246
-"""Hip to knee plus knee to ankle over stature (Drillis and Contini 1966, as in Winter 2009, figure 4.1)."""
+"""Length from hip to knee and from knee to ankle over stature (Drillis and Contini 1966, as in Winter 2009, figure
+4.1)."""
 SKULL_SHARE = 0.93
-"""Height of the eyes over stature (Drillis and Contini 1966): a skeleton's head that ends lower lacks the skull."""
+"""Height of the eyes over stature (Drillis and Contini 1966). A skeleton's head that ends lower lacks the skull."""
 PERSON_M = (0.6, 2.4)
 UPRIGHT = 0.75
-"""An animal stands where its withers are higher than this part of their 95th percentile: lying frames do not count. A
-person's hips are higher than this part of the leg's length; those of a rat are not."""
+"""Minimum height of an animal's withers, relative to their 95th percentile, in the frames in which it stands, and
+minimum height of a person's hips relative to the length of the leg (those of a rat are lower)."""
 MARKERS_OF_JOINTS = (
     "hip hjc hipjoint grt gtr ftc trochanter greatertrochanter",
     "kne knee kjc kneelat kneelateral kneemed kneemedial kneein knm fle fme lfc mfc",
     "ank ankle ajc anklelat anklelateral anklemed anklemedial ankin anm lma mma mall lmal mmal fal tam",
 )
-"""Names of hip, knee and ankle without their side, of markers and of joints named after themselves."""
+"""Names of hip, knee and ankle without the side: of markers, and of joints with the name of the joint."""
 JOINTS_OF_BONES = ("upleg upperleg legupper thigh", "leg lowerleg calf shin", "foot")
-"""The same where joints carry the name of the bone that starts there."""
+"""Names of hip, knee and ankle without the side, if joints have the name of the bone that starts there."""
 
 
 def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> tuple[float, str]:
     """Measure the height of a body.
 
-    Also says how, where it is estimated.
-
-    A person with a head is as high as the highest point of it, an animal as its withers above its own fore paws. A
-    person without a head, or with one of joints that end below the eyes, is taken to be as high as the legs suggest,
-    where hips, knees and ankles are known.
+    The height of a person with a head is that of its highest point. The height of an animal is that of its withers
+    above the fore paws. For a person without a head, or with joints of the head that end below the eyes, the height is
+    estimated from the legs if hips, knees and ankles are known.
 
     Parameters
     ----------
@@ -51,9 +50,9 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     Returns
     -------
     height_m : float
-        NaN where it is unknown.
+        Height; NaN if it is unknown.
     note : str
-        For the report; empty where the height was measured.
+        Note for the report if the height is estimated or unknown, otherwise empty.
     """
     z = position[:, :, 2]
     if "trunk" in parts:
@@ -67,7 +66,7 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
         if not (is_skeleton and top_m < SKULL_SHARE * height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m):
             return top_m, ""
         return height_m, (
-            f"the joints of the head end at {top_m:.2f} m, below the top of the head of somebody with legs of "
+            f"the joints of the head end at {top_m:.2f} m, below the top of the head of a person with legs of "
             f"{leg_m:.2f} m: height_m = {height_m:.2f} m is estimated from the legs"
         )
     if PERSON_M[0] < height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m:
@@ -81,9 +80,7 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
 def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
     """Measure leg length and hip height, m.
 
-    The leg is from hip over knee to ankle.
-
-    Means of both legs; NaN where the names show no whole leg.
+    The leg is from hip over knee to ankle. Values are means of both legs, or NaN if the names include no whole leg.
 
     Parameters
     ----------
@@ -110,9 +107,9 @@ def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[floa
 def _measure_withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
     """Return the withers height above the lower fore paw.
 
-    The median over the frames in which the animal stands. Without a point of that name the highest point of the trunk
-    counts, which is near them; without fore paws, the floor at z = 0. A sofa or a table below the animal then adds
-    nothing.
+    It is the median over the frames in which the animal stands. If no point is named withers, the highest point of the
+    trunk is used, which is near them. Because the height is above the fore paws, a sofa or a table below the animal has
+    no effect. Without fore paws, the height is above the floor at z = 0.
     """
     trunk = [i for i, part in enumerate(parts) if part == "trunk"]
     named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]

@@ -12,28 +12,29 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int_]
 
 JUMP_M, JUMP_JERK_MPS3 = 0.05, 6_000.0
-"""A step between two frames that is no part of a smooth path: above 5 cm and above what this jerk explains."""
+"""Limits of a jump between two frames: more than 5 cm and more than this jerk explains."""
 SWAP_M, SWAP_JERK_MPS3 = 0.02, 1_300.0
-"""Two steps at once that exchange two points may be smaller: one alone could be noise, two that fit cannot."""
+"""Limits of the two simultaneous steps of a swap. They are smaller than for one jump, since matching steps are unlikely
+to be noise."""
 SWAP_RATIO = 0.3
-"""Exchanging two points must take away 70 % of their steps."""
+"""Maximum ratio of the steps of two points after and before an exchange."""
 MAX_BRIDGE_S = 0.1
-"""Paths are not continued across longer gaps."""
+"""Longest gap across which a path is continued."""
 MAX_SWAPS = 200
 SAME_PLACE_M, NEARLY_SAME_PLACE_M = 0.005, 0.02
-"""Two points are one if they are this close, half of the time and 95 % of it."""
+"""Distances below which two points are the same: in half of the frames, and in 95 % of them."""
 MOVING_M = 0.03
 FAR_M, FAR_FACTOR = 1.5, 4.0
 SHORT_LIVED = 0.2
 N_LOOKS = 200
-"""Frames, evenly spread, at which distances between points are compared."""
+"""Number of evenly spaced frames at which distances between points are compared."""
 
 
 def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Exchange paths of swapped names, in place.
+    """Exchange the paths of swapped names, in place.
 
-    Two points have swapped at a frame if both make a step there (:func:`find_steps`) and exchanging their samples from
-    that frame on takes at least 70 % of both steps away. The names before the frame are taken as the right ones.
+    Two points have swapped at a frame if both make a step there (:func:`find_steps`) and an exchange of their samples
+    from that frame on reduces both steps by at least 70 %. The names before the frame are assumed to be correct.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
     Returns
     -------
     list of dict
-        ``frame`` and ``points`` (two names) of every swap, in the order of time; 200 at most.
+        ``frame`` and ``points`` (two names) of every swap in order of time; at most 200.
     """
     swaps: list[dict[str, Any]] = []
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3)
@@ -69,12 +70,12 @@ def _find_next_swap(
 ) -> tuple[list[int], int]:
     """Find the next swap and its frame.
 
-    Those that gain most if several do.
+    If several pairs have swapped, those with the largest reduction are returned.
     """
     stepping = step[first:] > limit[first:]
     for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):
         points = np.flatnonzero(stepping[frame - first])
-        # step [i, j] that is left if from this frame on the path of point i continues as that of point j
+        # remaining step [i, j] if the path of point i continues as that of point j from this frame on
         start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
         near = position[start : frame + 2, points]
         last, arriving, leaving, gap = (values[frame - start] for values in _find_paths(near, rate_hz))
@@ -93,7 +94,7 @@ def _find_next_swap(
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
     """Find steps off a smooth path.
 
-    Nothing is changed.
+    The positions are not changed.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) ->
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=JUMP_M, jerk_mps3=JUMP_JERK_MPS3)
     edge = np.full((1, step.shape[1]), -1.0)
     known = np.concatenate([edge, np.nan_to_num(step, nan=-1.0), edge])
-    # a jump disturbs the velocities next to it: the frames before and after seem to step by half as much
+    # a jump disturbs the adjacent velocities: the frames before and after have apparent steps of half the size
     peak = (step > limit) & (known[1:-1] > known[:-2]) & (known[1:-1] >= known[2:])
     found = [{"frame": int(k), "point": names[p], "step_m": round(float(step[k, p]), 4)} for k, p in np.argwhere(peak)]
     return sorted(found, key=lambda jump: (jump["frame"], jump["point"]))
@@ -123,10 +124,9 @@ def find_steps(
 ) -> tuple[FloatArray, FloatArray]:
     """Measure every step against its prediction.
 
-    The prediction adds the mean of the velocities before and after to the sample before.
-
-    For a path of constant acceleration this is 0, for one of constant jerk j it is ``j t^3 / 2``. A gap of up to 0.1 s
-    is bridged; where a point is not seen in two frames on both sides, the step is NaN.
+    The prediction is the sample before, continued with the mean of the velocities before and after. The step of a path
+    of constant acceleration is 0, that of a path of constant jerk j is ``j t^3 / 2``. Gaps of up to 0.1 s are bridged.
+    If a point is not seen in two frames on both sides, the step is NaN.
 
     Parameters
     ----------
@@ -135,9 +135,9 @@ def find_steps(
     rate_hz : float
         Frames per second.
     floor_m : float
-        Least limit, in m.
+        Minimum of the limit, in m.
     jerk_mps3 : float
-        Jerk that a limit allows, in m/s^3.
+        Jerk that the limit allows, in m/s^3.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def find_steps(
 def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return each point's last sample, velocity and gap.
 
-    Velocities are per frame, there and from here on; the gap is in frames.
+    Velocities are per frame, at the last sample and from the current frame on. The gap is in frames.
     """
     n_frames, n_points = position.shape[:2]
     seen, point = np.isfinite(position).all(axis=2), np.arange(n_points)
@@ -169,12 +169,14 @@ def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, Float
 
 
 def find_useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
-    """Find recorded points off the body.
+    """Find short-lived, duplicate and distant points.
 
-    Unknown points that live short (seen in less than a fifth of the frames in which points of this recording usually
-    are), points that go with another (closer than 5 mm half of the time, than 2 cm 95 % of it; the one that is
-    seen less goes, then the one without a part, then the one with the name that sorts last; points at rest cannot be
-    judged), and points that lie farther than 1.5 m and four times the usual from the middle of the body.
+    - A short-lived point is unknown and seen in less than a fifth of the usual number of frames.
+    - A duplicate is closer than 5 mm to another point in half of the frames, and closer than 2 cm in 95 % of them. Of
+      the two, the point is returned that is seen less, then that without a part, then that with the later name. Points
+      at rest are not compared.
+    - A distant point is farther than 1.5 m, and farther than four times the usual distance, from the middle of the
+      body.
 
     Parameters
     ----------
@@ -183,7 +185,7 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
     names : sequence of str, length P
         Unique point names.
     parts : sequence of str, length P
-        Body part of each point, ``""`` when unknown.
+        Body part of each point, ``""`` if unknown.
 
     Returns
     -------
@@ -221,7 +223,7 @@ def find_useless_points(position: FloatArray, names: Sequence[str], parts: Seque
         for k in np.flatnonzero((distance < SAME_PLACE_M).sum(axis=0) >= 2):
             seen = np.isfinite(distance[:, k])
             median, nearly_all = np.percentile(distance[seen, k], (50, 95))
-            # a point at rest cannot be judged
+            # points at rest are not compared
             moves = float(np.linalg.norm(np.ptp(position[seen, others[k]], axis=0))) > MOVING_M
             if moves and median < SAME_PLACE_M and nearly_all < NEARLY_SAME_PLACE_M:
                 doubles[int(others[k])] = f"at the place of {names[i]}"

@@ -1,4 +1,4 @@
-"""Treadmill recordings: belt speed and ground motion."""
+"""Treadmill recordings: belt speed and motion over the ground."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from doppelgait.motion.skeleton import FOOT_PARTS
 FloatArray = npt.NDArray[np.float64]
 
 LOW = 0.1
-"""A foot is on the ground in the lowest 10 % of its range of height (5th to 95th percentile)."""
+"""Share of a foot's height range (5th to 95th percentile) in which it is on the ground."""
 SLOWEST_BELT_MPS = 0.2
 DISAGREEMENT = 0.15
-"""The feet's velocities differ by less than this part of the belt speed (1 % for the horse of the Vienna data)."""
+"""Maximum difference of the feet's velocities relative to the belt speed (1 % for the horse of the Vienna data)."""
 DRIFT = 0.2
-"""The body itself moves at less than this part of the belt speed."""
+"""Maximum speed of the body relative to the belt speed."""
 
 
 def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
     """Measure the velocity of a treadmill belt, shape (2,).
 
-    It is the median velocity of the feet while they are low, where all feet agree and the body keeps its place.
+    It is the median velocity of the feet while they are low, if all feet agree and the body stays in place.
 
     Parameters
     ----------
@@ -40,8 +40,7 @@ def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: fl
     Returns
     -------
     ndarray or None
-        Horizontal velocity in m/s; None for a body that moves over the ground or stands, and where the feet are
-        unknown.
+        Horizontal velocity in m/s; None for a body that moves over the ground or stands, or with unknown feet.
     """
     feet: dict[str, list[int]] = {}
     for i, part in enumerate(parts):
@@ -77,7 +76,7 @@ def move_over_ground(motion: Motion) -> Motion:
     Raises
     ------
     MotionError
-        If the feet show no belt.
+        If the motion of the feet does not show a belt.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-"""Variation of motions, by one law for all bodies.
+"""Variation of motions, with the same method for all bodies.
 
-A model's bodies resemble each other more than recorded ones do. Here a motion is taken apart into its way, the ripple
-of its trunk and the swing of every point about the trunk. Each part is changed by some amount, and they are put
-together again. A plan draws the amounts for all classes alike, so that none of them predicts the class.
+Bodies of a model resemble each other more than recorded bodies do. A motion is therefore separated into its path, the
+ripple of its trunk and the swing of every point about the trunk. Each component is changed, and the components are
+added again. A plan samples the changes from the same distributions for all classes, so that they do not predict the
+class.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ FloatArray = npt.NDArray[np.float64]
 ARM_PARTS = ("_upper_arm", "_forearm", "_hand")
 FORE_PARTS = ("_fore_upper", "_fore_lower", "_fore_paw")
 TURN_MARGIN = 0.35
-"""Share of a stride by which clocks may run ahead of an even one, at most: timing and three deviations of the noise."""
+"""Maximum lead of a clock over an even one, in strides: the timing and three standard deviations of the noise."""
 
 SLOWEST_STRIDE_S = 2.5
 
@@ -37,7 +38,7 @@ class Variation(FrozenModel):
     Parameters
     ----------
     limb_swing : float
-        Factor of the swing of legs about the trunk, of an animal those in front too; 1 leaves it unchanged.
+        Factor of the swing of the legs about the trunk, including the forelegs of an animal; 1 leaves it unchanged.
     arm_swing : float
         Factor of the swing of a person's arms.
     trunk_ripple : float
@@ -53,9 +54,9 @@ class Variation(FrozenModel):
     pace : float
         Factor of the stride frequency at equal speed. The swing of the legs becomes shorter by the same factor.
     swing_timing : float
-        Share of a stride by which the swing of all limbs runs ahead and behind in every stride: time of stance.
+        Share of a stride by which the swing of all limbs leads and lags in every stride, which changes the stance time.
     fore_timing : float
-        Share of a stride by which the limbs in front (a person's arms) come later.
+        Share of a stride by which the forelimbs (a person's arms) are delayed.
     phase_noise : float
         Standard deviation of the stride clock from stride to stride, in strides.
     """
@@ -73,27 +74,27 @@ class Variation(FrozenModel):
     phase_noise: float = Field(default=0.0, ge=0.0, le=0.05)
 
     def needed_s(self, duration_s: float) -> float:
-        """Return the length a motion of ``duration_s`` is made from."""
+        """Return the duration of the motion that a varied one needs."""
         return duration_s * self.pace + 2.0 * TURN_MARGIN * SLOWEST_STRIDE_S
 
 
 def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Motion:
-    """Return a motion that is varied.
+    """Vary a motion.
 
     Parameters
     ----------
     motion : Motion
-        Straight on, with known stride frequency, body parts and no gaps.
+        Straight motion with known stride frequency and body parts, without gaps.
     variation : Variation
     rng : numpy.random.Generator
-        Of phases, directions and the noise of the clock.
+        Source of phases, directions and the noise of the clock.
 
     Returns
     -------
     Motion
-        As much shorter as the clocks run ahead (:meth:`Variation.needed_s`). Mean speed and way are kept; stride, step
-        and gait frequency and touchdowns are those of the new clock. Feet may slide where the swing of legs is not
-        that of the way.
+        Varied motion, shorter by the maximum lead of the clocks (:meth:`Variation.needed_s`). Mean speed and path are
+        kept. Stride, step and gait frequency and touchdowns are those of the new clock. Feet may slide if the swing of
+        the legs does not match the path.
 
     Raises
     ------
@@ -102,12 +103,12 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     """
     stride_hz = motion.facts.stride_frequency_hz
     if not stride_hz > 0:
-        raise MotionError(f"{motion.label}: cannot be varied, its stride frequency is unknown; leave out target.vary")
+        raise MotionError(f"{motion.label}: cannot be varied, since its stride frequency is unknown; omit target.vary")
     margin_s = TURN_MARGIN / stride_hz
     lasts_s = (motion.duration_s - 2.0 * margin_s) / variation.pace
     if lasts_s * motion.rate_hz < 4:
         raise MotionError(
-            f"{motion.label}: {motion.duration_s:.2f} s are too short to be varied; clocks that run ahead need "
+            f"{motion.label}: {motion.duration_s:.2f} s are too short to be varied; the lead of the clocks needs "
             f"{2.0 * margin_s:.2f} s more than the scene"
         )
     times_s = np.arange(math.floor(lasts_s * motion.rate_hz + 1e-6) + 1) / motion.rate_hz
@@ -115,7 +116,7 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
     turns = 2.0 * np.pi * rng.random(6)
     limb_s = _make_clock(times_s, new_hz, variation, turns[0], rng) / stride_hz + margin_s
     trunk_s = limb_s - variation.swing_timing * np.sin(2 * np.pi * new_hz * times_s + turns[0]) / stride_hz
-    # the way: even, from the first to the last place of the centre
+    # the path: even motion from the first to the last position of the centre
     centre_m, old_s = body_centre_m(motion), motion.time_s - motion.time_s[0]
     slope = np.polynomial.polynomial.polyfit(old_s, centre_m, 1)
 
@@ -170,9 +171,9 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
 def _make_clock(
     times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return strides gone by, with timing and noise.
+    """Return a clock of strides with timing and noise.
 
-    Timing acts in a stride, noise from stride to stride.
+    The timing varies within a stride, the noise from stride to stride.
     """
     strides = stride_hz * times_s
     deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)

@@ -1,4 +1,4 @@
-"""Motion files: a reader per format, chosen by content.
+"""Motion files: one reader per format, selected by content.
 
 A reader is a function ``(path, **options) -> Motion`` with keyword-only options, registered by
 ``plugin("motion_reader", NAME, sniff=..., suffixes=(...))``: ``sniff(path, head) -> bool`` decides by the first 4096
@@ -47,13 +47,13 @@ def read(
     Parameters
     ----------
     path : path-like
-        The file; its format is found from its content.
+        The file. Its format is detected from the content.
     clean : bool
-        Fill gaps, drop useless markers, low-pass, put the floor at z = 0
+        Fill gaps, drop unusable markers, low-pass the positions and put the floor at z = 0
         (:func:`~doppelgait.motion.clean.clean_motion`).
     start_s, stop_s : float, optional
-        Part of the recording to keep, in s from its first frame, applied before cleaning. The time axis of the
-        result starts at 0 again. The height of the body is measured in the whole recording.
+        Start and end of the part to keep, in s from the first frame of the recording. It is selected before cleaning.
+        The time axis of the result starts at 0. The height of the body is measured in the whole recording.
     segment : int or "longest", optional
         Keep one straight segment at constant velocity (:func:`~doppelgait.motion.segments.find_segments`): its number,
         1 for the first, as ``motion info`` lists them, or the longest. Needs ``clean``.
@@ -63,7 +63,7 @@ def read(
     loop_variation : float
         Factor on the variation of the strides in the loop, 0 (exact repetition) to 2.
     treadmill : bool
-        Treat the recording as made on a treadmill: move the body over the ground at the measured belt speed
+        The recording was made on a treadmill: move the body over the ground at the measured belt speed
         (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
     **options
         Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
@@ -108,9 +108,9 @@ def read(
     names = [reader.name for reader in readers if reader.facts["sniff"](file, head)]
     if not names:
         known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
-        raise MotionError(f"{file}: its content is no motion format that is read; these are: {known}")
+        raise MotionError(f"{file}: its content is not a supported motion format; supported are: {known}")
     if len(names) > 1:
-        raise MotionError(f"{file}: its content could be {' or '.join(names)}; it is not clear which reader is right")
+        raise MotionError(f"{file}: its content could be {' or '.join(names)}, so that the format is ambiguous")
     reader = MOTION_READERS[names[0]]
     allowed = list_reader_options(reader.run)
     if unknown := sorted(set(options) - set(allowed)):
@@ -154,9 +154,9 @@ def read(
 
 
 def cut_part(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
-    """Return a part of a recording.
+    """Return the part of a recording from start to stop.
 
-    ``start_s`` and ``stop_s`` are those of :func:`read`; with neither it is the recording itself.
+    ``start_s`` and ``stop_s`` are those of :func:`read`. Without both, the whole recording is returned.
     """
     if start_s is None and stop_s is None:
         return motion
@@ -182,7 +182,7 @@ def take_part(
     loop_variation: float = 1.0,
     treadmill: bool = False,
 ) -> Motion:
-    """Return a cleaned motion's segment, looped if wanted.
+    """Return a segment of a cleaned motion, looped if requested.
 
     The gait of a segment is measured. The arguments are those of :func:`read`.
     """
@@ -227,9 +227,9 @@ WORDS = ("units", "up_axis", "subject", "skeleton", "key")
 
 
 def check_types(path: Path, options: dict[str, Any]) -> None:
-    """Raise one clear error for options of wrong type.
+    """Raise an error for an option of the wrong type.
 
-    Every reader checks the ranges of its own options.
+    Each reader checks the ranges of its own options.
     """
     for name, value in options.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)

@@ -45,15 +45,15 @@ class Bone:
     name : str
         ``"root"`` for the root; its length is 0.
     parent : int
-        Index of the bone that it hangs on, -1 for the root.
+        Index of the parent bone, -1 for the root.
     vector : ndarray, shape (3,)
-        From its beginning to its end in the rest pose, in the file's unit.
+        Vector from its start to its end in the rest pose, in the file's unit.
     axes : ndarray, shape (3, 3)
         Rotation of the frame of its angles.
     order : str
-        Axis letters, the one that turns first in front.
+        Axis letters in the order of rotation.
     freedoms : tuple of str
-        What its values in a motion mean: ``"rx"``, ``"ry"``, ``"rz"``, for the root also ``"tx"``, ``"ty"``, ``"tz"``.
+        Meaning of its values in a motion: ``"rx"``, ``"ry"``, ``"rz"``; for the root also ``"tx"``, ``"ty"``, ``"tz"``.
     """
 
     name: str
@@ -71,13 +71,13 @@ class Skeleton:
     Parameters
     ----------
     bones : tuple of Bone
-        The root first, parents before children.
+        Bones; the root is first, and parents are before children.
     origin : ndarray, shape (3,)
-        Place of the root, added to its translation.
+        Position of the root, added to its translation.
     metres_per_unit : float
         0.0254 m / ``length``: the values are inches times that number.
     degrees : bool
-        Whether its angles are degrees.
+        True if its angles are in degrees.
     """
 
     bones: tuple[Bone, ...]
@@ -98,7 +98,7 @@ def read_asf(path: Path) -> Skeleton:
         text = read_text(path)
     except OSError as error:
         raise MotionError(f"{path}: the skeleton cannot be read: {error.strerror or error}") from None
-    # statements of each section, without comments; one may follow the section's name on its line
+    # statements of each section, without comments; a statement may follow the section's name on the same line
     sections: dict[str, Section] = {}
     current: Section = []
     for number, line in enumerate(text.split("\n"), start=1):
@@ -110,7 +110,7 @@ def read_asf(path: Path) -> Skeleton:
             current.append((number, words))
     for needed in ("root", "bonedata", "hierarchy"):
         if needed not in sections:
-            raise MotionError(f"{path}: has no section :{needed}; it is no whole ASF skeleton")
+            raise MotionError(f"{path}: has no section :{needed}; it is not a complete ASF skeleton")
     units = {words[0].lower(): (line, words[1:]) for line, words in sections.get("units", [])}
     length = _parse_numbers(path, *units.get("length", (0, ["1"])), count=1)[0]
     if not length > 0.0:
@@ -140,7 +140,7 @@ def read_asf(path: Path) -> Skeleton:
                 ordered.append(replace(bones[name], parent=placed[parents[name]]))
         waiting = [name for name in waiting if name not in placed]
     if waiting:
-        raise MotionError(f"{path}: the bones {', '.join(waiting[:5])} do not hang on the root")
+        raise MotionError(f"{path}: the bones {', '.join(waiting[:5])} are not connected to the root")
     return Skeleton(tuple(ordered), origin, INCH_M / length, degrees)
 
 
@@ -205,13 +205,13 @@ def _parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]
             freedoms = _parse_freedoms(path, *entry.get("dof", (bone_line, [])), "rx ry rz")
             bone = Bone(" ".join(entry["name"][1]), -1, vector, axes, order, freedoms)
             if bone.name in bones or bone.name == "root" or len(bones) >= MAX_BONES:
-                raise MotionError(f"{path}, line {line}: bone {bone.name!r} is there twice, or there are too many")
+                raise MotionError(f"{path}, line {line}: bone {bone.name!r} is repeated, or there are too many bones")
             bones[bone.name] = bone
             entry = None
         elif entry is not None and word not in entry:
             entry[word] = (line, words[1:])
     if entry is not None:
-        raise MotionError(f"{path}, line {entry['begin'][0]}: this bone has no end; the file is cut off")
+        raise MotionError(f"{path}, line {entry['begin'][0]}: this bone has no end; the file is truncated")
     return bones
 
 
@@ -223,10 +223,10 @@ def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> d
             continue
         for name in words:
             if name not in bones:
-                raise MotionError(f"{path}, line {line}: the hierarchy names {name!r}, which is no bone of the file")
+                raise MotionError(f"{path}, line {line}: the hierarchy names {name!r}, which is not a bone of the file")
         for child in words[1:]:
             if child in parents or child == "root":
-                raise MotionError(f"{path}, line {line}: {child!r} hangs on two bones")
+                raise MotionError(f"{path}, line {line}: {child!r} has two parents")
             parents[child] = words[0]
     return parents
 
@@ -234,8 +234,8 @@ def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> d
 def find_asf(path: Path, named: str) -> Path:
     """Find a motion file's skeleton in its folder.
 
-    It is the one with a name that begins the motion's name (``07.asf`` for ``07_01.amc``), else the one that the
-    motion's first line names, else the only one.
+    It is the file with a name that is a prefix of the motion's name (``07.asf`` for ``07_01.amc``), otherwise the one
+    that the motion's first line names, otherwise the only one.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def find_asf(path: Path, named: str) -> Path:
     Raises
     ------
     MotionError
-        If there is none, or it is not clear which one it is.
+        If there is none, or the choice is ambiguous.
     """
     neighbours = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf")
     begins = [f for f in neighbours if re.match(re.escape(f.stem.lower()) + r"(?![0-9a-z])", path.stem.lower())]
@@ -255,7 +255,7 @@ def find_asf(path: Path, named: str) -> Path:
     for found in (sorted(begins, key=lambda f: -len(f.stem))[:1], by_comment, neighbours):
         if len(found) == 1:
             return found[0]
-    problem = f"several could be meant: {', '.join(f.name for f in neighbours[:8])}" if neighbours else "there is none"
+    problem = f"several are possible: {', '.join(f.name for f in neighbours[:8])}" if neighbours else "there is none"
     raise MotionError(
         f"{path}: an AMC file needs the ASF skeleton of its subject in its folder; {problem}. Give it: "
         "skeleton='FILE.asf'"
@@ -276,7 +276,7 @@ class AmcContent:
     values : dict
         Values of each bone by its name, shape (T, n).
     degrees : bool or None
-        Whether angles are degrees; None when the file does not say.
+        True if angles are in degrees; None if the file does not state it.
     named : str
         File name of the skeleton in its comment, or ``""``.
     """
@@ -287,9 +287,9 @@ class AmcContent:
 
 
 def sniff_amc(path: Path, head: bytes) -> bool:
-    """Return whether a file starts like an AMC motion.
+    """Return True if a file starts like an AMC motion.
 
-    It has a line ``:FULLY-SPECIFIED``, ``:DEGREES`` or ``:RADIANS``, and no skeleton.
+    Such a file has a line ``:FULLY-SPECIFIED``, ``:DEGREES`` or ``:RADIANS``, and no skeleton.
     """
     return _KEYWORD.search(head) is not None and b":bonedata" not in head.lower()
 
@@ -305,7 +305,7 @@ def read_amc(
 ) -> Motion:
     """Read root and bone ends of an AMC motion.
 
-    They are not cleaned. A point has the name of the bone that ends there: ``ltibia`` is the left ankle.
+    The motion is not cleaned. A point has the name of the bone that ends there: ``ltibia`` is the left ankle.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def read_amc(
     skeleton : path-like, optional
         ASF file of the subject; default: found in the folder of the motion.
     units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: what the skeleton says.
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: the unit of the skeleton.
     up_axis : str, optional
         ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found; y is the convention.
     rate_hz : float, optional
@@ -329,12 +329,12 @@ def read_amc(
     Raises
     ------
     MotionError
-        If motion or skeleton cannot be read right, or do not belong together.
+        If motion or skeleton are invalid, or do not match.
     """
     text = read_text(path)
     start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
     if start is None:
-        raise MotionError(f"{path}: holds no frames; a frame begins with its number on a line of its own")
+        raise MotionError(f"{path}: holds no frames; a frame must begin with a line that holds its number")
     head = text[: start.start()].lower()
     degrees = False if ":radians" in head else True if ":degrees" in head else None
     comments = [line for line in text[: start.start()].split("\n") if line.lower().startswith(_NAMED)]
@@ -343,7 +343,7 @@ def read_amc(
     asf = Path(skeleton) if skeleton is not None else find_asf(path, content.named)
     body = read_asf(asf)
     notes = (
-        [] if rate_hz is not None else [f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is taken"]
+        [] if rate_hz is not None else [f"the format states no frame rate; {CMU_RATE_HZ:g} Hz, that of CMU, is assumed"]
     )
     return make_joint_motion(
         path,
@@ -367,7 +367,7 @@ def read_amc(
 def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
     """Parse the values of every bone.
 
-    All frames have the same words at the same places, so that one table holds them.
+    All frames have the same words in the same positions, so that they form one table.
     """
     second = re.compile(r"(?m)^[ \t]*\d+[ \t]*$").search(text, text.index("\n", at) if "\n" in text[at:] else len(text))
     lines = [line.split() for line in text[at : second.start() if second else len(text)].split("\n")[1:]]
@@ -380,7 +380,7 @@ def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
     if names and len(set(names)) == len(names) and not len(words) % size:
         places = np.cumsum([1, *lengths])[:-1].tolist()
         if all(word == name for place, name in zip(places, names, strict=True) for word in words[place::size]):
-            for place in places:  # numbers stay alone
+            for place in places:  # only numbers remain
                 words[place::size] = ["0"] * (len(words) // size)
             with suppress(ValueError):
                 table = np.fromiter(map(float, words), np.float64, len(words)).reshape(-1, size)
@@ -392,7 +392,7 @@ def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
 
 
 def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
-    """Describe the first line unlike the first frame."""
+    """Describe the first line that differs from the first frame."""
     if not first:
         return f"{path}: its first frame holds no bones"
     n = len(first)
@@ -410,18 +410,17 @@ def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[s
             wanted = f"{first[n][0]} with {len(first[n]) - 1} value(s)" if n < len(first) else "the next frame"
             return f"{path}, line {number}: {line.strip()[:60]!r} in frame {frame}, where frame 1 has {wanted}"
         if words[0] in {row[0] for row in first[:n]} or not all(map(is_finite, words[1:])):
-            return f"{path}, line {number}: {line.strip()[:60]!r} repeats a bone or holds no finite number"
+            return f"{path}, line {number}: {line.strip()[:60]!r} repeats a bone or does not hold finite numbers"
         n += 1
-    return f"{path}: ends inside of frame {frame}, after {n} of {len(first)} bones; it is cut off"
+    return f"{path}: ends inside frame {frame}, after {n} of {len(first)} bones; it is truncated"
 
 
 def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
     """Compute the positions of root and bone ends.
 
-    They are in the unit and the axes of the skeleton.
-
-    A bone turns by ``C M C^-1`` in its parent's frame: C its axes, M its angles in the order of its axes, the first
-    letter first. Bones without values, or without a degree of freedom, keep their rest pose.
+    Positions are in the unit and the axes of the skeleton. The rotation of a bone in its parent's frame is
+    ``C M C^-1``, where C are its axes and M its angles in the order of its axis letters. Bones without values, or
+    without a degree of freedom, keep their rest pose.
 
     Parameters
     ----------
@@ -435,13 +434,13 @@ def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> F
     Raises
     ------
     MotionError
-        If the motion holds a bone, or a number of values, that the skeleton does not.
+        If the motion has a bone, or a number of values, that does not match the skeleton.
     """
     degrees = skeleton.degrees if content.degrees is None else content.degrees
     freedoms = {bone.name: bone.freedoms for bone in skeleton.bones}
     for name, values in content.values.items():
         if name not in freedoms or values.shape[1] != len(freedoms[name]):
-            has = f"has {len(freedoms[name])} degree(s) of freedom" if name in freedoms else "is no bone"
+            has = f"has {len(freedoms[name])} degree(s) of freedom" if name in freedoms else "is not a bone"
             raise MotionError(
                 f"{path}: gives {name!r} {values.shape[1]} value(s), but it {has} of its skeleton. Give the skeleton "
                 "that belongs to the motion: skeleton='FILE.asf'"
@@ -461,7 +460,7 @@ def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> F
                 moved[:, n] = values[:, bone.freedoms.index(f"t{axis}")]
         turned = make_euler_rotations(bone.order[::-1], np.radians(angles) if degrees else angles)
         rotation[j] = bone.axes @ turned @ bone.axes.T
-        # the end of a bone turns with the bone itself
+        # the end of a bone rotates with the bone itself
         translation[j] = rotation[j] @ bone.vector
         if bone.parent < 0:
             translation[j] = skeleton.origin + moved

@@ -49,9 +49,9 @@ SMPL_COUNTS = (22, 24)
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
-    """Return whether a file looks like npz or motion JSON.
+    """Return True if a file looks like npz or motion JSON.
 
-    An npz file is a zip archive that starts with a ``.npy``.
+    An npz file is a zip archive with a ``.npy`` file as its first member.
     """
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     keys = (*POSITION_KEYS, *RATE_KEYS)
@@ -72,7 +72,7 @@ def read_arrays(
     """Read joint positions of npz or JSON files, uncleaned.
 
     The file holds an array (frames, points, 3) under ``positions``, ``joints`` or ``Jtr``, the frame rate under
-    ``rate_hz``, ``mocap_framerate``, ``mocap_frame_rate`` or ``fps``, and, where known, one name per point under
+    ``rate_hz``, ``mocap_framerate``, ``mocap_frame_rate`` or ``fps``, and, if known, one name per point under
     ``names`` or ``joint_names`` and the length unit under ``units``. In JSON these are keys of one object, positions
     are lists by frame, point and axis, and ``null`` is a gap.
 
@@ -81,17 +81,18 @@ def read_arrays(
     path : Path
         An existing file.
     key : str, optional
-        Name of the array of positions, where it has another.
+        Name of the array of positions, if it is another one.
     skeleton : str, optional
-        ``"smpl"``: the 22 or 24 points without names are the joints of SMPL, in its order.
+        ``"smpl"``: the 22 or 24 points without names are the joints of SMPL in its order.
     subject : str, optional
         Prefix of the wanted names; needed only when several subjects were recorded.
     units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: what the file says, else m or mm with a warning.
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: the unit in the file, else m or mm with a
+        warning.
     up_axis : str, optional
         ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
     rate_hz : float, optional
-        Frames per second, up to 10000; default: what the file says.
+        Frames per second, up to 10000; default: the rate in the file.
 
     Returns
     -------
@@ -101,8 +102,8 @@ def read_arrays(
     Raises
     ------
     MotionError
-        If the file cannot be read right, names line, key or frame; a file of body-model parameters alone (``poses``,
-        ``trans``) cannot.
+        If the file is invalid, or has only parameters of a body model (``poses``, ``trans``). The message names the
+        line, key or frame.
     """
     with path.open("rb") as file:
         packed = is_npz(file.read(4096))
@@ -137,7 +138,7 @@ def read_arrays(
 
 
 def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
-    """Load the needed arrays; other names get None."""
+    """Load the needed arrays; the value of other names is None."""
     wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
     return dict(load_npz(path, wanted, MotionError, lone=False))
 
@@ -149,13 +150,13 @@ def _load_json(path: Path) -> dict[str, Any]:
     try:
         content = parse_json(path.read_bytes())
     except json.JSONDecodeError as error:
-        raise MotionError(f"{path}: line {error.lineno}, column {error.colno}: is no JSON ({error.msg})") from None
+        raise MotionError(f"{path}: line {error.lineno}, column {error.colno}: is not JSON ({error.msg})") from None
     except UnicodeDecodeError as error:
-        raise MotionError(f"{path}: is no JSON of a motion ({type(error).__name__}); it must be UTF-8 text") from None
+        raise MotionError(f"{path}: is not JSON of a motion ({type(error).__name__}); it must be UTF-8 text") from None
     except ValueError as error:
-        raise MotionError(f"{path}: is no JSON of a motion: {error}") from None
+        raise MotionError(f"{path}: is not JSON of a motion: {error}") from None
     if not isinstance(content, dict):
-        raise MotionError(f"{path}: is no JSON object with the keys rate_hz, names, positions and units")
+        raise MotionError(f"{path}: is not a JSON object with the keys rate_hz, names, positions and units")
     return content
 
 
@@ -196,13 +197,13 @@ def _as_array(path: Path, name: str, value: Any) -> FloatArray:
 
 
 def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
-    """Refuse text, even where it looks like a number."""
+    """Refuse text, even if it looks like a number."""
     for t, frame in enumerate(frames):
         for p, point in enumerate(frame if isinstance(frame, list) else []):
             for number in point if isinstance(point, list) else []:
                 if isinstance(number, str | bool):
                     raise MotionError(
-                        f"{path}: {name}[{t}][{p}] holds {number!r}, no number; write null where a point was not seen"
+                        f"{path}: {name}[{t}][{p}] holds {number!r}; write a number, or null where a point was not seen"
                     )
 
 
@@ -211,11 +212,11 @@ def _describe_unevenness(name: str, frames: Any) -> str:
     lengths = [len(frame) if isinstance(frame, list) else -1 for frame in frames] if isinstance(frames, list) else []
     for t, length in enumerate(lengths):
         if length != lengths[0] or length < 0:
-            return f"{name}[{t}] holds {max(length, 0)} points, {name}[0] holds {max(lengths[0], 0)}; all must be alike"
+            return f"{name}[{t}] holds {max(length, 0)} points, {name}[0] holds {max(lengths[0], 0)}; all must be equal"
         for p, point in enumerate(frames[t]):
             if not isinstance(point, list) or len(point) != 3:
-                return f"{name}[{t}][{p}] is no list of x, y and z; write [null, null, null] for a gap"
-    return f"{name!r} is no array of numbers (frames, points, 3)"
+                return f"{name}[{t}][{p}] is not a list of x, y and z; write [null, null, null] for a gap"
+    return f"{name!r} is not an array of numbers (frames, points, 3)"
 
 
 def _read_rate_hz(path: Path, content: Mapping[str, Any]) -> float:
@@ -229,7 +230,7 @@ def _read_rate_hz(path: Path, content: Mapping[str, Any]) -> float:
     }
     if len(set(rates.values())) > 1:
         said = " and ".join(f"{name}={rate:g}" for name, rate in rates.items())
-        raise MotionError(f"{path}: says {said}; give the true one: rate_hz=...")
+        raise MotionError(f"{path}: states {said}; give the true one: rate_hz=...")
     return next(iter(rates.values()))
 
 
@@ -238,7 +239,7 @@ def _convert_to_scalar(value: Any) -> Any:
 
 
 def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
-    """Return one label per point, stated or of SMPL."""
+    """Return one label per point, from the file or of SMPL."""
     if skeleton not in (None, "smpl"):
         raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed is 'smpl'")
     key = next((name for name in NAME_KEYS if content.get(name) is not None), "")
@@ -253,7 +254,7 @@ def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton
     names = content[key].tolist() if isinstance(content[key], np.ndarray) else content[key]
     if isinstance(names, list):
         names = [name.decode("utf-8", "replace") if isinstance(name, bytes) else name for name in names]
-        # half a character of an array cannot be written anywhere
+        # a lone surrogate (half a character) in a name cannot be encoded
         names = [name.encode("utf-8", "replace").decode() if isinstance(name, str) else name for name in names]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or len(names) != n_points:
         count = f"{len(names)} entries" if isinstance(names, list) else "no list"

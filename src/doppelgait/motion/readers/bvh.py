@@ -41,11 +41,11 @@ class Node:
     Parameters
     ----------
     name : str
-        As in the file; an end site is its joint's name and ``_End``.
+        Name as in the file; that of an end site is its joint's name and ``_End``.
     parent : int
         Index of its parent, -1 for the root.
     offset : tuple of float
-        Place in the parent's frame where no position channel gives it.
+        Position in the parent's frame, used for coordinates without a position channel.
     channels : list of str
         ``"px"``, ``"py"``, ``"pz"`` positions and ``"rx"``, ``"ry"``, ``"rz"`` rotations, in the file's order.
     """
@@ -63,11 +63,11 @@ class BvhContent:
     Parameters
     ----------
     nodes : tuple of Node
-        Parents before children.
+        Nodes; parents are before children.
     frame_time_s : float
-        As declared; not checked.
+        Declared frame time, not checked.
     values : ndarray, shape (T, C)
-        One column for each channel of each node, in order; degrees and the file's length unit.
+        Values with one column for each channel of each node in order, in degrees and the file's length unit.
     """
 
     nodes: tuple[Node, ...]
@@ -96,7 +96,7 @@ def read_bvh_content(path: Path) -> BvhContent:
     if not nodes:
         raise MotionError(f"{path}: its hierarchy holds no ROOT")
     if open_nodes:
-        raise MotionError(f"{path}: the hierarchy ends inside of {nodes[open_nodes[-1]].name!r}: a '}}' is missing")
+        raise MotionError(f"{path}: the hierarchy ends inside {nodes[open_nodes[-1]].name!r}: a '}}' is missing")
     n_frames, frame_time_s, at = _parse_motion_head(path, text, split.end())
     n_channels = sum(len(node.channels) for node in nodes)
     if n_channels == 0:
@@ -114,11 +114,11 @@ def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node],
     if word in ("ROOT", "JOINT", "END"):
         if word == "ROOT" and nodes:
             raise MotionError(
-                f"{path}, line {number}: a second ROOT, {' '.join(words[1:])!r}; one body is read from a file. "
+                f"{path}, line {number}: a second ROOT, {' '.join(words[1:])!r}; a file may hold only one body. "
                 "Save each body to its own file."
             )
         if word != "ROOT" and not open_nodes:
-            raise MotionError(f"{path}, line {number}: {' '.join(words)!r} outside of a ROOT")
+            raise MotionError(f"{path}, line {number}: {' '.join(words)!r} outside a ROOT")
         if len(nodes) >= MAX_NODES:
             raise MotionError(f"{path}, line {number}: more than {MAX_NODES} joints")
         parent = open_nodes[-1] if open_nodes else -1
@@ -134,14 +134,14 @@ def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node],
         open_nodes.pop()
     elif word in ("OFFSET", "CHANNELS"):
         if not open_nodes or open_nodes[-1] != len(nodes) - 1:
-            raise MotionError(f"{path}, line {number}: {word} outside of a joint")
+            raise MotionError(f"{path}, line {number}: {word} outside a joint")
         if word == "OFFSET":
             nodes[-1].offset = _parse_offset(path, number, words[1:])
         else:
             nodes[-1].channels = _parse_channels(path, number, words[1:])
     elif word != "HIERARCHY":
         raise MotionError(
-            f"{path}, line {number}: {' '.join(words)[:60]!r} is no statement of a BVH hierarchy; allowed are ROOT, "
+            f"{path}, line {number}: {' '.join(words)[:60]!r} is not a statement of a BVH hierarchy; allowed are ROOT, "
             "JOINT, End Site, OFFSET, CHANNELS and braces"
         )
 
@@ -153,7 +153,7 @@ def _parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, flo
     except ValueError:
         x = y = z = float("nan")
     if not np.isfinite([x, y, z]).all():
-        raise MotionError(f"{path}, line {number}: OFFSET needs three numbers, it has {' '.join(words)!r}")
+        raise MotionError(f"{path}, line {number}: OFFSET needs three numbers, but has {' '.join(words)!r}")
     return x, y, z
 
 
@@ -164,8 +164,8 @@ def _parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
     places = [name for name in names if name[0] == "p"]  # only rotations may repeat an axis
     if not words or words[0] != str(len(names)) or None in found or len(set(places)) < len(places):
         raise MotionError(
-            f"{path}, line {number}: CHANNELS {' '.join(words)!r} is not right; it needs the number of channels and as "
-            "many names out of Xposition, Yposition, Zposition, Xrotation, Yrotation and Zrotation"
+            f"{path}, line {number}: CHANNELS {' '.join(words)!r} is invalid; it needs the number of channels and as "
+            "many names of Xposition, Yposition, Zposition, Xrotation, Yrotation and Zrotation"
         )
     return names
 
@@ -191,7 +191,7 @@ def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]
 
 
 def sniff_bvh(path: Path, head: bytes) -> bool:
-    """Return whether a file begins with HIERARCHY."""
+    """Return True if a file begins with HIERARCHY."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
 
 
@@ -201,10 +201,10 @@ def read_bvh(
 ) -> Motion:
     """Read the body's joints of a BVH file, uncleaned.
 
-    Rotations are applied in the order of their channels. A position channel of any joint replaces that coordinate of
-    its OFFSET. Ends of chains are kept where they are away from their joint: they are finger tips, toes, paws, the
-    nose. Rig helpers, a root that only carries the body, and nodes on top of others are left out,
-    and so is a rest pose that was put in front of the recording.
+    Rotations are applied in the order of their channels. A position channel of a joint replaces that coordinate of its
+    OFFSET. Ends of chains (finger tips, toes, paws, the nose) are kept if they do not coincide with their joint. Rig
+    helpers, a root that is not a joint of the body, nodes that coincide with others, and a rest pose before the
+    recording are left out.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def read_bvh(
     Raises
     ------
     MotionError
-        If the file cannot be read right, or holds no joints of a body.
+        If the file is invalid, or holds no joints of a body.
     """
     content = read_bvh_content(path)
     if rate_hz is None and not 0.0 < content.frame_time_s < float("inf"):
@@ -255,7 +255,7 @@ def read_bvh(
 def compute_bvh_positions(content: BvhContent) -> FloatArray:
     """Compute the positions (T, J, 3) of all nodes.
 
-    They are in the unit and the axes of the file.
+    Positions are in the unit and the axes of the file.
 
     Parameters
     ----------

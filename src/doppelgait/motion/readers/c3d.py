@@ -18,9 +18,9 @@ from doppelgait.motion.readers.points import LengthUnit, check_rate, find_unit, 
 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
-    """Return whether a file starts like C3D.
+    """Return True if a file starts like C3D.
 
-    That is 0x50 after the block number of its parameters, and no text.
+    The first bytes are the block number of the parameters and 0x50, and the rest is not text.
     """
     return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
 
@@ -43,11 +43,11 @@ def read_c3d(
     subject : str, optional
         Prefix of the wanted labels; needed only when several subjects were recorded.
     units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: what the file says.
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: the unit in the file.
     up_axis : str, optional
         ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
     rate_hz : float, optional
-        Frames per second, up to 10000; default: what the file says.
+        Frames per second, up to 10000; default: the rate in the file.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def read_c3d(
     Raises
     ------
     MotionError
-        If the file cannot be read right, or holds no usable markers.
+        If the file is invalid, or holds no usable markers.
     """
     content = read_content(path)
     rate = check_rate(
@@ -69,7 +69,7 @@ def read_c3d(
     if not body.subject:
         subjects = [name for name in content.texts.get("SUBJECTS:NAMES", ()) if name]
         body = replace(body, subject=subjects[0] if len(subjects) == 1 else "")
-    # one unit for all points, or one each
+    # one unit for all points, or one for each
     declared = [unit for unit in content.units if unit]
     if units is not None or not declared:
         name = units if units is not None else find_unit(path, "", content.position[:, body.kept])

@@ -1,7 +1,7 @@
-"""Decode numbers, names and units of a C3D file.
+"""Decoding of numbers, names and units of a C3D file.
 
-Header and parameter section declare the layout of the samples; a file is read only where the records fit exactly
-into each other and the declared samples fit into the file. Byte orders: Intel, DEC and SGI (MIPS).
+Header and parameter section declare the layout of the samples. A file is read only if its records are consistent and
+the declared samples fit into the file. The byte orders are Intel, DEC and SGI (MIPS).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ FloatArray = npt.NDArray[np.float64]
 BLOCK = 512
 MAGIC = 0x50
 INTEL, DEC, SGI = 84, 85, 86
-"""Byte that names the processor: little-endian IEEE, little-endian VAX floats, big-endian IEEE."""
+"""Byte that identifies the processor: little-endian IEEE, little-endian VAX floats, big-endian IEEE."""
 MAX_SIZE = 2**31
 MAX_HEADER_FRAMES = 65535
 LARGEST = 1e9
-"""Larger coordinates, in any unit, are no positions."""
+"""Maximum coordinate of a position, in any unit."""
 TYPE_SIZES = {0: 0, -1: 1, 1: 1, 2: 2, 4: 4}
 RESAVE = "Open it in the program that recorded it, or in a C3D editor, and export it again"
 
@@ -35,7 +35,7 @@ NUMBERS = tuple(
     for name in ("USED", "RATE", "SCALE", "GEN_SCALE", "FRAMES", "DATA_START", "RATIO")
     if (group, name) != ("ANALOG", "SCALE")
 )
-"""Parameters that must be usable numbers where they exist."""
+"""Parameters that must be usable numbers if they exist."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,11 @@ class Record:
     span: Span
 
     def count(self) -> int:
-        """Return the number of values; equally long texts are rows."""
+        """Return the number of values; texts of equal length are rows."""
         return math.prod(self.shape[1:] if self.kind == -1 else self.shape)
 
     def number(self) -> float | None:
-        """Return the first value, None without a number."""
+        """Return the first value, or None without a number."""
         if self.kind == -1 or len(self.raw) < abs(self.kind):
             return None
         if self.kind == 4:
@@ -74,7 +74,7 @@ class Record:
         return float(int.from_bytes(self.raw[: self.kind], "big" if self.processor == SGI else "little", signed=True))
 
     def texts(self) -> tuple[str, ...]:
-        """Return the texts without padding; none for numbers."""
+        """Return the texts without padding; numbers have none."""
         if self.kind != -1:
             return ()
         length = self.shape[0]
@@ -108,12 +108,12 @@ class Layout:
     spans: tuple[Span, ...]
 
     def number(self, group: str, name: str) -> float | None:
-        """Return the number in a parameter, None without one."""
+        """Return the number in a parameter, or None without one."""
         record = self.records.get((group, name))
         return record.number() if record else None
 
     def count(self, group: str, name: str) -> int:
-        """Return a parameter's number of values, 0 when absent."""
+        """Return a parameter's number of values, 0 if it is absent."""
         record = self.records.get((group, name))
         return record.count() if record else 0
 
@@ -125,7 +125,7 @@ class Layout:
     def count_declared_analog(self) -> float:
         """Return the declared analog words per frame.
 
-        That is channels times samples per frame.
+        They are channels times samples per frame.
         """
         return (self.number("ANALOG", "USED") or 0.0) * self._count_per_frame("ANALOG")
 
@@ -142,9 +142,9 @@ class Layout:
         return (self.size - self.data_at) / stride if stride else math.inf
 
     def is_tight(self, frames: int, points: int, analog: int) -> bool:
-        """Return whether so many frames fill the data section.
+        """Return True if a number of frames fills the data section.
 
-        The padding of the last block is allowed.
+        Padding of the last block is allowed.
         """
         stride = (4 * points + analog) * (4 if self.is_float else 2)
         return 0 <= self.size - self.data_at - frames * stride <= BLOCK
@@ -180,8 +180,8 @@ def read_layout(path: Path) -> Layout:
         header = file.read(BLOCK)
         if len(header) < BLOCK or header[0] < 2 or header[1] != MAGIC:
             raise MotionError(
-                f"{path}: is no complete C3D file: it must start with a header of {BLOCK} bytes whose second is "
-                f"0x50. {RESAVE}."
+                f"{path}: is not a complete C3D file: it must start with a header of {BLOCK} bytes, and the second "
+                f"byte must be 0x50. {RESAVE}."
             )
         section_at = (header[0] - 1) * BLOCK
         file.seek(section_at)
@@ -198,7 +198,7 @@ def read_layout(path: Path) -> Layout:
         if not 0 < section_at < data_at <= size:
             raise MotionError(
                 f"{path}: is truncated or damaged: its header puts the parameters at byte {section_at} and the data "
-                f"at byte {data_at}, the file has {size} bytes. {RESAVE}."
+                f"at byte {data_at}, but the file has {size} bytes. {RESAVE}."
             )
         file.seek(section_at)
         section = file.read(data_at - section_at)
@@ -221,13 +221,13 @@ def read_layout(path: Path) -> Layout:
         value = layout.number(*name)
         if name in layout.records and (value is None or not abs(value) < 1e6 or (name[1] == "RATE" and value < 0)):
             raise MotionError(
-                f"{path}: has a damaged parameter section: {':'.join(name)} is {value}, no usable number. {RESAVE}."
+                f"{path}: has a damaged parameter section: {':'.join(name)} is {value}, not a usable number. {RESAVE}."
             )
     extra = layout.count_declared_analog() + 17 * layout.count_declared_rotations()
     if not 0 <= extra * 2 <= max(layout.size - layout.data_at, 0):
         raise MotionError(
             f"{path}: is truncated or damaged: its parameters declare {extra:.0f} analog and rotation values per "
-            f"frame, more than the file holds. {RESAVE}."
+            f"frame, which is more than the file holds. {RESAVE}."
         )
     return layout
 
@@ -237,7 +237,7 @@ def _walk_records(
 ) -> tuple[dict[tuple[str, str], Record], tuple[Span, ...]]:
     """Return all parameters by (group, name) and all records.
 
-    Names are in upper case; a record that does not fit is an error.
+    Names are in upper case. A record that does not fit raises an error.
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Record]] = []
@@ -270,7 +270,7 @@ def _read_record(
     text = name.decode("latin-1").strip().upper()
     kind, start = 0, step_at + 2
     shape: tuple[int, ...] = ()
-    if number > 0:  # a parameter; groups hold no values
+    if number > 0:  # a parameter; groups have no values
         kind, n_dims = struct.unpack_from("bB", section, start)
         if kind == 0 or kind not in TYPE_SIZES or n_dims > 7 or (kind == -1 and n_dims == 0):
             raise ValueError(f"({text}) has the unknown type {kind} or {n_dims} dimensions (1 to 7)")
@@ -285,7 +285,7 @@ def _read_record(
         if next_at <= len(section) and (not step or step_at + step == next_at):
             break
     else:
-        raise ValueError(f"({text}) is longer or shorter than it says")
+        raise ValueError(f"({text}) is longer or shorter than it states")
     span = Span(at, step_at, end, next_at)
     if number < 0:
         groups[-number] = text
@@ -303,11 +303,11 @@ class C3dContent:
     position : ndarray, shape (T, P, 3)
         NaN where a point was not seen.
     labels : tuple of str, length P
-        As in the file, ``""`` where it names none.
+        Labels as in the file, ``""`` if a point has none.
     rate_hz : float
-        0 when the file names none.
+        Frames per second, 0 if the file states none.
     units : tuple of str
-        One for all points, or one each, or none.
+        One unit for all points, one for each point, or none.
     texts : dict
         Text parameters by ``"GROUP:NAME"``.
     notes : tuple of str
@@ -328,10 +328,10 @@ def read_content(path: Path) -> C3dContent:
     Raises
     ------
     MotionError
-        If the file is damaged, holds no points, or its header and parameters disagree and the data do not decide.
+        If the file is damaged, holds no points, or its header and parameters disagree and the data fit neither or both.
     """
     layout = read_layout(path)
-    # refuse a file without points, or with two numbers of points
+    # refuse a file without points, or with two different numbers of points
     declared = layout.number("POINT", "USED")
     points_n_points = layout.header_points if declared is None else int(declared) % 65536
     if points_n_points == 0:
@@ -354,12 +354,12 @@ def read_content(path: Path) -> C3dContent:
         # without the empty frames at the end that fill the last block
         seen = np.flatnonzero(np.isfinite(position).any(axis=(1, 2)))
         position = position[: seen[-1] + 1] if seen.size else position
-        notes += (f"the header counts to {MAX_HEADER_FRAMES} frames only; the size of the file gave their number",)
+        notes += (f"the header counts only to {MAX_HEADER_FRAMES} frames; the size of the file gave their number",)
     elif layout.number("POINT", "USED") is None or analog != layout.count_declared_analog():
         notes += ("frames were read by the layout of the header, because the parameters do not describe it",)
     if n_frames < layout.header_frames:
         notes += (f"declares {layout.header_frames} frames but holds {n_frames}",)
-        warn_caller(f"{path}: {notes[-1]}; is it cut off? Those are read.")
+        warn_caller(f"{path}: {notes[-1]}; it may be truncated. The existing frames are read.")
     texts = {f"{group}:{name}": record.texts() for (group, name), record in layout.records.items() if record.kind == -1}
     n_points = position.shape[1]
     labels = [label for n in ("", *range(2, 12)) for label in texts.get(f"POINT:LABELS{n}", ())]
@@ -382,7 +382,7 @@ def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
         return tight[0], frames
     held = math.floor(layout.count_fitting_frames(points, candidates[0]))
     if len(candidates) == 1 and held >= 1:
-        # the header counts to 65535 only; beyond that the size of the file counts
+        # the header counts only to 65535; beyond that, the size of the file is used
         return candidates[0], held if frames >= MAX_HEADER_FRAMES else min(frames, held)
     raise MotionError(
         f"{path}: header and parameters declare {layout.header_analog} and {candidates[0]} analog values per frame; "
@@ -415,7 +415,7 @@ def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> Fl
     position = samples[:, :, :3].astype(np.float64)
     if not layout.is_float:
         position *= scale
-    # a negative fourth word: not seen; exact 0, 0, 0 is how several systems write that, no marker sits there
+    # a negative fourth word means not seen; several systems write exactly 0, 0, 0 instead, where no marker can be
     lost = ~(samples[:, :, 3] >= 0) | ~np.isfinite(position).all(axis=2) | (position == 0.0).all(axis=2)
     position[lost | (np.abs(position) > LARGEST).any(axis=2)] = np.nan
     return position

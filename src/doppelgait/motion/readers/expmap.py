@@ -35,18 +35,18 @@ SKELETON = "skeleton.json"
 
 @dataclass(frozen=True)
 class ExpmapSkeleton:
-    """Skeleton that defines the numbers of a file.
+    """Skeleton that defines the meaning of a file's numbers.
 
     Parameters
     ----------
     joint_names : tuple of str, length J
-        In the order of the columns.
+        Names in the order of the columns.
     parents : tuple of int, length J
-        -1 for the root, which comes first.
+        Index of each parent; -1 for the root, which is first.
     offsets : ndarray, shape (J, 3)
-        From the parent in its frame, in the file's unit.
+        Offset from the parent in its frame, in the file's unit.
     metres_per_unit, frame_rate_hz : float or None
-        None where the skeleton does not say.
+        Unit and rate; None if the skeleton does not state them.
     up_axis : str
         Axis letter, by default y.
     """
@@ -60,7 +60,7 @@ class ExpmapSkeleton:
 
 
 def sniff_expmap(path: Path, head: bytes) -> bool:
-    """Return whether the first line has 99 or 117 numbers."""
+    """Return True if the first line has 99 or 117 numbers."""
     words = head.removeprefix(b"\xef\xbb\xbf").lstrip().split(b"\n", 1)[0].rstrip(b"\r").split(b",")
     try:
         return len(words) in COLUMNS and all(np.isfinite(float(word)) for word in words)
@@ -79,7 +79,7 @@ def read_expmap(
 ) -> Motion:
     """Read the joints of an exponential-map recording, not cleaned.
 
-    A rest pose that was put in front of the recording is left out.
+    A rest pose before the recording is left out.
 
     Parameters
     ----------
@@ -89,12 +89,12 @@ def read_expmap(
         JSON file with ``joint_names``, ``parents``, ``offsets`` and optionally ``metres_per_unit``,
         ``frame_rate_hz`` and ``up_axis``; default: ``skeleton.json`` in the folder of the file.
     units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: what the skeleton says,
-        else found from its size.
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: the unit of the
+        skeleton, otherwise found from its size.
     up_axis : str, optional
         ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
     rate_hz : float, optional
-        Frames per second, up to 10000; default: what the skeleton says.
+        Frames per second, up to 10000; default: the rate of the skeleton.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def read_expmap(
     Raises
     ------
     MotionError
-        If the file or its skeleton cannot be read right, or the rate is not known.
+        If the file or its skeleton is invalid, or the rate is unknown.
     """
     file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
     if not file.is_file():
@@ -154,7 +154,7 @@ def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
     Raises
     ------
     MotionError
-        If it is no JSON, or a key is missing or not right; it names the key.
+        If it is not JSON, or a key is missing or invalid; the message names the key.
     """
     try:
         content = parse_json(read_text(path))

@@ -40,7 +40,7 @@ class Joints:
     Parameters
     ----------
     names : tuple of str, length J
-        Node names as in the file; a nameless end of a chain is called after its joint (``"Head_End"``).
+        Node names as in the file; an unnamed end of a chain has the name of its joint (``"Head_End"``).
     parents : tuple of int, length J
         Index of each node's parent, smaller than its own; -1 for the root.
     position : ndarray, shape (T, J, 3)
@@ -91,7 +91,7 @@ def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (..., 3, 3)
-        The identity when ``axes`` is empty.
+        The identity if ``axes`` is empty.
     """
     if not axes:
         return np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
@@ -114,7 +114,7 @@ def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (..., 3, 3)
-        Turns column vectors by +a about the axis.
+        Matrices that rotate column vectors by +a about the axis.
     """
     angle = np.linalg.norm(vector_rad, axis=-1)
     # sin(a)/a and (1 - cos(a))/a^2 without a division by zero
@@ -136,9 +136,9 @@ def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation
     parents : sequence of int, length J
         A parent comes before its children; -1 for a root.
     translation : ndarray, shape (J, T, 3)
-        Of each node in its parent's frame.
+        Translation of each node in its parent's frame.
     rotation : ndarray, shape (J, T, 3, 3)
-        Of each node against its parent.
+        Rotation of each node relative to its parent.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation
     """
     position = np.array(translation)
     frame = np.array(rotation)
-    with np.errstate(over="ignore", invalid="ignore"):  # absurd values of a damaged file; its reader checks the result
+    with np.errstate(over="ignore", invalid="ignore"):  # invalid values of a damaged file; its reader checks the result
         for j, parent in enumerate(parents):
             if parent >= 0:
                 position[j] = position[parent] + (frame[parent] @ translation[j, :, :, None])[..., 0]
@@ -156,31 +156,29 @@ def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation
 
 
 POSE_BYTES = 240
-"""A joint in a frame: its position and rotation, in its parent's frame and in that of the body, as doubles."""
+"""Bytes of a joint in a frame: position and rotation, in the parent's frame and in that of the body, as doubles."""
 
 
 def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
     """Refuse a hierarchy with poses that take too much memory.
 
-    Joints without values of their own cost nothing in the file.
+    Joints without values take no space in the file.
     """
     check_cost(path, POSE_BYTES * n_joints * n_frames, MotionError, what=f"{n_joints:,} joints in {n_frames:,} frames")
 
 
 def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
-    """Return whether the first frame is a rest pose.
+    """Return True if the first frame is a rest pose.
 
-    Conversions of the CMU database have one.
-
-    Its root is not turned at all while that of the second frame is, and the body jumps from it into the motion: further
-    than five times the median of the other steps.
+    Conversions of the CMU database have one. Its root is not rotated, but that of the second frame is, and the body
+    jumps between them by more than five times the median of the other steps.
 
     Parameters
     ----------
     root_rotation : ndarray, shape (T, k)
         Rotation channels of the root, any unit.
     position : ndarray, shape (T, J, 3)
-        Of all nodes.
+        Positions of all nodes.
     """
     if len(position) < 3 or root_rotation[0].any() or not root_rotation[1].any():
         return False
@@ -192,14 +190,14 @@ REST_POSE_NOTE = "frame 0 is a rest pose put in front of the recording; left out
 
 
 CMU_METRES = 0.0254 / 0.45
-"""Length unit of the CMU skeletons: their ASF files say ``length 0.45``, one unit is 1/0.45 inch."""
+"""Length unit of the CMU skeletons: their ASF files state ``length 0.45``, so that one unit is 1/0.45 inch."""
 SAME_PLACE = 1e-4
-"""Nodes nearer than this part of the skeleton's size in every frame are one point."""
+"""Maximum distance of two nodes that are one point, relative to the skeleton's size."""
 STILL = 1e-3
-"""A root that moves less than this part of the skeleton's size never moves."""
+"""Minimum movement of a root that moves, relative to the skeleton's size."""
 METRIC = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 INCHES = {"in": 0.0254, "cmu": CMU_METRES}
-"""Units that only skeletons of people come in."""
+"""Units that only skeletons of people have."""
 SIZES_M = {"human": ((1.2, 3.0), 2.1), "dog": ((0.4, 3.2), 1.4), "": ((0.4, 3.2), 2.0)}
 """Usual and typical size of a skeleton: its longest chain of bones, from hand to toe or from nose to hind paw."""
 _HELPER = re.compile(r"(?i)(nub|footsteps?|helper|dummy|effector|locator)(_end)?$")
@@ -235,19 +233,19 @@ def make_joint_motion(
     rate_hz : float
         Frames per second.
     rate_from, unit_from : str
-        Where rate and unit come from, for the report.
+        Sources of rate and unit, for the report.
     unit : str, float or None
         Name of the length unit or metres per unit; None to find it from the size of the skeleton.
     up_axis : str or None
-        Upward axis as the caller wants it; None to find it.
+        Upward axis; None to find it.
     declared_axis : str
         Axis letter that points up by the convention of the format.
     subject : str
-        Person or animal, where known.
+        Person or animal, if known.
     report : mapping, optional
-        More to report.
+        Further entries of the report.
     notes : sequence of str
-        What was worked around, for the report.
+        Notes on corrected faults, for the report.
 
     Raises
     ------
@@ -283,15 +281,15 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
         If there are none.
     """
     check_labels(path, joints.names)
-    # why a node is no point of the body
+    # reasons to leave out a node
     size = measure_skeleton(joints.parents, _measure_bone_lengths(joints))
     reasons = {j: "rig helper (by its name)" for j, name in enumerate(joints.names) if _HELPER.search(name)}
     bones = [j for j, name in enumerate(joints.names) if _BONE.match(name)]
-    # 3ds Max rigs call the bones that carry the body b_...; what else is there drives them or hangs on them
+    # the bones of the body have names b_... in 3ds Max rigs; other nodes control them or are attached to them
     if 2 * len(bones) > len(joints.names):
         others = set(range(len(joints.names))) - set(bones)
         reasons |= {j: "rig helper (not one of the b_ bones)" for j in sorted(others - set(reasons))}
-    # the root, where it only carries the body: one joint, at a distance, and it never moves or is named so
+    # the root, if it is not a joint of the body: one child at a distance, and it never moves or has such a name
     children = [j for j, parent in enumerate(joints.parents) if parent == 0 and j not in reasons]
     if len(children) == 1 and len(joints.names) >= 3 and 0 not in reasons:
         root, child = joints.position[:, 0], joints.position[:, children[0]]
@@ -301,7 +299,7 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
                 reasons[0] = "root node, no joint of the body (by its name)"
             elif still and np.linalg.norm(np.ptp(child, axis=0)) >= STILL * size:
                 reasons[0] = "root node, no joint of the body (it never moves)"
-    # nodes that lie on an earlier one in every frame
+    # nodes that coincide with an earlier one in every frame
     rest = [j for j in range(len(joints.names)) if j not in reasons]
     for n, j in enumerate(rest):
         near = np.linalg.norm(joints.position[0, rest[:n]] - joints.position[0, j], axis=1) <= SAME_PLACE * size
@@ -315,7 +313,7 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
     names = make_names_unique([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
     species = guess_species(joints.names)
     if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in joints.names):
-        species = ""  # joint names of an animal fit others as well; those of a person leave no doubt
+        species = ""  # joint names of an animal fit several species; those of a person are unambiguous
     return BodyPoints(
         joints.names, kept, names, find_parts(names), reasons, subject=subject, species=species, is_skeleton=True
     )
@@ -324,7 +322,7 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
 def _measure_bone_lengths(joints: Joints) -> FloatArray:
     """Return each node's median distance from its parent.
 
-    It is in the unit of the file, 0 for the root.
+    The distance is in the unit of the file; it is 0 for the root.
     """
     parents = np.array([max(parent, 0) for parent in joints.parents])
     lengths = np.median(np.linalg.norm(joints.position - joints.position[:, parents], axis=2), axis=0)
@@ -334,14 +332,14 @@ def _measure_bone_lengths(joints: Joints) -> FloatArray:
 def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
     """Return the longest path along the bones.
 
-    It goes from one end to another and does not depend on the pose.
+    The path is from one end to another and does not depend on the pose.
 
     Parameters
     ----------
     parents : sequence of int, length J
         A parent comes before its children; -1 for a root.
     lengths : ndarray, shape (J,)
-        Of each node's bone.
+        Length of each node's bone.
     """
     depth = np.zeros(len(parents))
     size = 0.0
@@ -356,10 +354,10 @@ def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
 
 
 def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
-    """Return the stated length unit, else guess it.
+    """Return the stated length unit, or guess it.
 
-    A warning is issued where that is not certain (other units fit too, none fits, or the names do not show what body it
-    is), and where a stated unit gives an unusual size.
+    A warning is issued if a guess is uncertain (other units also fit, none fits, or the names do not indicate the type
+    of body), or if a stated unit results in an unusual size.
 
     Parameters
     ----------
@@ -368,11 +366,11 @@ def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | floa
     joints : Joints
         All nodes.
     kept : sequence of int
-        Those of the body.
+        Nodes of the body.
     unit, unit_from
-        As for :func:`make_joint_motion`.
+        Same as in :func:`make_joint_motion`.
     """
-    # the tree of the kept nodes; where all ancestors were dropped, the first kept node is the parent
+    # the tree of the kept nodes; if all ancestors were dropped, the first kept node is the parent
     number = {j: n for n, j in enumerate(kept)}
     parents: list[int] = []
     for n, j in enumerate(kept):
@@ -391,7 +389,7 @@ def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | floa
             name, metres = f"{unit:.6g} m", float(unit)
         if not low / 2.0 < size * metres < 2.0 * high:
             warn_caller(
-                f"{path}: with {name} ({unit_from}) the skeleton measures {size * metres:.3g} m along its bones, usual "
+                f"{path}: with {name} ({unit_from}) the skeleton measures {size * metres:.3g} m along its bones; usual "
                 f"are {low:g} to {high:g} m. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu'."
             )
         return LengthUnit(name, metres, unit_from)
@@ -399,9 +397,9 @@ def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | floa
     fits = [name for name, metres in known.items() if low <= size * metres <= high]
     best = min(known, key=lambda name: abs(np.log(max(size, 1e-300) * known[name] / typical)))
     if fits != [best] or not species:
-        others = f"; {' or '.join(name for name in fits if name != best)} is possible too" if set(fits) - {best} else ""
+        others = f"; {' or '.join(name for name in fits if name != best)} also fits" if set(fits) - {best} else ""
         warn_caller(
-            f"{path}: names no length unit and its skeleton measures {size:.4g} along its bones, so {best} is taken"
+            f"{path}: names no length unit and its skeleton measures {size:.4g} along its bones; {best} is assumed"
             f"{others}. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu' (1/0.45 inch)."
         )
     return LengthUnit(best, known[best], "size of the skeleton")

@@ -1,7 +1,7 @@
-"""Make a motion of the points of a file.
+"""Motion from the points of a file, the last step of all readers.
 
-All readers end here: :func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points
-of one body, :func:`make_point_motion` makes the motion.
+:func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points of one body, and
+:func:`make_point_motion` makes the motion.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _OUTPUT_NAME = re.compile(
     r"cent(re|er)[ _.-]?of[ _.-]?(mass|gravity|pressure)|com|cog|cop)([ _.-]?(floor|[xyzlr]|left|right|\d+))?$)"
     r"|^virtual|^v_(?=\w)"
 )
-"""Computed points: angles, forces, centres of mass and pressure, virtual points."""
+"""Names of computed points: angles, forces, centres of mass and pressure, virtual points."""
 _UNLABELLED = re.compile(r"(?i)^(\*\s*\d+|#|u(name)?\*?\d+|new \d+|unlabell?ed.*|unidentified.*)$")
 _GHOST = re.compile(r"^(.+)-\d+$")
 _SEGMENTS = (
@@ -43,7 +43,7 @@ MIN_SUBJECT_POINTS = 8
 
 
 def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
-    """Return why points are no physical markers.
+    """Return the reasons why points are not physical markers.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
             reasons[i] = "model output (segment axes)"
         elif _OUTPUT_NAME.search(name) and not find_part(name):
             reasons[i] = "model output (by its name)"
-    # a complete known set among many more points: the capture program computed the others from it
+    # if many points include a complete known set, the capture program computed the others from it
     rest = [i for i in range(len(labels)) if i not in reasons]
     known = complete_set(labels[i] for i in rest)
     others = [i for i in rest if bare[i].upper() not in known and not _GHOST.match(labels[i])]
@@ -96,16 +96,16 @@ def _pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subjec
     path : Path
         For messages.
     labels : sequence of str
-        All labels; a subject stands before the colon.
+        All labels; the subject is before the colon.
     kept : sequence of int
         Indices of physical markers.
     subject : str or None
-        Wanted subject; None takes the only one that is no prop.
+        Wanted subject; None selects the only subject that is not a prop.
 
     Raises
     ------
     MotionError
-        If the wanted subject is absent, or several could be meant.
+        If the wanted subject is absent, or several are possible.
     """
     counts = Counter(_find_prefix(labels[i]) for i in kept)
     named = ", ".join(f"{name or '(no prefix)'} ({count} points)" for name, count in counts.most_common())
@@ -128,7 +128,7 @@ MAX_LABEL = 400
 
 
 def check_labels(path: Path, labels: Sequence[str]) -> None:
-    """Refuse too many points and endless names.
+    """Refuse too many points and very long names.
 
     Raises
     ------
@@ -145,10 +145,10 @@ def check_labels(path: Path, labels: Sequence[str]) -> None:
 
 
 def make_names_unique(names: Sequence[str]) -> list[str]:
-    """Make names unique (T8, T8_2), ``point_7`` where missing."""
+    """Make names unique (T8, T8_2); a missing name is ``point_7``."""
     found: list[str] = []
     taken: set[str] = set()
-    numbers: dict[str, int] = {}  # the next one that may be free, by name
+    numbers: dict[str, int] = {}  # by name, the next number that may be free
     for i, wanted in enumerate(names):
         name = base = wanted or f"point_{i + 1}"
         number = numbers.get(base, 2)
@@ -169,17 +169,17 @@ class BodyPoints:
     labels : sequence of str
         All points of the file.
     kept : list of int
-        Indices of those of the body.
+        Indices of the points of the body.
     names, parts : list of str
-        Name and body part of each of them.
+        Name and body part of each kept point.
     reasons : mapping of int to str
-        Why each of the others is left out.
+        Reason why each other point is left out.
     measured : int, optional
-        How many points of the file cameras saw.
+        Number of points of the file that cameras measured.
     subject, species : str
-        Where known.
+        Subject and species, if known.
     is_skeleton : bool
-        Whether the points are joints; those face along z where y points up.
+        True if the points are joints. Their body faces along z if y is upward.
     """
 
     labels: Sequence[str]
@@ -208,18 +208,18 @@ def pick_markers(
     path : Path
         For messages.
     labels : sequence of str
-        As in the file, subject before a colon.
+        Labels as in the file, with the subject before a colon.
     subject : str, optional
         Prefix of the wanted labels.
     texts : mapping, optional
         Text parameters by ``"GROUP:NAME"``.
     known_parts : mapping, optional
-        Body part by lower-case name, before those of :mod:`doppelgait.motion.skeleton`.
+        Body part by lower-case name; it takes precedence over :mod:`doppelgait.motion.skeleton`.
 
     Raises
     ------
     MotionError
-        If there are no markers, the wanted subject is absent, or several could be meant.
+        If there are no markers, the wanted subject is absent, or several are possible.
     """
     check_labels(path, labels)
     reasons = _sort_points(labels, texts or {})
@@ -227,7 +227,7 @@ def pick_markers(
     if not markers:
         kinds = ", ".join(sorted(set(reasons.values())))
         raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
-    # cameras saw ghosts and unlabelled points, too
+    # ghosts and unlabelled points were also measured by cameras
     measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
     name, kept = _pick_subject(path, labels, markers, subject)
     for i in set(markers) - set(kept):
@@ -249,13 +249,13 @@ class LengthUnit:
     Parameters
     ----------
     name : str
-        For the report; the most frequent one where points have several.
+        Name for the report; the most frequent one if points have several.
     metres : float
         Metres per unit of that name.
     source : str
-        Where it comes from, where that is worth a line of the report.
+        Source of the unit, if it is to be reported.
     each : ndarray, shape (K, 1) or (K, 3), optional
-        Metres per unit of each kept point or coordinate, where they differ.
+        Metres per unit of each kept point or coordinate, if they differ.
     """
 
     name: str
@@ -293,14 +293,14 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
     path : Path
         For the message.
     rate_hz : float, str or None
-        From the file or the option.
+        Rate from the file or the option.
     said : str
-        Where it comes from, for the message (``"declares"``, ``"was given"``).
+        Verb for the source of the rate in the message (``"declares"``, ``"was given"``).
 
     Raises
     ------
     MotionError
-        If it is no number from 1 to 10000.
+        If the rate is not a number from 1 to 10000.
     """
     try:
         rate = float(rate_hz) if rate_hz is not None and not isinstance(rate_hz, bool) else np.nan
@@ -316,14 +316,14 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
 
 
 def find_unit(path: Path, name: str, position: FloatArray) -> str:
-    """Return the named unit, else guess mm or m.
+    """Return the named unit, or guess mm or m.
 
     Parameters
     ----------
     path : Path
         For the warning.
     name : str
-        ``""`` when neither file nor user names a unit.
+        Name of the unit; ``""`` if neither file nor user names one.
     position : ndarray, shape (T, P, 3)
         In file units, NaN where missing.
     """
@@ -332,24 +332,24 @@ def find_unit(path: Path, name: str, position: FloatArray) -> str:
     span = float(np.nan_to_num(measure_body_extent(position)).max())
     guess = "m" if span < 10.0 else "mm"
     warn_caller(
-        f"{path}: names no length unit; its points span {span:.3g}, so {guess} is taken. "
+        f"{path}: names no length unit; its points span {span:.3g}, so {guess} is assumed. "
         "If that is wrong, give the unit: units='mm', 'cm' or 'm'."
     )
     return guess
 
 
 FARTHEST_M = 1e4
-"""Farther from the origin is no place of a body."""
+"""Maximum distance of a body from the origin."""
 MOST_FAR = 0.01
-"""Share of samples that may be so: single damaged values, not a wrong unit."""
+"""Maximum share of samples beyond that distance. They are single damaged values rather than a wrong unit."""
 MOST_WIDE = 0.1
-"""Share of frames in which the points may span more than a body."""
+"""Maximum share of frames in which the points span more than a body."""
 BODY_M = (0.05, 15.0)
-"""Extent of a body, or of the part of one that was recorded."""
+"""Allowed extent of a body, or of its recorded part."""
 
 
 def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
-    """Remove absurd positions and check the body's size.
+    """Remove implausible positions and check the body's size.
 
     Parameters
     ----------
@@ -361,12 +361,12 @@ def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
     Returns
     -------
     list of str
-        A note on the gaps, where there are any.
+        A note on the gaps, if there are any.
 
     Raises
     ------
     MotionError
-        If many positions are absurd, or the body is less than 5 cm or more than 15 m large.
+        If many positions are implausible, or the extent of the body is less than 5 cm or more than 15 m.
     """
     with np.errstate(invalid="ignore"):
         far = ~(np.abs(position_m) <= FARTHEST_M) & ~np.isnan(position_m)
@@ -381,10 +381,10 @@ def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
         )
     if n_far:
         position_m[far] = np.nan
-        notes.append(f"{n_far:,} positions farther than {FARTHEST_M:g} m from the origin were taken as gaps")
+        notes.append(f"{n_far:,} positions farther than {FARTHEST_M:g} m from the origin were treated as gaps")
         warn_caller(f"{path}: {notes[-1]}; the file is damaged")
     if seen <= n_far:
-        return notes  # that nothing was seen is reported by cleaning
+        return notes  # cleaning reports that nothing was seen
     spans_m = (np.fmax.reduce(position_m, axis=1) - np.fmin.reduce(position_m, axis=1)).max(axis=1)
     spans_m = spans_m[np.isfinite(spans_m)]
     least_m, most_m = np.quantile(spans_m, (0.5, 1.0 - MOST_WIDE)) if spans_m.size else (BODY_M[1], BODY_M[1])
@@ -423,25 +423,25 @@ def make_point_motion(
     position : ndarray, shape (T, P, 3)
         All points of the file in its own unit and axes; NaN in any coordinate is a gap.
     body : BodyPoints
-        Which of them are kept.
+        Selection of the points to keep.
     file_format : str
-        For the report.
+        Name of the format, for the report.
     rate_hz : float
         Frames per second.
     unit : LengthUnit
-        Of ``position``.
+        Unit of ``position``.
     up_axis : str or None
         One of :data:`~doppelgait.motion.axes.AXES`; None finds it.
     declared_up : str
-        ``"x"``, ``"y"`` or ``"z"`` where the file, or the convention of a skeleton's format, names the upward axis.
+        ``"x"``, ``"y"`` or ``"z"`` if the file, or the convention of a skeleton's format, names the upward axis.
     usual_up : str
-        The axis that is taken, with a warning, where neither the points nor the file show what is up.
+        Upward axis that is assumed, with a warning, if neither the points nor the file indicate it.
     rate_from : str
-        Where the rate comes from, for the report.
+        Source of the rate, for the report.
     report : mapping, optional
-        More to report.
+        Further entries of the report.
     notes : sequence of str
-        What was worked around, for the report.
+        Notes on corrected faults, for the report.
 
     Returns
     -------
@@ -460,14 +460,14 @@ def make_point_motion(
     if up_axis is not None:
         axis_facts = {"up_axis": up_axis, "up_axis_from": "option"}
     else:
-        # the parts of a dog that sits or lies do not show what is up
+        # the parts of a dog that sits or lies do not indicate the upward axis
         shown = [""] * len(body.parts) if body.is_skeleton and body.species != "human" else body.parts
         axis_facts = find_up_axis(position_m, shown, declared=declared_up)
         if axis_facts["up_axis_from"] == "assumed":
-            # called again only for the sign of the usual axis
+            # only the sign of the usual axis is needed
             axis_facts = {**find_up_axis(position_m, shown, declared=usual_up), "up_axis_from": "assumed"}
             warn_caller(
-                f"{path}: neither names nor shows which axis points up; {axis_facts['up_axis']} is taken. If that is "
+                f"{path}: neither names nor shows which axis points up; {axis_facts['up_axis']} is assumed. If that is "
                 "wrong, give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'."
             )
         elif body.is_skeleton and axis_facts["up_axis_from"] == "file":

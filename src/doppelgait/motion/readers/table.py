@@ -1,6 +1,6 @@
 """Delimited marker tables (csv, tsv, ACCAD text).
 
-A row of names comes first, then a row of coordinates for every frame.
+The first row holds names, and each further row the coordinates of one frame.
 """
 
 from __future__ import annotations
@@ -46,12 +46,13 @@ _GLUED = (
     re.compile(rf"(?i)(?P<name>.*?)(?P<axis>[xyz])(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
     re.compile(rf"(?i)(?P<axis>[xyz])[_.: ]?(?P<name>.+?)(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
 )
-"""``HeadX`` and ``x_Head``: read only in triples of neighbouring columns, because other names end in x, too."""
+"""Patterns of ``HeadX`` and ``x_Head``. They apply only to triples of adjacent columns, since other names also end in
+x."""
 _AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
 _TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
 _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")
 MAX_TITLE = 400
-"""Characters of the name of a column."""
+"""Maximum number of characters of a column name."""
 FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, cm, in, ft)"
 
 
@@ -66,17 +67,17 @@ class Header:
     next_row : int
         Index of the first row after the names.
     labels : tuple of str, length P
-        Points, in the order of the file; a name that repeats is a point each time.
+        Points in the order of the file; each repetition of a name is another point.
     columns : tuple of (int, int, int), length P
-        Columns of x, y and z; -1 where one lacks.
+        Columns of x, y and z; -1 for a missing one.
     units : tuple of (str, str, str), length P
-        Unit in the name of each of them, ``""`` without.
+        Unit in the name of each of these columns, ``""`` without one.
     time_column : int or None
         Column of the times.
     time_factor : float
         Seconds per unit of the times.
     left_out : tuple of str
-        Columns that are neither coordinates, time nor frame number.
+        Columns that are not coordinates, time or frame number.
     """
 
     titles: tuple[str, ...]
@@ -90,7 +91,7 @@ class Header:
 
     @property
     def is_accad(self) -> bool:
-        """True for the column names of ACCAD: ``Field``, ``Time``, ``NAME:X``."""
+        """True if the column names are those of ACCAD: ``Field``, ``Time``, ``NAME:X``."""
         first = [title.lower() for title in self.titles[:2]]
         return first == ["field", "time"] and all(":" in self.titles[c[0]] for c in self.columns)
 
@@ -106,7 +107,7 @@ def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
 def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
     """Split the content lines into numbered rows of cells.
 
-    Also returns the delimiter: the one of tab, ``;`` and ``,`` that the first such line holds most.
+    The function also returns the delimiter: the most frequent of tab, ``;`` and ``,`` in the first line.
 
     Raises
     ------
@@ -126,16 +127,13 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
             cells = next(csv.reader([line], delimiter=delimiter, strict=True)) if quoted else line.split(delimiter)
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
-        # blanks matter in names alone, and stripping millions of numbers takes longer than reading them
+        # blanks matter only in names, and stripping millions of numbers takes longer than reading them
         rows.append((number, [_shorten_title(cell) for cell in cells] if len(rows) < 2 else cells))
     return rows, delimiter
 
 
 def _shorten_title(cell: str) -> str:
-    """Return a short name with single blanks.
-
-    Patterns are fast on such names.
-    """
+    """Shorten a name and its blanks, so that patterns are fast."""
     return " ".join(cell[:MAX_TITLE].split())
 
 
@@ -147,7 +145,7 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
     path : Path
         For messages.
     rows : sequence of (int, list of str)
-        First rows of the table, at least one.
+        First rows of the table (one or more).
 
     Raises
     ------
@@ -157,7 +155,7 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
     two = not any(_COORDINATE.fullmatch(cell) for cell in rows[0][1]) and _has_axis_row(rows)
     titles = _join_titles(path, rows) if two else trim_cells(rows[0][1])
     spelled = titles if any(_COORDINATE.fullmatch(title) for title in titles) else _split_triples(titles)
-    # names, columns and units of the points; a name that repeats is a point each time
+    # names, columns and units of the points; each repetition of a name is another point
     found: list[tuple[str, list[int], list[str]]] = []
     latest: dict[str, int] = {}
     for i, title in enumerate(spelled):
@@ -180,8 +178,8 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
             alien = _ALIEN_UNIT.fullmatch(title)
             if alien:
                 raise MotionError(
-                    f"{path}: line {line}: column {title!r} names the unit {alien[3] or alien[4]!r}, which is no known "
-                    "length; use mm, cm, dm, m, in or ft"
+                    f"{path}: line {line}: column {title!r} names the unit {alien[3] or alien[4]!r}, not a known "
+                    "unit of length; use mm, cm, dm, m, in or ft"
                 )
         raise MotionError(f"{path}: line {line} names no coordinates of points; name the columns {FORM}")
     for label, places in zip(labels, columns, strict=True):
@@ -210,11 +208,10 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
 
 
 def _split_triples(titles: Sequence[str]) -> list[str]:
-    """Spell triples of columns as ``NAME x (UNIT)``.
+    """Rename triples of columns to ``NAME x (UNIT)``.
 
-    Triples are ``HeadX, HeadY, HeadZ``, ``X1, Y1, Z1`` or ``X, Y, Z``.
-
-    Other titles stay. A point without a name, or with a bare number, is ``point_N``.
+    Triples are ``HeadX, HeadY, HeadZ``, ``X1, Y1, Z1`` or ``X, Y, Z``. Other titles are kept. A point without a name,
+    or with only a number, is named ``point_N``.
     """
     spelled, n_points, i = list(titles), 0, 0
     while i + 2 < len(titles):
@@ -236,14 +233,14 @@ def _split_triples(titles: Sequence[str]) -> list[str]:
 
 
 def _has_axis_row(rows: Sequence[Row]) -> bool:
-    """Return whether the second row is X, Y, Z, ..."""
+    """Return True if the second row is X, Y, Z, ..."""
     return len(rows) > 1 and sum(bool(_AXIS.fullmatch(cell)) for cell in rows[1][1]) >= 3
 
 
 def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
     """Join rows of names and axes into titles.
 
-    A name stands over its first coordinate or over all three.
+    A name is above its first coordinate or above all three.
     """
     axes = trim_cells(rows[1][1])
     names = rows[0][1] + [""] * (len(axes) - len(rows[0][1]))
@@ -255,20 +252,20 @@ def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
             continue
         name = names[i] or name
         if not name:
-            raise MotionError(f"{path}: line {rows[0][0]}: no point name stands over column {i + 1} ({cell})")
+            raise MotionError(f"{path}: line {rows[0][0]}: no point name is above column {i + 1} ({cell})")
         titles.append(f"{name} {match[1]}" + (f" ({match[2]})" if match[2] else ""))
     return titles
 
 
 HEADER_BYTES = 2**20
-"""Column names of many points are longer than the head that :func:`sniff_table` gets."""
+"""Number of bytes read for the column names. Those of many points exceed the head that :func:`sniff_table` gets."""
 ACCAD_UNIT = "mm"
 ACCAD_MISSING = -9999.99
 BODY_M = (0.1, 10.0)
 
 
 def sniff_table(path: Path, head: bytes) -> bool:
-    """Return whether the column names are coordinates of points."""
+    """Return True if the column names are coordinates of points."""
     if b"\0" in head or sniff_trc(path, head) or head.lstrip()[:1] in (b"{", b"["):
         return False
     if head.count(b"\n") < 3:
@@ -278,7 +275,7 @@ def sniff_table(path: Path, head: bytes) -> bool:
         rows, _ = _split_rows(path, [line for _, line in _list_content_lines(decode(head).splitlines())[:2]])
     except MotionError:
         return False
-    # the first rows name coordinates of points, if perhaps in an unknown unit
+    # the first rows name coordinates of points, even if in an unknown unit
     if not rows:
         return False
     one = [cell for cell in rows[0][1] if _COORDINATE.fullmatch(cell) or _ALIEN_UNIT.fullmatch(cell)]
@@ -297,11 +294,16 @@ def read_table(
 ) -> Motion:
     """Read the points of a delimited table, not cleaned.
 
-    Column names: ``time_s`` (or ``time_ms``, ``Time``) and ``NAME_x_m, NAME_y_m, NAME_z_m`` (what ``doppelgait motion
-    convert`` writes), ``NAME_x``, ``NAME:X``, ``NAME X (mm)``; or a row of names over a row ``X, Y, Z``; or those of
-    ACCAD (``Field``, ``Time``, ``NAME:X``: mm, -9999.99 where a marker was not seen); or triples of neighbouring
-    columns without a mark between name and axis (``NAMEX, NAMEY, NAMEZ``; ``X1, Y1, Z1``; ``X, Y, Z``). Tabs, ``;`` or
-    ``,`` part the cells; with ``;`` a decimal comma is read. Blank cells are gaps. Times without a unit are in s.
+    The column of times is ``time_s``, ``time_ms`` or ``Time``; without a unit, times are in s. Coordinates are in one
+    of these forms:
+
+    - ``NAME_x_m, NAME_y_m, NAME_z_m`` (as ``doppelgait motion convert`` writes them), ``NAME_x``, ``NAME:X`` or
+      ``NAME X (mm)``;
+    - a row of names above a row ``X, Y, Z``;
+    - the columns of ACCAD (``Field``, ``Time``, ``NAME:X``) in mm, with -9999.99 for markers that were not seen;
+    - triples of adjacent columns without a separator (``NAMEX, NAMEY, NAMEZ``; ``X1, Y1, Z1``; ``X, Y, Z``).
+
+    Cells are separated by tabs, ``;`` or ``,``. With ``;``, numbers may have a decimal comma. Blank cells are gaps.
 
     Parameters
     ----------
@@ -314,9 +316,9 @@ def read_table(
     up_axis : str, optional
         ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
     rate_hz : float, optional
-        Frames per second, up to 10000; needed when there is no time column.
+        Frames per second, up to 10000; needed if there is no time column.
     missing : float, optional
-        A point with this number in all three cells was not seen.
+        Number that means "not seen" if it is in all three cells of a point.
 
     Returns
     -------
@@ -326,7 +328,7 @@ def read_table(
     Raises
     ------
     MotionError
-        If the table cannot be read right; names line and column.
+        If the table is invalid; the message names line and column.
     """
     rows, delimiter = _split_rows(path, read_lines(path))
     if not rows:
@@ -338,8 +340,8 @@ def read_table(
     for line, cells in frames:
         if len(cells) < n_columns or any(cell.strip() for cell in cells[n_columns:]):
             raise MotionError(
-                f"{path}: line {line} has {len(cells)} cells, its header names {n_columns} columns. Correct the line "
-                "or, if the file is cut off there, remove it."
+                f"{path}: line {line} has {len(cells)} cells; its header names {n_columns} columns. Correct the line "
+                "or, if the file is truncated there, remove it."
             )
     comma = delimiter == ";"
     rate = _find_rate(path, header, frames, rate_hz, comma)
@@ -347,7 +349,7 @@ def read_table(
     titles = [header.titles[i] for i in columns]
     position = to_numbers(path, frames, columns, titles, decimal_comma=comma).reshape(len(frames), -1, 3)
     if missing is not None and (isinstance(missing, bool) or not isinstance(missing, int | float)):
-        raise MotionError(f"{path}: missing={missing!r} is no number; give the one that marks a point as not seen")
+        raise MotionError(f"{path}: missing={missing!r} is not a number; give the number that means not seen")
     if missing is None and header.is_accad:
         missing = ACCAD_MISSING
     if missing is not None:
@@ -394,7 +396,7 @@ def _find_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float
 
 
 def _find_coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
-    """Return each coordinate's unit, named or default."""
+    """Return the unit of each coordinate, named or default."""
     stated = {name for point in header.units for name in point if name}
     default = units or (ACCAD_UNIT if header.is_accad else "")
     bare = [i for i, point in enumerate(header.units) if "" in point]
@@ -407,6 +409,6 @@ def _find_coordinate_units(path: Path, header: Header, units: str | None, notes:
     if units is not None and stated:
         wanted_m = convert_unit_to_metres(units, where=str(path))
         if any(convert_unit_to_metres(name, where=str(path)) != wanted_m for name in stated):
-            notes.append(f"the column names give {', '.join(sorted(stated))}; units={units} was not used for those")
+            notes.append(f"the column names give {', '.join(sorted(stated))}; units={units} was not used for these")
             warn_caller(f"{path}: {notes[-1]}")
     return [[name or default for name in point] for point in header.units]

@@ -41,11 +41,11 @@ def parse_rows(
     at : int
         Index of the first character of the table.
     n_columns : int
-        Values in a row.
+        Number of values in a row.
     n_rows : int, optional
-        Declared number of rows; default: as many as there are.
+        Declared number of rows; by default all rows are read.
     separator : str
-        Between values: ``" "`` for any white space, or ``","`` with one row a line.
+        Separator of values: ``" "`` for any white space, or ``","`` with one row per line.
 
     Returns
     -------
@@ -54,11 +54,11 @@ def parse_rows(
     Raises
     ------
     MotionError
-        If values are missing, superfluous, no numbers or not finite; it names the first such line.
+        If values are missing, superfluous, not numbers or not finite; the message names the first such line.
     """
     lines = [text[at:]] if separator == " " else [line for line in text[at:].split("\n") if line.strip()]
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # raised for what cannot be parsed
+        warnings.simplefilter("error", DeprecationWarning)  # raised for values that cannot be parsed
         try:
             values = np.fromstring(separator.join(lines), sep=separator)
         except (DeprecationWarning, ValueError):
@@ -83,16 +83,16 @@ def _find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int 
         where = f"{path}, line {number}: frame {row}"
         bad = next((word for word in words if not is_finite(word)), None)
         if bad is not None:
-            return f"{where} holds {bad[:30]!r}, which is no finite number"
+            return f"{where} holds {bad[:30]!r}, which is not a finite number"
         if len(words) != n_columns:
-            return f"{where} holds {len(words)} values, {n_columns} are needed; the file is cut off or damaged"
+            return f"{where} holds {len(words)} values, but {n_columns} are needed; the file is truncated or damaged"
     if n_rows is None or row == 0:
         return f"{path}: holds no frames"
-    return f"{path}: declares {n_rows} frames but holds {row}; cut off, or the number of frames in it is wrong"
+    return f"{path}: declares {n_rows} frames but holds {row}; it is truncated, or its number of frames is wrong"
 
 
 def is_finite(word: str) -> bool:
-    """Return whether a word is a finite number."""
+    """Return True if a word is a finite number."""
     try:
         return bool(np.isfinite(float(word)))
     except ValueError:
@@ -100,14 +100,14 @@ def is_finite(word: str) -> bool:
 
 
 Row = tuple[int, list[str]]
-"""Line number, from 1, and the cells of that line."""
+"""Line number, from 1, and cells of the line."""
 
 MAX_BYTES = 2**30
 _BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 
 def decode(raw: bytes) -> str:
-    """Decode a table's text, UTF-8 or else Latin-1.
+    """Decode a table's text as UTF-8 or, if that fails, as Latin-1.
 
     A byte-order mark is removed.
     """
@@ -134,7 +134,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def trim_cells(cells: Sequence[str]) -> list[str]:
-    """Return the cells without blank ones at the end."""
+    """Return the cells without blank cells at the end."""
     last = max((i for i, cell in enumerate(cells) if cell), default=-1)
     return list(cells[: last + 1])
 
@@ -157,12 +157,12 @@ def to_numbers(
     titles : sequence of str
         Name of each wanted column, for messages.
     decimal_comma : bool
-        Whether numbers are written ``1,5``.
+        True if numbers are written ``1,5``.
 
     Raises
     ------
     MotionError
-        If a cell is text; names line and column.
+        If a cell is text; the message names line and column.
     """
     values = np.empty((len(rows), len(columns)))
     for k, (line, cells) in enumerate(rows):
@@ -178,17 +178,17 @@ def to_numbers(
                     values[k, n] = np.nan if word.lower() in _BLANK else float(word)
                 except ValueError:
                     raise MotionError(
-                        f"{path}: line {line}, column {title!r}: {word[:40]!r} is no number. Correct it, or leave the "
-                        "cell blank where the point was not seen."
+                        f"{path}: line {line}, column {title!r}: {word[:40]!r} is not a number. Correct it, or leave "
+                        "the cell blank where the point was not seen."
                     ) from None
     values[~np.isfinite(values)] = np.nan
     return values
 
 
 JITTER = 0.01
-"""Part of a frame by which a frame may be off; more would show as a false velocity."""
+"""Maximum time error of a frame, in frames. A larger one causes a false velocity."""
 COARSEST = 0.4
-"""Part of a frame by which printing may round its time; a frame that lacks shows as 0.5."""
+"""Maximum rounding of a printed time, in frames. A missing frame appears as 0.5."""
 INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
 
 
@@ -197,8 +197,9 @@ def find_frame_rate(
 ) -> float:
     """Determine the frame rate from frame times.
 
-    The declared rate if the times agree with it; else the roundest that explains all times to their last printed
-    digit (times printed 0.0083, 0.0167 are 120 Hz, not 120.0008 Hz); else frames by first and last time.
+    It is the declared rate if the times agree with it. Otherwise it is the roundest rate that explains all times to
+    their last printed digit (times printed 0.0083, 0.0167 are 120 Hz, not 120.0008 Hz), or the number of frames over
+    the time from first to last.
 
     Parameters
     ----------
@@ -211,21 +212,22 @@ def find_frame_rate(
     digit_s : float
         One unit of the last printed digit (:func:`find_last_digit`), s.
     declared_hz : float, optional
-        What the header says.
+        Rate in the header.
 
     Returns
     -------
     float
-        Hz, 1 to 10000.
+        Frame rate in Hz, 1 to 10000.
 
     Raises
     ------
     MotionError
-        If a time is missing, times do not increase, or frames are not evenly spaced to 1 % of a frame; names the line.
+        If a time is missing, times do not increase, or frames are not evenly spaced to 1 % of a frame. The message
+        names the line.
     """
     step = np.diff(time_s)
     if np.isnan(time_s).any():
-        raise MotionError(f"{path}: line {lines[int(np.isnan(time_s).argmax())]} has no time. Put it in, {INSTEAD}.")
+        raise MotionError(f"{path}: line {lines[int(np.isnan(time_s).argmax())]} has no time. Add it, {INSTEAD}.")
     if not (step > 0).all():
         k = int((step <= 0).argmax())
         raise MotionError(
@@ -238,13 +240,13 @@ def find_frame_rate(
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         raise MotionError(
             f"{path}: its times step by {1 / fit:.6g} s, {fit:.4g} frames a second; allowed are {MIN_RATE_HZ:g} to "
-            f"{MAX_RATE_HZ:g}. If they are no seconds, give the rate: rate_hz=..."
+            f"{MAX_RATE_HZ:g}. If they are not in seconds, give the rate: rate_hz=..."
         )
     if _offset_s(time_s, rate) > max(_rounding_s(digit_s, rate), JITTER / rate):
         odd = int(np.abs(step - np.median(step)).argmax())
         raise MotionError(
-            f"{path}: line {lines[odd + 1]}: the time steps by {step[odd]:.6g} s, the frames are mostly "
-            f"{np.median(step):.6g} s apart. Frames must be evenly spaced: put missing ones in with blank cells, "
+            f"{path}: line {lines[odd + 1]}: the time steps by {step[odd]:.6g} s, but most frames are "
+            f"{np.median(step):.6g} s apart. Frames must be evenly spaced: add missing frames with blank cells, "
             f"resample, {INSTEAD}."
         )
     return rate
@@ -253,18 +255,18 @@ def find_frame_rate(
 def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
     """Return the largest deviation from even times.
 
-    The evenly spaced frames lie as near as they can.
+    The even times are fitted for the smallest maximum deviation.
     """
     return float(np.ptp(time_s - np.arange(len(time_s)) / rate_hz)) / 2.0
 
 
 def _rounding_s(digit_s: float, rate_hz: float) -> float:
-    """Return the deviation that rounding explains."""
+    """Return the largest deviation that rounding explains."""
     return min(0.5 * digit_s * (1.0 + 1e-6), COARSEST / rate_hz)
 
 
 def find_last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
-    """Return a time column's last digit, s.
+    """Return the unit of a time column's last printed digit, s.
 
     It is at least 1e-8 of the largest time.
 
@@ -278,5 +280,5 @@ def find_last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.
         Seconds per printed unit.
     """
     decimals = max((len(cell.strip().partition(".")[2]) for cell in cells if "e" not in cell.lower()), default=15)
-    # numbers printed to nine significant digits have fewer decimals where they are large
+    # large numbers printed to nine significant digits have fewer decimals
     return max(10.0**-decimals * factor, 1e-8 * float(np.abs(np.nan_to_num(time_s)).max()))

@@ -1,6 +1,6 @@
 """TRC files (Motion Analysis, OpenSim): marker positions as text.
 
-Five header lines come first.
+The file starts with five header lines.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ FloatArray = npt.NDArray[np.float64]
 START = b"PathFileType"
 HEADER_LINES = 12
 FIRST = 2
-"""Cells before the first coordinate: frame number and time."""
+"""Number of cells before the first coordinate: frame number and time."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class _Content:
 
 
 LONGEST_NUMBER = 18
-"""Digits of the longest number of frames or markers that is looked at."""
+"""Maximum number of digits of a number of frames or markers that is parsed."""
 
 
 def sniff_trc(path: Path, head: bytes) -> bool:
-    """Return whether a file begins with PathFileType."""
+    """Return True if a file begins with PathFileType."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
 
 
@@ -63,8 +63,8 @@ def read_trc(
 ) -> Motion:
     """Read the markers of a TRC file, not cleaned.
 
-    Blank cells and points at exactly 0, 0, 0 are gaps. The times of the frames decide where the header gives another
-    rate; a warning says so.
+    Blank cells and points at exactly 0, 0, 0 are gaps. If the header states another rate than the times of the frames,
+    the times are used and a warning is issued.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ def read_trc(
     subject : str, optional
         Prefix of the wanted labels; needed only when several subjects were recorded.
     units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: what the header says.
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: the unit in the header.
     up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found, y where nothing shows it.
+        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found, or y if nothing indicates it.
     rate_hz : float, optional
-        Frames per second, up to 10000; default: what times and header say.
+        Frames per second, up to 10000; default: the rate of times and header.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def read_trc(
     Raises
     ------
     MotionError
-        If the file cannot be read right; names the line.
+        If the file is invalid; the message names the line.
     """
     content = _parse_trc(path)
     check_amount(path, len(content.rows), len(content.labels))
@@ -97,7 +97,7 @@ def read_trc(
         notes.append("values of the header do not match its keys; they were not used")
     if _is_other(declared, n_frames):
         notes.append(f"declares {declared[:LONGEST_NUMBER]} frames but holds {n_frames}")
-        warn_caller(f"{path}: {notes[-1]}; is it cut off? Those are read.")
+        warn_caller(f"{path}: {notes[-1]}; it may be truncated. The existing frames are read.")
     points = content.header.get("nummarkers", "")
     if _is_other(points, len(content.labels)):
         notes.append(f"declares {points[:LONGEST_NUMBER]} markers but holds {len(content.labels)}")
@@ -135,12 +135,12 @@ def _parse_trc(path: Path) -> _Content:
     has_axes = bool(axes) and all(cell[:1].lower() in ("", "x", "y", "z") for cell in axes)
     first_row = at + 1 + has_axes
     rows = [(i + 1, cells) for i, cells in enumerate(lines) if i >= first_row and any(cells)]
-    # tabs hold three places for a name, blanks one
+    # with tabs, a name takes three cells; with blanks, one
     labels = [name for name in names if name] if "" not in names[:3] else names[::3]
     while labels and not labels[-1]:
         labels.pop()
     named = max(len(labels), sum(1 for cell in axes if cell) // 3 if has_axes else 0)
-    # points of the fullest row: unlabelled ones come after those that the header names
+    # points of the fullest row: unlabelled points follow those that the header names
     line, cells = max(rows, key=lambda row: len(trim_cells(row[1])), default=(0, []))
     extra = len(trim_cells(cells)) - FIRST - 3 * named
     if extra > 0 and extra % 3:
@@ -149,12 +149,12 @@ def _parse_trc(path: Path) -> _Content:
             f"are {FIRST + 3 * named}. Correct the line or remove it."
         )
     n_points = named + max(extra, 0) // 3
-    check_cost(path, CELL_BYTES * len(rows) * 3 * n_points, MotionError)  # a short row is filled up to the fullest
+    check_cost(path, CELL_BYTES * len(rows) * 3 * n_points, MotionError)  # a short row is extended to the longest
     for line, cells in rows:
         if len(cells) < FIRST + 3 * named:
             raise MotionError(
                 f"{path}: line {line} has {len(cells)} cells; {FIRST} and three for each of {named} markers are "
-                f"{FIRST + 3 * named}. Is the file cut off? Correct the line or remove it."
+                f"{FIRST + 3 * named}. The file may be truncated. Correct the line or remove it."
             )
     return _Content(
         _parse_header(lines[:at]),
@@ -164,7 +164,7 @@ def _parse_trc(path: Path) -> _Content:
 
 
 def _parse_header(lines: list[list[str]]) -> dict[str, str]:
-    """Parse the values below the keys, if they match."""
+    """Parse the header values below the keys, if they match."""
     at = next((i for i, cells in enumerate(lines) if cells and cells[0].lower() == "datarate"), -1)
     if at < 0 or at + 1 >= len(lines):
         return {}
@@ -190,13 +190,13 @@ def _find_rate(path: Path, content: _Content, notes: list[str]) -> float:
     header_hz = header_hz if 0.0 < header_hz < float("inf") else 0.0
     rate = find_frame_rate(path, time_s, lines, digit_s=find_last_digit(printed, time_s), declared_hz=header_hz or None)
     if rate != header_hz:
-        notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
+        notes.append(f"the header states {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were used")
         warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     return rate
 
 
 def _is_other(declared: str, count: int) -> bool:
-    """Return whether a header states a number unlike this one.
+    """Return True if a header states another number.
 
     Numbers may have thousands of digits.
     """
