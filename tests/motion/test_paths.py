@@ -411,7 +411,7 @@ def test_a_path_that_is_too_short_or_too_long_for_the_motion(walk):
         follow(walk, short, duration_s=3.0)
     with pytest.raises(MotionError, match=r"boulic: lasts 9\.000 s on its path, but 9\.5 s are wanted; shorten"):
         follow(walk, StraightPath(), duration_s=9.5)
-    with pytest.raises(MotionError, match=r"boulic: goes 10\.80 m, too short for a stop at 11\.00 m"):
+    with pytest.raises(MotionError, match=r"boulic: travels 10\.80 m, too short for a stop at 11\.00 m"):
         follow(walk, StopAndGoPath(stops=[{"at_m": 11.0, "pause_s": 1.0}]))
     assert follow(walk, StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
 

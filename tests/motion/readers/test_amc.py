@@ -166,7 +166,7 @@ def test_the_skeleton_is_found_by_name_comment_or_alone(tmp_path: Path) -> None:
     assert found("walk.amc", "somebody.asf") == "somebody.asf"
     with pytest.raises(MotionError, match=r"walk.amc: .*there is none.*skeleton="):
         found("walk.amc")
-    with pytest.raises(MotionError, match=r"several could be meant: a.asf, b.asf"):
+    with pytest.raises(MotionError, match=r"several are possible: a.asf, b.asf"):
         found("walk.amc", "a.asf", "b.asf")
 
 
@@ -184,10 +184,10 @@ def test_a_given_skeleton_is_used(walk: Path, tmp_path: Path) -> None:
     ("old", "new", "pattern"),
     [
         ("\n3\n", "\nltibia 1\n3\n", "line {line}: 'ltibia 1' in frame 2, where frame 1 has the next frame"),
-        ("ltibia", "tibia", "gives 'tibia' 1 value.*it is no bone of its skeleton.*skeleton="),
+        ("ltibia", "tibia", "gives 'tibia' 1 value.*it is not a bone of its skeleton.*skeleton="),
         ("\n3\nroot", "\n3\nrout", "line {line}: 'rout .*' in frame 3, where frame 1 has root with 6 value"),
         ("\n3\nroot", "\n3\nroot nan", "line {line}: 'root nan .*' in frame 3, where"),
-        ("\n3\nroot 0 ", "\n3\nroot nan ", "line {line}: 'root nan .*' repeats a bone or holds no finite number"),
+        ("\n3\nroot 0 ", "\n3\nroot nan ", "line {line}: 'root nan .*' repeats a bone or does not hold finite"),
     ],
 )
 def test_damaged_motions_are_named_by_line(walk: Path, old: str, new: str, pattern: str) -> None:
@@ -224,10 +224,10 @@ def test_every_cut_ends_in_an_error_or_a_shorter_motion(walk: Path) -> None:
         ("direction 0.6 -0.8 0.0", "direction 0.6 -0.8", r"3 number\(s\)"),
         ("0 0 20 XYZ", "0 0 20 XYY", "axis order 'XYY'"),
         ("dof rx ry rz", "dof rx ry l", "degrees of freedom 'rx ry l'"),
-        ("name lfemur", "name ltibia", "'ltibia' is there twice"),
-        ("    root lhipjoint\n", "", "lhipjoint.* do not hang on the root"),
-        ("    root lhipjoint\n", "    root lhipjoint nobody\n", "names 'nobody', which is no bone"),
-        ("    root rhipjoint\n", "    root rhipjoint lfemur\n", "'lfemur' hangs on two bones"),
+        ("name lfemur", "name ltibia", "'ltibia' is repeated"),
+        ("    root lhipjoint\n", "", "lhipjoint.* are not connected to the root"),
+        ("    root lhipjoint\n", "    root lhipjoint nobody\n", "names 'nobody', which is not a bone"),
+        ("    root rhipjoint\n", "    root rhipjoint lfemur\n", "'lfemur' has two parents"),
         ("  end\n:hierarchy", ":hierarchy", "this bone has no end"),
     ],
 )

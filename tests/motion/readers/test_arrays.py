@@ -55,7 +55,7 @@ def test_axes_are_found(file: Path) -> None:
 
 
 def test_no_unit_is_guessed_aloud(file: Path) -> None:
-    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*so m is taken"):
+    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*so m is assumed"):
         motion = read(write(file, units=None), clean=False)
     np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
 
@@ -162,8 +162,8 @@ def test_body_model_parameters_alone_are_refused_with_the_way_out(tmp_path: Path
         ({"rate_hz": None}, "names no frame rate .*rate_hz="),
         ({"rate_hz": 0.0}, "rate_hz declares a frame rate of 0 Hz"),
         ({"rate_hz": "fast"}, "rate_hz declares a frame rate of 'fast' Hz"),
-        ({"fps": 60.0}, "says rate_hz=100 and fps=60; give the true one"),
-        ({"units": "furlong"}, "'furlong' is no known length; give it: units="),
+        ({"fps": 60.0}, "states rate_hz=100 and fps=60; give the true one"),
+        ({"units": "furlong"}, "'furlong' is not a known unit of length; set units to"),
         ({"units": 3.0}, "units is 3.0; it must be text"),
         ({"names": NAMES[:-1]}, "names holds 15 entries for 16 points"),
         ({"positions": BODY_M[:, :, :2]}, r"'positions' has the shape \(40, 16, 2\)"),
@@ -187,12 +187,12 @@ def test_what_is_wrong_is_named(file: Path, content: dict[str, Any], message: st
         ('{"rate_hz": 10, "positions": [[[0,0,0]],[[0,0,0]],[[0,0,0],[1,1,1]]]}', r"positions\[2\] holds 2 points"),
         (
             '{"rate_hz": 10, "positions": [[[0,0,0]],[[0,0]],[[0,0,0]]]}',
-            r"positions\[1\]\[0\] is no list of x, y and z",
+            r"positions\[1\]\[0\] is not a list of x, y and z",
         ),
-        ('{"rate_hz": 10, "positions": [[[0,0,"1.5"]]]}', r"positions\[0\]\[0\] holds '1.5', no number"),
-        ('{"rate_hz": 10, "positions": {"a": 1}}', "'positions' is no array of numbers"),
+        ('{"rate_hz": 10, "positions": [[[0,0,"1.5"]]]}', r"positions\[0\]\[0\] holds '1.5'; write a number"),
+        ('{"rate_hz": 10, "positions": {"a": 1}}', "'positions' is not an array of numbers"),
         ('{"rate_hz": 10, "positions": null}', "'positions' has the shape"),
-        ('{"positions": ' + "[" * 100_000, "no JSON"),
+        ('{"positions": ' + "[" * 100_000, "not JSON"),
     ],
 )
 def test_damaged_json(tmp_path: Path, text: str, message: str) -> None:

@@ -291,11 +291,11 @@ def damaged(text: str, kind: str) -> str:
 @pytest.mark.parametrize(
     ("kind", "pattern"),
     [
-        ("short row", r"line {line}: frame 5 holds 64 values, 66 are needed"),
-        ("word", r"line {line}: frame 5 holds 'x', which is no finite number"),
+        ("short row", r"line {line}: frame 5 holds 64 values, but 66 are needed"),
+        ("word", r"line {line}: frame 5 holds 'x', which is not a finite number"),
         ("nan", r"line {line}: frame 5 holds 'nan'"),
         ("inf", r"line {line}: frame 5 holds '1e999'"),
-        ("cut", r"line {line}: frame 5 holds \d+ values, 66 are needed; the file is cut off"),
+        ("cut", r"line {line}: frame 5 holds \d+ values, but 66 are needed; the file is truncated"),
         ("rows gone", r"declares 120 frames but holds 50"),
         ("rows more", r"declares 120 frames but holds 121"),
     ],
@@ -316,11 +316,11 @@ def test_damaged_values_are_named_by_line(walk: Path, kind: str, pattern: str) -
         ("Frames: 120", "Frames: many", "must be numbers"),
         ("Frames: 120\n", "", "line {line}: 'Frames: N' is needed here"),
         ("Frame Time: 0.0083333", "Frame Time: 0", "Frame Time of 0 s.*rate_hz"),
-        ("CHANNELS 3 Z", "CHANNELS 4 Z", "line {line}: CHANNELS .* is not right"),
+        ("CHANNELS 3 Z", "CHANNELS 4 Z", "line {line}: CHANNELS .* is invalid"),
         ("Zrotation", "Wrotation", "line {line}: CHANNELS"),
         ("OFFSET 0 20 0", "OFFSET 0 20", "line {line}: OFFSET needs three numbers"),
         ("OFFSET 0 20 0", "OFFSET 0 inf 0", "line {line}: OFFSET needs three numbers"),
-        ("JOINT Spine", "BONE Spine", "line {line}: 'BONE Spine' is no statement"),
+        ("JOINT Spine", "BONE Spine", "line {line}: 'BONE Spine' is not a statement"),
         ("}\nMOTION", "MOTION", "a '}' is missing"),
         ("}\nMOTION", "}\n}\nMOTION", "closes nothing"),
         ("}\nMOTION", "}\nROOT Other\n{\n}\nMOTION", "a second ROOT, 'Other'"),
@@ -357,7 +357,7 @@ def test_absurd_offsets_are_refused(walk: Path) -> None:
 def test_options_are_checked(walk: Path) -> None:
     for option, pattern in (
         ({"rate_hz": 0.0}, "frame rate of 0 Hz"),
-        ({"units": "ell"}, "no known length"),
+        ({"units": "ell"}, "not a known unit of length"),
         ({"up_axis": "w"}, "up_axis='w' is not allowed"),
     ):
         with pytest.raises(MotionError, match=pattern):

@@ -119,11 +119,11 @@ def test_a_skeleton_that_is_no_json_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("row", "pattern"),
     [
-        (lambda words: words[:-2], "line 5: frame 5 holds 115 values, 117 are needed"),
+        (lambda words: words[:-2], "line 5: frame 5 holds 115 values, but 117 are needed"),
         (lambda words: [*words, "1", "2"], "line 5: frame 5 holds 119 values"),
         (lambda words: ["x", *words[1:]], "line 5: frame 5 holds 'x'"),
         (lambda words: ["nan", *words[1:]], "line 5: frame 5 holds 'nan'"),
-        (lambda words: [*words[:3], "", *words[4:]], "line 5: frame 5 holds '', which is no finite number"),
+        (lambda words: [*words[:3], "", *words[4:]], "line 5: frame 5 holds '', which is not a finite number"),
     ],
 )
 def test_damaged_frames_are_named_by_line(tmp_path: Path, row: Any, pattern: str) -> None:
@@ -156,5 +156,5 @@ def test_another_skeleton_is_refused(tmp_path: Path) -> None:
 def test_other_tables_are_not_taken(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("\n".join(",".join(["1.5"] * 60) for _ in range(30)))
-    with pytest.raises(MotionError, match="no motion format"):
+    with pytest.raises(MotionError, match="not a supported motion format"):
         read(path)

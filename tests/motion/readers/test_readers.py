@@ -150,7 +150,7 @@ def test_the_smallest_and_the_largest_body_are_read(tmp_path):
 
 def test_single_positions_far_away_become_gaps(tmp_path):
     path = table_of(tmp_path / "w.csv", 1.0, far=3)
-    with pytest.warns(DoppelgaitWarning, match="3 positions farther than 10000 m from the origin were taken as gaps"):
+    with pytest.warns(DoppelgaitWarning, match="3 positions farther than 10000 m from the origin were treated as gaps"):
         motion = read(path, clean=False)
     assert np.isnan(motion.position_m[:3, 0]).all()
     assert np.isfinite(motion.position_m[3:]).all()

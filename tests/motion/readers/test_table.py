@@ -122,7 +122,7 @@ def test_missing_value_and_blank_cells(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", body, titles("{name}_{axis}_m"))
     lost = np.isnan(read(path, clean=False, missing=999).position_m).any(axis=2)
     assert np.argwhere(lost).tolist() == [[4, 2], [6, 3]]
-    with pytest.raises(MotionError, match="missing='gone' is no number"):
+    with pytest.raises(MotionError, match="missing='gone' is not a number"):
         read(path, clean=False, missing="gone")
 
 
@@ -183,11 +183,11 @@ def test_header_longer_than_the_head_of_the_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "old", "new", "message"),
     [
-        (5, ",1.7", ",tall", r"line 5, column 'LFHD_z_m': 'tall\d*' is no number"),
+        (5, ",1.7", ",tall", r"line 5, column 'LFHD_z_m': 'tall\d*' is not a number"),
         (5, "0.03,", ",", "line 5 has no time.*rate_hz="),
-        (5, "0.03,", "soon,", "line 5, column 'time_s': 'soon' is no number"),
+        (5, "0.03,", "soon,", "line 5, column 'time_s': 'soon' is not a number"),
         (5, "0.03,", "0.02,", "line 5: the time does not increase"),
-        (5, "0.03,", "0.035,", "line [56]: the time steps by 0.0[01]5 s, the frames are mostly 0.01 s apart"),
+        (5, "0.03,", "0.035,", "line [56]: the time steps by 0.0[01]5 s, but most frames are 0.01 s apart"),
         (5, "0.03,", '"0.03,', "line 5: a quoted cell is damaged"),
         (1, "LFHD_y_m", "LFHD_q_m", "line 1: point 'LFHD' has no y column"),
         (1, "time_s", "time_ms", "its times step by 1e-05 s"),
@@ -206,7 +206,7 @@ def test_ragged_row(tmp_path: Path) -> None:
     lines[6] = lines[6].rsplit(",", 1)[0]
     lines[8] += ",1.0"
     path.write_text("\n".join(lines))
-    with pytest.raises(MotionError, match=r"w\.csv: line 7 has 48 cells, its header names 49 columns"):
+    with pytest.raises(MotionError, match=r"w\.csv: line 7 has 48 cells; its header names 49 columns"):
         read(path, clean=False)
     lines[6] += ",1.0"
     path.write_text("\n".join(lines))
@@ -219,17 +219,17 @@ def test_a_dropped_frame_is_named_by_its_line(tmp_path: Path) -> None:
     lines = path.read_text().split("\n")
     del lines[20]
     path.write_text("\n".join(lines))
-    with pytest.raises(MotionError, match=r"line 21: the time steps by 0.02 s, the frames are mostly 0.01 s apart"):
+    with pytest.raises(MotionError, match=r"line 21: the time steps by 0.02 s, but most frames are 0.01 s apart"):
         read(path, clean=False)
     assert read(path, clean=False, rate_hz=100.0).positions.sizes["time"] == len(BODY_M) - 1
 
 
 def test_wrong_units_words(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_furlong"))
-    with pytest.raises(MotionError, match="column 'LFHD_x_furlong' names the unit 'furlong', which is no known length"):
+    with pytest.raises(MotionError, match="column 'LFHD_x_furlong' names the unit 'furlong', not a known unit of length"):
         read(path, clean=False)
     path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}"))
-    with pytest.raises(MotionError, match="'furlong' is no known length; give it: units="):
+    with pytest.raises(MotionError, match="'furlong' is not a known unit of length; set units to"):
         read(path, clean=False, units="furlong")
 
 

@@ -85,7 +85,7 @@ def test_z_up_is_seen_and_can_be_overridden(tmp_path: Path) -> None:
 def test_y_is_taken_where_nothing_shows_what_is_up(tmp_path: Path) -> None:
     ball = np.random.default_rng(0).normal(size=(1, 12, 3)) + np.zeros((10, 1, 1))
     path = write_trc(tmp_path / "ball.trc", ball * 1e3, names=[f"P{i}" for i in range(12)])
-    with pytest.warns(DoppelgaitWarning, match="which axis points up; y is taken"):
+    with pytest.warns(DoppelgaitWarning, match="which axis points up; y is assumed"):
         motion = read(path, clean=False)
     np.testing.assert_allclose(motion.position_m[..., 2], ball[..., 1], atol=1e-6)
 
@@ -131,7 +131,7 @@ def test_header_values_apart_by_blanks_or_two_tabs(tmp_path: Path) -> None:
 
 def test_times_decide_where_the_header_gives_another_rate(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate="60.00")
-    with pytest.warns(DoppelgaitWarning, match=r"the header says 60\.00 Hz, the times 100 Hz"):
+    with pytest.warns(DoppelgaitWarning, match=r"the header states 60\.00 Hz, the times 100 Hz"):
         motion = read(path, clean=False)
     assert motion.rate_hz == 100.0
     assert "60.00" in motion.report["notes"][0]
@@ -158,7 +158,7 @@ def test_fewer_frames_than_declared_are_said(tmp_path: Path) -> None:
 
 def test_no_unit_is_guessed_aloud(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, unit="")
-    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*mm is taken"):
+    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*mm is assumed"):
         motion = read(path, clean=False)
     np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
 
@@ -179,11 +179,11 @@ def jump(lines: list[str]) -> None:
 FAULTS: dict[str, tuple[Callable[[list[str]], Any], str]] = {
     "ragged row": (ragged, "line 11 has 49 cells; 2 and three for each of 16 markers are 50"),
     "long row": (one_too_many, "line 11 has 51 cells"),
-    "text": (change(12, 3, "12,5"), "line 13, column 'LFHD Y': '12,5' is no number"),
+    "text": (change(12, 3, "12,5"), "line 13, column 'LFHD Y': '12,5' is not a number"),
     "no time": (change(12, 1, ""), "line 13 has no time.*rate_hz="),
     "time stands": (change(12, 1, "0.050"), "line 13: the time does not increase.*rate_hz="),
-    "dropped frame": (jump, r"line 21: the time steps by 0.02 s, the frames are mostly 0.01 s apart"),
-    "unit": (change(2, 4, "furlong"), "'furlong' is no known length; give it: units="),
+    "dropped frame": (jump, r"line 21: the time steps by 0.02 s, but most frames are 0.01 s apart"),
+    "unit": (change(2, 4, "furlong"), "'furlong' is not a known unit of length; set units to"),
     "no names": (change(3, 0, "Bild"), "no line that starts with Frame#"),
     "no rate": (
         lambda lines: [change(k, 1, "")(lines) for k in range(6, 46)] + [change(2, 0, "fast")(lines)],

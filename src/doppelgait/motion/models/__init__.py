@@ -1,4 +1,4 @@
-"""Motion from equations: people, dogs, cats, confusers, and primitives."""
+"""Motion models: people, animals, confusers and primitives."""
 
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk, compute_boulic_points
 from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum

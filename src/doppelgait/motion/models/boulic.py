@@ -1,13 +1,11 @@
-"""Walking person of Boulic et al. 1990, 17 points.
+"""Walking person of Boulic et al. (1990) with 17 points.
 
-The form is that of Chen 2011.
-
-The equations are those of the two publications with the units made consistent: relative lengths are in
-units of the leg length L = 0.491 H, so that a person of stature H at speed V has q = V/L, a stride of
+The form is that of Chen (2011). The equations are those of the two publications with consistent units: relative lengths
+are in units of the leg length L = 0.491 H, so that a person of stature H at speed V has q = V/L, a stride length of
 1.346 sqrt(q) L and a stride time of 1.346 / sqrt(q) s.
 
-Symbols: q relative speed V/L in 1/s, p phase in cycles, 0 at initial contact of the right leg. Joint curves are those
-of the right side; the left side is half a cycle later. Regimes: A below q = 0.5, B to 1.3, C to 3.
+Symbols: q is the relative speed V/L in 1/s, p the phase in cycles, 0 at initial contact of the right leg. Joint curves
+are those of the right side; the left side is half a cycle later. Regimes: A below q = 0.5, B to 1.3, C to 3.
 """
 
 from __future__ import annotations
@@ -45,13 +43,13 @@ Knots = list[tuple[float, float]]
 SLOWEST_FAST = 1.3
 TOP_RELATIVE_SPEED = 3.0
 SAME_KNOT = 1e-6
-"""Knots closer than this many cycles are one: two of the hip coincide at q = 1.3."""
+"""Minimum distance of two different knots in cycles. Two knots of the hip coincide at q = 1.3."""
 
 
 def check_relative_speed(relative_speed: float) -> float:
-    """Return the relative speed if the model holds for it.
+    """Return the relative speed if the model is valid for it.
 
-    That is q = V/L with 0 < q <= 3; else a :class:`ConfigError`.
+    The valid range is 0 < q = V/L <= 3. Other values raise :class:`ConfigError`.
     """
     if not 0 < relative_speed <= TOP_RELATIVE_SPEED * (1 + 1e-9):
         raise ConfigError(
@@ -82,7 +80,7 @@ def _cosine(cycles: FloatArray) -> FloatArray:
 def _share(phase: FloatArray) -> FloatArray:
     """Return the phase within its cycle.
 
-    To the last bit the remainder, for which NumPy takes many times as long.
+    The result is exactly equal to NumPy's remainder, which takes many times as long.
     """
     return np.asarray(phase - np.floor(phase))
 
@@ -99,9 +97,9 @@ def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: Offs
     relative_speed : float
         q, 0 < q <= 3.
     signs : str
-        The published lateral and fore-aft amplitudes change sign at q = 0.5. ``"published"`` keeps that;
-        ``"continuous"`` uses the sign of the middle regime below 0.5 too; ``"pendulum"`` is that with the
-        fore-aft sign turned, so that the body is fastest in double support.
+        The published lateral and fore-aft amplitudes change sign at q = 0.5. ``"published"`` keeps this.
+        ``"continuous"`` also uses the sign of the middle regime below 0.5. ``"pendulum"`` is the same with the
+        opposite fore-aft sign, so that the body is fastest in double support.
 
     Returns
     -------
@@ -128,14 +126,14 @@ def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: Offs
 
 
 def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
-    """Return the pelvic list l(p); negative: left side lower.
+    """Return the pelvic list l(p), negative with the left side lower.
 
     It is 0 at p = 0 and 0.5.
     """
     p = _share(phase)
     first = p < 0.5
     half = np.where(first, p, p - 0.5)
-    # down over 0.15 cycles and up over 0.35, half a cycle of the cosine each
+    # down over 0.15 cycles and up over 0.35, each with half a period of a cosine
     drop = 1 - _cosine(np.where(half < 0.15, half / 0.3, 0.5 + (half - 0.15) / 0.7))
     return np.asarray(np.where(first, -1.66 * relative_speed, 1.66 * relative_speed) * drop)
 
@@ -172,9 +170,9 @@ def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Return one side's joint flexion by name, degrees.
+    """Return the joint flexion of one side by name, degrees.
 
-    They are hip, knee, ankle, shoulder and elbow, shaped like ``phase``.
+    The joints are hip, knee, ankle, shoulder and elbow. The arrays have the shape of ``phase``.
     """
     q = relative_speed
     knots = find_joint_knots(q)
@@ -193,7 +191,7 @@ def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatA
 def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     """Return the joint curves' control points (phase, degrees).
 
-    They are those of hip, knee, ankle and elbow at a relative speed.
+    The joints are hip, knee, ankle and elbow.
     """
     q, s = relative_speed, compute_support_fraction(relative_speed)
     if q < 0.5:
@@ -226,7 +224,7 @@ def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
 
 
 def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
-    """Interpolate repeating knots by a shape-preserving cubic (Fritsch-Carlson)."""
+    """Interpolate periodic knots by a shape-preserving cubic (Fritsch-Carlson)."""
     return _fit_pchip(tuple(knots))(_share(phase))
 
 
@@ -234,7 +232,7 @@ def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
 def _fit_pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
     """Compute the shape-preserving periodic cubic through knots.
 
-    Results are kept: a motion needs the same few again and again.
+    Results are cached, since a motion uses the same few curves repeatedly.
     """
     one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)
     kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
@@ -265,17 +263,17 @@ class BoulicConfig(FrozenModel):
     speed_mps : float
         Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75 m).
     height_m : float
-        Stature H, 0.6 to 2.4. The figure itself, without foot height, is 0.909 H high.
+        Stature H, 0.6 to 2.4. The height of the figure, without that of the feet, is 0.909 H.
     form : str
-        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the fore-aft
-        sway turned over, fastest in double support. ``"chen2011"``: as the published program, with body
-        offsets in metres and an advance of 1.346 sqrt(q) metres per cycle: it then moves at q = V/L metres
-        per second, not at V.
+        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the opposite
+        fore-aft sway, so that the body is fastest in double support. ``"chen2011"``: the published program, with
+        body offsets in metres and an advance of 1.346 sqrt(q) metres per cycle, so that the speed is q = V/L
+        metres per second instead of V.
     start_phase : float
         Phase at the start in cycles, 0 (right foot lands) to below 1.
     stride_variation : float
         Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02. The
-        advance per stride stays, so that the speed varies with it.
+        stride length is constant, so that the speed varies, too.
     rate_hz : float
         Frames per second, 50 to 10000.
     """
@@ -295,7 +293,7 @@ class BoulicConfig(FrozenModel):
         if self.speed_mps > top_mps * (1 + 1e-9):
             raise ValueError(
                 f"speed_mps: {self.speed_mps:g} is not allowed: a walker of height_m = {self.height_m:g} "
-                f"goes above 0 and at most {top_mps:.3g} m/s (3 leg lengths per second)"
+                f"moves at above 0 and at most {top_mps:.3g} m/s (3 leg lengths per second)"
             )
         return self
 
@@ -308,9 +306,9 @@ def boulic_walk(
     Parameters
     ----------
     duration_s : float
-        Time to cover; the last frame is at or just after it.
+        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
-        Needed when ``stride_variation`` is above 0.
+        Source of random numbers, needed if ``stride_variation`` is above 0.
     **parameters
         Fields of :class:`BoulicConfig`.
 
@@ -353,7 +351,7 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
         rng=rng,
     )
     phase = clock(times_s)
-    # the frames and a whole cycle in one call: the floor is under the lowest point of the cycle
+    # frames and a whole cycle in one call, since the floor is below the lowest point of the cycle
     both = np.concatenate([_WHOLE_CYCLE, phase])
     signs = _SIGNS[config.form]
     both_m = compute_boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
@@ -390,7 +388,7 @@ def compute_boulic_points(
 ) -> FloatArray:
     """Return the walker's points in place, without forward motion.
 
-    After Boulic et al. 1990 and Chen 2011.
+    The equations are those of Boulic et al. (1990) and Chen (2011).
 
     Parameters
     ----------
@@ -401,7 +399,7 @@ def compute_boulic_points(
     height_m : float
         Stature H.
     offset_scale_m : float
-        Length k that the body offsets are in units of: L to be consistent, 1 m in the published program.
+        Unit k of the body offsets: L for consistent units, 1 m in the published program.
     offset_signs : str
         See :func:`compute_body_offset`.
 

@@ -20,11 +20,11 @@ from doppelgait.motion.motion import Motion, make_motion
 FloatArray = npt.NDArray[np.float64]
 
 FRAMES_PER_TURN = 16
-"""Fewest frames for one turn of a brush or blade: a spline through them is then right to 1 % of the tip speed."""
+"""Minimum number of frames per turn of a brush or blade. The error of a spline is then 1 % of the tip speed."""
 RIM_POINTS = 8
 BRUSH_ARMS = 3
 MASS_KG = {"vacuum": 3.5, "curtain": 1.5, "fan": 3.0}
-"""Masses, assumed; they set the radar cross section where none is set."""
+"""Assumed masses. They determine the radar cross section if none is set."""
 
 
 class VacuumConfig(FrozenModel):
@@ -72,7 +72,7 @@ class CurtainConfig(FrozenModel):
     sway_hz : float
         Frequency f, above 0 to 2; 0.2 to 0.6 in a draught (assumed).
     amplitude_m : float
-        Amplitude a of the hem, 0 to 0.5; above it less in proportion to the distance d from the rail.
+        Amplitude a of the hem, 0 to 0.5. Above the hem, it is proportional to the distance d from the rail.
     phase_deg : float
         Lag phi from one side to the other.
     width_m : float
@@ -159,11 +159,10 @@ def robot_vacuum(
 ) -> Motion:
     """Generate a flat round robot vacuum.
 
-    A side brush is optional. It moves on a straight line or an arc.
-
-    It starts at the origin along +x and turns at a constant rate w: its centre is on a circle of radius V/w. Its rim
-    turns with it. The three arms of the brush turn about a point of the rim, ahead and to the right; the speed of a
-    tip against that point is 2 pi (f + w/2 pi) r, f the turns per second against the robot.
+    The robot starts at the origin along +x and turns at a constant rate w, so that its centre is on a straight line or
+    on a circle of radius V/w. Its rim rotates with it. A side brush is optional: three arms rotate about a point of the
+    rim, ahead and to the right. The speed of a tip relative to that point is 2 pi (f + w/2 pi) r, where f are the turns
+    per second relative to the robot.
 
     Parameters
     ----------
@@ -201,7 +200,7 @@ def robot_vacuum(
 
 
 def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
-    """Generate a curtain that sways before a window.
+    """Generate a curtain that sways in front of a window.
 
     Points move along x by a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
 
@@ -286,7 +285,7 @@ def _generate_vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Gen
     times_s = sample_times_s(duration_s, config.rate_hz)
     turn = math.radians(config.turn_deg_per_s)
     heading = turn * times_s
-    # x = V t sinc, y = V t (1 - cos)/angle: both hold for a straight line too.
+    # x = V t sinc, y = V t (1 - cos)/angle: both are also valid for a straight line.
     distance, half = config.speed_mps * times_s, heading / 2
     chord = distance * np.sinc(half / np.pi)
     centre = stack_xyz(chord * np.cos(half), chord * np.sin(half), config.height_m)

@@ -1,6 +1,6 @@
-"""A person on hands and knees.
+"""Person who crawls on hands and knees.
 
-A human who moves like a four-legged animal, and low.
+It is a human with the low, four-legged motion of an animal.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from doppelgait.motion.skeleton import BOULIC_PARTS
 FloatArray = npt.NDArray[np.float64]
 
 TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee": 0.5}
-"""Phases in cycles at which hands and knees come down: diagonal pairs."""
+"""Phases in cycles at which hands and knees touch down, in diagonal pairs."""
 DUTY = 0.65
-"""Share of the stride for which a limb is on the floor (assumed)."""
+"""Share of the stride in which a limb is on the floor (assumed)."""
 STRIDE_RATIO = 0.36
 """Stride length over stride frequency in statures per Hz: 0.8 strides per second at 0.4 m/s and 1.75 m (assumed)."""
 HAND_LIFT = 0.04
@@ -54,7 +54,7 @@ class CrawlConfig(FrozenModel):
     mass_kg : float, optional
         Body mass; by default that of a body mass index of 23.
     start_phase : float
-        Phase at the start in cycles, 0 (right hand and left knee come down) to below 1.
+        Phase at the start in cycles, 0 (right hand and left knee touch down) to below 1.
     stride_variation : float
         Standard deviation of the stride time relative to its mean, 0 to 0.1.
     rate_hz : float
@@ -86,17 +86,16 @@ def crawling_person(
 ) -> Motion:
     """Generate a person who crawls on hands and knees.
 
-    Diagonal limbs move together.
-
-    Stride frequency f = sqrt(V/(0.36 H)) per second, stride length V/f (assumed, as are all proportions of the gait).
-    Hands and knees stand still over the floor for 65 % of a stride; segments keep their lengths.
+    Diagonal limbs move together. The stride frequency is f = sqrt(V/(0.36 H)) per second, and the stride length is V/f
+    (assumed, like all proportions of the gait). Hands and knees rest on the floor for 65 % of a stride. The lengths of
+    the segments are constant.
 
     Parameters
     ----------
     duration_s : float
-        Time to cover; the last frame is at or just after it.
+        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
-        Needed when ``stride_variation`` is above 0.
+        Source of random numbers, needed if ``stride_variation`` is above 0.
     **parameters
         Fields of :class:`CrawlConfig`.
 
@@ -161,9 +160,8 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
 def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
     """Return advance and lift of a stepping limb.
 
-    The advance is in strides, the lift 0 to 1; ``cycles`` count from touchdown.
-
-    The swing is x = s^3 (10 - 15 s + 6 s^2), at rest with no acceleration at both ends; the lift sin^2(pi s).
+    The advance is in strides, the lift from 0 to 1, and ``cycles`` are counted from touchdown. The swing is
+    x = s^3 (10 - 15 s + 6 s^2), at rest and without acceleration at both ends. The lift is sin^2(pi s).
     """
     number = np.floor(cycles)
     share = np.clip((cycles - number - duty) / (1 - duty), 0.0, 1.0)
@@ -195,7 +193,7 @@ def compute_crawling_points(phase: FloatArray, stride: float) -> dict[str, Float
         ahead = points["neck"][:, 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
         hand = stack_xyz(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
         elbow = solve_two_links(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
-        # the thigh turns about the hip over the standing knee, which so rises a little at either end
+        # the thigh rotates about the hip over the resting knee, which therefore rises slightly at both ends
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_knee"]
         advance, _ = place_limb(phase - touchdown, DUTY)

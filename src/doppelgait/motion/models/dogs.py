@@ -1,4 +1,4 @@
-"""Dogs sampled from what is known of their spreads."""
+"""Sampling of dogs from known distributions."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ DOG_BUILDS: tuple[BuildName, ...] = (
     "dachshund",
 )  # fmt: skip
 GAIT_SHARES: dict[GaitName, float] = {"walk": 0.35, "pace": 0.1, "trot": 0.35, "canter": 0.1, "gallop": 0.1}
-"""How often a sampled dog has a gait (assumed)."""
+"""Probability of the gaits of a sampled dog (assumed)."""
 
 
 @dataclass(frozen=True)
 class Dog:
-    """A dog sampled by :func:`sample_dog`, its gait and speed."""
+    """Dog sampled by :func:`sample_dog`, with gait and speed."""
 
     build: BuildName
     gait: GaitName
@@ -59,25 +59,30 @@ class Dog:
 
 
 def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
-    """Sample a dog from known spreads.
+    """Sample a dog from known distributions.
 
-    Build: one of the breeds, its height normal with 8 % within 2.5 deviations and the limits of dogs; gait by
-    :data:`GAIT_SHARES`, of those that exist at the Froude number; the Froude number log-uniform about the gait's usual
-    one (assumed). Measured on two dogs: stride length with 7 % (half their difference), highest speeds of
-    hind and fore paws with 10 % from clip to clip, the forward ripple of the trunk log-normal with 0.4; from stride to
-    stride the time with 2 to 6 %, the landing of a foot with 1 to 3.5 % of a stride, the length of half a stride with 2
-    to 4 % over the root of the Froude number, so that the trunk's speed varies by as much in slow gaits as in fast
-    ones; right feet late by 2 % of a stride, half strides apart by 4 % over the same root. Neck and tail: assumed. Each
-    sequence of strides has a serial correlation of 0.5 (measured 0.52).
+    Percentages are standard deviations.
+
+    - Build: one of the breeds. The height is normal with 8 %, within 2.5 deviations and the limits of dogs.
+    - Gait: by :data:`GAIT_SHARES`, among the gaits that exist at the Froude number. The Froude number is log-uniform
+      about the gait's usual one (assumed).
+    - Measured on two dogs: stride length with 7 % (half their difference), maximum speeds of hind and fore paws with
+      10 % between clips, forward ripple of the trunk log-normal with 0.4.
+    - Measured between strides: time with 2 to 6 %, landing of a foot with 1 to 3.5 % of a stride, length of half a
+      stride with 2 to 4 % over the root of the Froude number, so that the trunk's speed varies equally in slow and
+      fast gaits. Each sequence of strides has a serial correlation of 0.5 (measured 0.52).
+    - Measured asymmetry: right feet late by 2 % of a stride, half strides unequal by 4 % over the same root.
+    - Neck and tail: assumed.
 
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of chance; always seventeen draws. The same streams (``rng=dg.rng(seed)``) give the same dog.
+        Source of random numbers; always seventeen draws. The same streams (``rng=dg.rng(seed)``) result in the same
+        dog.
     gait : str, optional
-        A gait instead of a sampled one, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`.
+        Fixed gait, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`; sampled by default.
     froude : float, optional
-        A Froude number instead of a sampled one: within the range of the gait, 0.05 to 10 without one.
+        Fixed Froude number within the range of the gait (0.05 to 10 without a fixed gait); sampled by default.
 
     Returns
     -------
@@ -130,7 +135,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
 def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
     """Return the gaits that a dog may have.
 
-    A Froude number at which there is none is refused.
+    A Froude number without a gait is refused.
     """
     if gait is not None:
         check_choice(gait, GAITS, "gait")
@@ -152,7 +157,7 @@ def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[Ga
 def _withers_m(build: Build, size: float) -> float:
     """Return a breed's withers height from a normal number.
 
-    Its distribution is cut at the limits by rank, so that no height is more frequent than its neighbours.
+    The distribution is truncated at the limits by rank, so that heights do not accumulate there.
     """
     normal, spread_m = NormalDist(), 0.08 * build.withers_m
     low, high = (

@@ -1,9 +1,9 @@
-"""Person who walks or runs as recorded people do.
+"""Person who walks or runs like recorded people.
 
-Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.human_curves`); feet
-stand still. A walk has the step length, timing, torsion and arms of Boulic et al. 1990. No published set of equations
-was at hand for the runner: timing is a table of usual values, the rise and fall follows from it by mechanics. Speeds
-are those of an adult of 1.75 m; others run dynamically similar, V ~ sqrt(H), f ~ 1/sqrt(H).
+Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.human_curves`), and
+feet do not slide. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). For the run, there is
+no published set of equations: its timing is a table of usual values, and the vertical motion follows from mechanics.
+Speeds are those of an adult of 1.75 m. Other people run with dynamic similarity, V ~ sqrt(H), f ~ 1/sqrt(H).
 """
 
 from __future__ import annotations
@@ -66,18 +66,18 @@ G_MPS2 = 9.81
 SLOWEST_RUN_MPS, FASTEST_RUN_MPS = 1.8, 9.0
 """Range of running speeds of an adult of 1.75 m."""
 WALK_RUN_MPS = 2.0
-"""Speed at which that adult goes over from walking to running (Froude number 0.47 of the leg)."""
+"""Speed at which an adult of 1.75 m changes from walking to running (Froude number 0.47 of the leg)."""
 
 _STEPS = ((2.2, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (2.45, 2.65, 2.78, 2.92, 3.15, 3.43, 3.8, 4.2))
-"""Usual values, up to 4 m/s less 4 %: so many fewer had the recorded runs."""
+"""Usual step frequencies by speed, reduced by 4 % up to 4 m/s, the difference of the recorded runs."""
 _DUTY = ((2.2, 3.0, 4.0, 5.0, 7.0, 9.0), (0.40, 0.35, 0.30, 0.30, 0.25, 0.21))
 _ARM_SWING = ((2.2, 9.0), (12.5, 30.0))
 
 
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
-    """Return a 1.75 m adult's dynamically similar speed.
+    """Return the dynamically similar speed of a 1.75 m adult.
 
-    Froude numbers are equal.
+    The Froude numbers are equal.
     """
     return speed_mps * math.sqrt(ADULT_M / height_m)
 
@@ -85,7 +85,7 @@ def adult_speed_mps(speed_mps: float, height_m: float) -> float:
 def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
     """Return the steps per second of a runner.
 
-    They follow a table against speed; below 2.2 m/s (at 1.75 m) its first slope is continued.
+    The step frequency is a table of speed. Below 2.2 m/s (at 1.75 m), the first slope is extrapolated.
     """
     return _interpolate_table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
 
@@ -103,11 +103,11 @@ def _interpolate_table(table: tuple[tuple[float, ...], tuple[float, ...]], at: f
 
 
 def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArray:
-    """Return the height of a runner's body against touchdown.
+    """Return the height of a runner's body relative to touchdown.
 
     It follows from the half-sine ground force (Morin et al. 2005).
 
-    In stance z'' = A sin(pi t/t_c) - g with A = pi g t_step/(2 t_c), which carries the weight over a step; in flight
+    In stance z'' = A sin(pi t/t_c) - g with A = pi g t_step/(2 t_c), which supports the weight over a step; in flight
     z'' = -g. Position, velocity and acceleration are continuous; the rise and fall over a step is
     ``A t_c^2/pi^2 - g t_c^2/8 + g t_f^2/8``.
 
@@ -137,7 +137,7 @@ def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArr
 def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) -> FloatArray:
     """Return a runner's offset from uniform motion.
 
-    Sideways over the standing leg (assumed), up and down.
+    The offset is lateral, over the standing leg (assumed), and vertical.
     """
     sway = -0.012 * leg_m * np.sin(2 * np.pi * (phase - 0.1))
     return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)], axis=-1)
@@ -146,7 +146,7 @@ def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) 
 def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
     """Return a runner's assumed pelvic torsion and list.
 
-    Signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`, as of :func:`run_thorax_deg`.
+    Signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`.
     """
     return {"pelvic_torsion": -8.0 * np.cos(2 * np.pi * phase), "pelvic_list": -3.0 * np.sin(2 * np.pi * phase)}
 
@@ -154,7 +154,7 @@ def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
 def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArray]:
     """Return a runner's upper-body pitch and torsion.
 
-    It leans 5 to 10 degrees; its turn is assumed.
+    The lean is 5 to 10 degrees; the torsion is assumed.
     """
     lean = float(np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)))
     return -lean, 12.0 * np.cos(2 * np.pi * phase)
@@ -163,10 +163,9 @@ def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArr
 def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
     """Return flexion of shoulder and elbow of one side.
 
-    Shaped like ``phase``, of which 0 is the touchdown of that side.
-
-    The elbow is at 80 to 100 degrees, the upper arm swings 30 to 60 degrees in all, against the leg. At 3 m/s its swing
-    and its lead are those of the recorded runs: hands 0.35 V about the trunk.
+    The arrays have the shape of ``phase``; phase 0 is the touchdown of that side. The elbow is at 80 to 100 degrees.
+    The upper arm swings by 30 to 60 degrees in total, opposite to the leg. At 3 m/s, swing and lead are those of the
+    recorded runs (hands at 0.35 V relative to the trunk).
     """
     back = np.cos(2 * np.pi * (phase + 0.13))
     return {"shoulder": -12.0 - _interpolate_table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
@@ -179,7 +178,7 @@ BODY_MASS_INDEX = 23.0
 RUN_DUTY = 0.337
 """Duty factor of the recorded runs, from the table at their mean speed."""
 WALK_ARMS = 0.65
-"""Arm swing of recorded walkers over Boulic's: hands 0.63 V about the trunk against 0.97 V, at 1.1 m/s."""
+"""Arm swing of recorded walkers relative to Boulic's: hands at 0.63 V about the trunk instead of 0.97 V, at 1.1 m/s."""
 _FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
 _WHOLE_CYCLE = np.arange(1000) / 1000
 
@@ -190,7 +189,8 @@ class HumanConfig(FrozenModel):
     Parameters
     ----------
     gait : str
-        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, at equal Froude number for others.
+        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, and at the same Froude number for other
+        statures.
     speed_mps : float
         Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run: 1.8 to 9 m/s at
         1.75 m, and as the square root of the stature.
@@ -202,8 +202,8 @@ class HumanConfig(FrozenModel):
         ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
         and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
     foot_lock : bool
-        Move trunk and feet as measured, the feet standing still on the floor. Without, a walk is that of Boulic et al.
-        1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), with sliding feet.
+        Use the measured motion of trunk and feet, with feet at rest on the floor. If false, a walk is that of Boulic et
+        al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), with sliding feet.
     walk_ratio : float
         Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
     trunk_ripple : float
@@ -212,28 +212,28 @@ class HumanConfig(FrozenModel):
     lean_deg : float
         Further lean of the trunk, forward positive, -15 to 25.
     swing_peak : float
-        How far the speed of a swinging foot differs from its mean, relative to the measured one, 0.5 to 1.5; between
+        Deviation of a swinging foot's speed from its mean, relative to the measured deviation, 0.5 to 1.5; between
         persons with a standard deviation of 0.24.
     trunk_asymmetry : float
-        (left - right) / mean of that motion in the halves of a stride that a left and a right landing end, -2 to 2;
-        between persons with a standard deviation of 0.4.
+        (left - right) / mean of the trunk ripple in the halves of a stride before a left and before a right landing,
+        -2 to 2; between persons with a standard deviation of 0.4.
     arm_swing : float
         Swing of shoulders and elbows relative to the gait's own, 0 to 2; between persons 0.3 to 2.
     arm_asymmetry : float
         (left - right) / mean of the swing of the arms, -2 to 2; between persons 0.15 with a standard deviation of 0.28.
     left_hand : str
-        State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (before the body), ``"bag"`` (the arm hangs),
+        State of the left hand: ``"free"``, ``"pockets"``, ``"carrying"`` (in front), ``"bag"`` (the arm hangs down),
         ``"phone"`` (at the ear) or ``"pushing"``.
     right_hand : str
-        State of the right hand, as ``left_hand``.
+        State of the right hand, with the same values as ``left_hand``.
     step_time_sd : float
         Standard deviation of the time of a step over its mean, 0 to 0.1; healthy adults 0.025.
     step_length_sd : float
         Standard deviation of the length of a step over its mean, 0 to 0.1; healthy adults 0.014.
     pace_sd : float
-        Standard deviation of a slow drift of the pace, 0 to 0.1: half of it in the length of steps, half in their time.
+        Standard deviation of a slow drift of the speed, 0 to 0.1: half in the length of steps, half in their time.
     time_asymmetry : float
-        (left - right) / mean of the time of the step that the foot's landing ends, -0.4 to 0.4; healthy adults with a
+        (left - right) / mean of the time of the step before a foot's landing, -0.4 to 0.4; healthy adults with a
         standard deviation of 0.02.
     length_asymmetry : float
         (left - right) / mean of the length of that step, -0.4 to 0.4; healthy adults with a standard deviation of 0.06.
@@ -289,7 +289,7 @@ class HumanConfig(FrozenModel):
     def actual_gait(self) -> Literal["walk", "run"]:
         """The gait; ``"auto"`` is resolved by speed.
 
-        A run above 2 m/s for 1.75 m, at equal Froude number for other statures.
+        It is a run above 2 m/s for 1.75 m, and at the same Froude number for other statures.
         """
         if self.gait != "auto":
             return self.gait
@@ -310,15 +310,15 @@ def human_gait(
 ) -> Motion:
     """Generate a walking or running person.
 
-    Trunk, ankles and feet follow the mean of recorded people; a run has a flight phase (:func:`run_height_m`). With
-    ``foot_lock=False`` and all else as it is, a walk is exactly that of Boulic et al. 1990.
+    Trunk, ankles and feet follow the mean of recorded people. A run has a flight phase (:func:`run_height_m`). With
+    ``foot_lock=False`` and otherwise default values, a walk is exactly that of Boulic et al. 1990.
 
     Parameters
     ----------
     duration_s : float
-        Time to cover; the last frame is at or just after it.
+        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
-        Needed when a standard deviation is above 0.
+        Source of random numbers, needed if a standard deviation is above 0.
     **parameters
         Fields of :class:`HumanConfig`.
 
@@ -360,7 +360,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
         if config.foot_lock
         else _make_boulic_style(config, size_m)
     )
-    # phase against time, and distance against phase where it is no straight line
+    # phase as a function of time, and distance as a function of phase if it is not linear
     varied = {
         "time_sd": config.step_time_sd, "length_sd": config.step_length_sd, "pace_sd": config.pace_sd,
         "time_asymmetry": config.time_asymmetry,
@@ -414,7 +414,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
     """Return leg length and tempo relative to Boulic's.
 
-    The tempo is 1, or by Froude number for a child.
+    The tempo is 1 for an adult; for a child, it follows from the Froude number.
     """
     lengths = find_segment_lengths(config.body, config.height_m)
     leg_m = (lengths["thigh"] + lengths["shank"]) * config.height_m
@@ -485,10 +485,9 @@ def _make_measured_motion(
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:  # fmt: skip
     """Make foot, pose and hips from measured curves.
 
-    The gait's own trunk and arms get the measured ripple and feet: ``pelvis`` gives its angles in degrees and the
-    offset of the body, ``thorax`` mean pitch and torsion.
-
-    The feet go back and forth by ``reach_m`` times the measured curve, which is over the stride.
+    The measured ripple and feet are added to the gait's own trunk and arms. ``pelvis`` returns angles in degrees and
+    the offset of the body, ``thorax`` mean pitch and torsion. The fore-aft motion of the feet is ``reach_m`` times the
+    measured curve, which is relative to the stride.
     """
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
@@ -507,7 +506,7 @@ def _make_measured_motion(
         pelvis_m, neck_m = ripple_m * both_ways(phase)
         angles, base_m = pelvis(phase)
         base_m[:, 0] = pelvis_m
-        ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, against the pelvis
+        ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, relative to the pelvis
         pitch, angles["thorax_torsion"] = thorax(phase)
         angles["trunk_pitch"] = pitch - config.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
         trunk_rad, arms_rad = _convert_to_radians(angles), _convert_to_radians(arms(np.stack([phase + 0.5, phase])))

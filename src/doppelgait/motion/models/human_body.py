@@ -1,6 +1,6 @@
-"""Body of a person: 17 points, lengths, sampled persons.
+"""Body of a person: 17 points, lengths and sampled persons.
 
-Points follow from joint angles; persons are sampled from statistics.
+Points follow from joint angles. Persons are sampled from population statistics.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 
 Limbs = dict[str, FloatArray]
 Curves = Callable[[FloatArray], Limbs]
-"""Leg phases of left and right, (2, n), to flexions in degrees by joint, each (2, n)."""
+"""Function of leg phases, left and right (2, n), that returns flexions in degrees by joint, each (2, n)."""
 Hands = Literal["free", "pockets", "carrying", "bag", "phone", "pushing"]
 
 LENGTHS = {
@@ -35,7 +35,7 @@ HELD = {
     "pockets": (-12.0, 45.0, 0.15), "carrying": (5.0, 90.0, 0.1), "bag": (0.0, 8.0, 0.3), "phone": (75.0, 145.0, 0.1),
     "pushing": (20.0, 60.0, 0.0),
 }  # fmt: skip
-"""Mean shoulder and elbow flexion in degrees, and the share of the swing that is left (assumed)."""
+"""Mean shoulder and elbow flexion in degrees and remaining share of the swing, by state of the hand (assumed)."""
 
 _CYCLE = np.arange(200) / 200
 
@@ -46,11 +46,11 @@ def swing_arms(curves: Curves, *, factors: tuple[float, float], hands: tuple[Han
     Parameters
     ----------
     curves : callable
-        The gait's own.
+        Joint curves of the gait.
     factors : (float, float)
-        Swing of shoulder and elbow about their means relative to the gait's own, left and right; exactly its own at 1.
+        Swing of shoulder and elbow about their means relative to the gait's own, left and right; 1 leaves it unchanged.
     hands : (str, str)
-        Left and right: ``"free"`` or one of :data:`HELD`.
+        State of the left and the right hand: ``"free"`` or a key of :data:`HELD`.
     """
     if factors == (1.0, 1.0) and hands == ("free", "free"):
         return curves
@@ -80,13 +80,13 @@ _LOWER = [POINTS.index(n) for n in ("base", *(f"{s}_{p}" for s in _SIDES for p i
 _UPPER = [
     POINTS.index(n) for n in ("neck", "head", *(f"{s}_{p}" for s in _SIDES for p in ("shoulder", "elbow", "hand")))
 ]
-"""Points that turn with the pelvis, and those that turn with the upper body, in the order they are made in."""
+"""Points that rotate with the pelvis, and those that rotate with the upper body, in the order of computation."""
 
 
 def compute_figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
-    """Return points about the spine's base (Chen 2011).
+    """Return points relative to the base of the spine (Chen 2011).
 
     Parameters
     ----------
@@ -103,10 +103,10 @@ def compute_figure_points(
         Metres in the order of :data:`POINTS`; x forward, y left, z up.
     """
     count = limbs_rad["hip"].shape[1]
-    # base of the spine, then hip, knee, ankle and toe of either side
+    # base of the spine, then hip, knee, ankle and toe of both sides
     below: list[Place] = [(0.0, 0.0, 0.0)]
     shank = limbs_rad["hip"] - limbs_rad["knee"]
-    # the foot is a rod at right angles to the shank when the ankle is at zero
+    # at an ankle angle of 0, the foot is a rod at right angles to the shank
     foot = shank + limbs_rad["ankle"] + np.pi / 2
     leg = ((limbs_rad["hip"], size_m["thigh"]), (shank, size_m["shank"]), (foot, size_m["foot"]))
     x, z = _place_hanging_links((0.0, 0.0), leg)
@@ -139,7 +139,7 @@ def _place_upper_body(
 def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
     """Return the left hip relative to the spine's base.
 
-    The right one is opposite; angles are those of :func:`compute_figure_points`.
+    The right hip is opposite. Angles are those of :func:`compute_figure_points`.
     """
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
     aside = size_m["half_hip"] * np.cos(tilt)
@@ -152,8 +152,8 @@ def place_legless_points(
 ) -> FloatArray:  # fmt: skip
     """Return a figure without knees, ankles and toes.
 
-    Shape (n, 17, 3), each coordinate of a point contiguous in memory. ``base_m`` is the base of the spine, ``left_m``
-    what :func:`place_left_hip` gives, both (n, 3); the angles are those of :func:`compute_figure_points`.
+    The shape is (n, 17, 3); each coordinate of a point is contiguous in memory. ``base_m`` is the base of the spine and
+    ``left_m`` the result of :func:`place_left_hip`, both (n, 3). The angles are those of :func:`compute_figure_points`.
     """
     found = np.zeros((3, len(POINTS), base_m.shape[0]))
     found[:, _UPPER] = _place_upper_body(trunk_rad, arms_rad, size_m)
@@ -165,7 +165,7 @@ def place_legless_points(
 def _stack_columns(points: Sequence[Place], count: int) -> FloatArray:
     """Stack the coordinates of points as (3, k, n).
 
-    Whole columns are rotated at a time.
+    Rotations are applied to whole columns.
     """
     found = np.empty((3, len(points), count))
     for number, point in enumerate(points):
@@ -179,7 +179,7 @@ def _place_hanging_links(
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the ends (x, z) of linked rods.
 
-    Links hang straight down at angle 0 and swing forward with it.
+    Links hang straight down at angle 0; a positive angle is forward.
     """
     ends_x, ends_z = [], []
     x, z = (np.asarray(part) for part in start)
@@ -193,7 +193,7 @@ def _place_hanging_links(
 def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
     """Rotate points about a coordinate axis, in place.
 
-    Right-handed, through the origin, by n angles.
+    The rotation is right-handed, through the origin, by n angles.
     """
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
@@ -206,12 +206,12 @@ AgeClass = Literal["child", "adult", "senior"]
 Body = Literal["adult", "child"]
 
 ADULT_M = 1.75
-"""Stature of the adult to whom speeds and times are scaled."""
+"""Stature of the reference adult of speeds and times."""
 CHILD_M = (0.9, 1.6)
-"""Statures of the child's figure; at the upper end it has an adult's proportions."""
+"""Range of statures of the child's figure. At the upper limit, it has an adult's proportions."""
 _SMALLEST = {"leg": 0.885, "head": 1.38}
-"""Legs and head of a child of 0.9 m relative to an adult's, as shares of the stature (sitting height 0.575 H against
-0.52 H, a head height in 5 against 7.5; assumed)."""
+"""Relative lengths of legs and head of a child of 0.9 m over those of an adult (sitting height 0.575 H instead of
+0.52 H, head height H/5 instead of H/7.5; assumed)."""
 Load = Literal["free", "pockets", "bag", "phone", "pushing"]
 Complaint = Literal["none", "weak", "joint", "neurological"]
 _STATURE_M = {"male": (1.75, 0.07), "female": (1.62, 0.065)}
@@ -222,9 +222,9 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class _Manner:
-    """Walking manner of a group of people, with spreads.
+    """Means and spreads of the gait of a group of people.
 
-    Logarithms have the spreads ``_spread``.
+    The spreads ``_spread`` are those of logarithms.
     """
 
     walk_ratio: float = 1.0
@@ -246,8 +246,8 @@ _MANNERS: dict[Complaint, _Manner] = {
     "neurological": _Manner(0.92, 1.08, 0.28, 0.046, 0.6, 0.053, 0.5, 0.033, 0.05, (0.82, 0.3)),
 }
 """Clinical walkers of the tuning half: 2 people with weak muscles (4 clips), 2 with joint problems (4), 5 neurological
-(10). Spreads below 0.3 by so few are assumed, as is that of the speed of the weak. Their share of the cycle on the
-ground and the peak speed of their ankles are those of others at their speed, within 3 %."""
+(10). Spreads below 0.3 are assumed because the groups are small, and so is that of the speed of people with weak
+muscles. Duty factor and peak speed of the ankles are those of other people at the same speed, within 3 %."""
 
 
 _NO_PARAMETERS = ("sex", "age_class", "complaint", "age_years")
@@ -255,9 +255,9 @@ _NO_PARAMETERS = ("sex", "age_class", "complaint", "age_years")
 
 @dataclass(frozen=True)
 class Person:
-    """Someone sampled by :func:`sample_person`.
+    """Person sampled by :func:`sample_person`.
 
-    The speed is the preferred one in a walk.
+    The speed is the preferred walking speed.
     """
 
     sex: str
@@ -302,15 +302,15 @@ class Person:
 def find_segment_lengths(body: Body, height_m: float) -> dict[str, float]:
     """Return segment lengths as fractions of the stature.
 
-    A child has shorter legs and a larger head, by straight lines in the stature from 1.6 m down to 0.9 m; the trunk
-    takes the difference, so that head, trunk and leg add up as in the adult.
+    A child has shorter legs and a larger head. The ratios are linear in the stature from 1.6 m down to 0.9 m. The trunk
+    has the remaining length, so that the sum of head, trunk and leg is that of the adult.
 
     Parameters
     ----------
     body : str
         ``"adult"`` (those of Chen 2011 at any stature) or ``"child"``.
     height_m : float
-        Stature; a child's 0.9 to 1.6.
+        Stature; 0.9 to 1.6 for a child.
     """
     if body == "adult":
         return dict(LENGTHS)
@@ -330,34 +330,35 @@ def sample_person(
 ) -> Person:
     """Sample a person from population statistics.
 
-    Adults (20 to 65 years) and seniors (65 to 85): stature normal, men 1.75 +- 0.07 m, women 1.62 +- 0.065 m; body mass
-    index lognormal about 24 kg/m^2 with 13 % (assumed); preferred speed normal, 1.35 +- 0.18 m/s, seniors
-    1.15 +- 0.2 m/s, within 0.4 to 2.0 (after Bohannon 1997; Bohannon and Andrews 2011). Children (3 to 12 years):
-    Weech's rules, H = 0.77 m + 0.06 m a with 4.5 % (assumed), mass (2 a + 8) kg to 6 years, then (7 a - 5)/2 kg, with
-    12 % (assumed); an adult's speed at equal Froude number.
-
-    How they move, measured on the recorded walkers that the model's mean is of, lognormal within 3 deviations: walk
-    ratio with 16 % (stride frequency at equal dimensionless speed with 8 %), ripple of the trunk with 20 %, swing of
-    the arms with 40 %; normal: peak of the swing with 0.24 (peak speed of the ankle with 6 %), left less right of the
-    arms 0.15 +- 0.28, of the trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
-
-    Steps, measured on 66 of 17 clips of walkers without complaints (``studies/step_variation.py``): standard deviation
-    of their times lognormal about 0.025 with 30 % (assumed: people differ by no more than chance), of their lengths
-    about 0.014 with 70 %, at most 0.09; asymmetry normal with 0.02 in time, 0.06 in length. Drift of the pace lognormal
-    about 0.01 with 50 % (assumed: clips of 2 to 6 s show none beyond chance).
+    - Adults (20 to 65 years) and seniors (65 to 85): the stature is normal, 1.75 +- 0.07 m for men and 1.62 +- 0.065 m
+      for women. The body mass index is lognormal about 24 kg/m^2 with 13 % (assumed). The preferred speed is normal,
+      1.35 +- 0.18 m/s, for seniors 1.15 +- 0.2 m/s, within 0.4 to 2.0 (Bohannon 1997; Bohannon and Andrews 2011).
+    - Children (3 to 12 years): Weech's rules, H = 0.77 m + 0.06 m a with 4.5 % (assumed), mass (2 a + 8) kg to 6 years,
+      then (7 a - 5)/2 kg, with 12 % (assumed). The speed is that of an adult at the same Froude number.
+    - Gait, measured on the recorded walkers of the model, lognormal within 3 deviations: walk ratio with 16 % (stride
+      frequency at equal dimensionless speed with 8 %), ripple of the trunk with 20 %, swing of the arms with 40 %.
+      Normal: peak of the swing with 0.24 (peak speed of the ankle with 6 %), asymmetry of the arms 0.15 +- 0.28, of the
+      trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
+    - Steps, measured on 66 steps in 17 clips of walkers without complaints (``studies/step_variation.py``): the
+      standard deviation of their times is lognormal about 0.025 with 30 % (assumed, since people do not differ significantly),
+      that of their lengths about 0.014 with 70 %, at most 0.09. The asymmetry is normal with 0.02 in time and 0.06 in
+      length. The drift of the speed is lognormal about 0.01 with 50 % (assumed, since clips of 2 to 6 s show no
+      significant drift).
 
     Parameters
     ----------
     rng : Streams or numpy.random.Generator
-        Source of chance; always eighteen draws. The same streams (``rng=dg.rng(seed)``) give the same person.
+        Source of random numbers; always eighteen draws. The same streams (``rng=dg.rng(seed)``) result in the same
+        person.
     age_class : str
         ``"child"``, ``"adult"`` or ``"senior"``.
     complaint : str
-        ``"none"``; ``"weak"`` (muscles: short, quick steps), ``"joint"`` (a limp: one step lasts longer) or
-        ``"neurological"`` (uneven from step to step): slower, with the means and spreads of the clinical walkers.
+        ``"none"``, ``"weak"`` (muscles: short, fast steps), ``"joint"`` (a limp: one step lasts longer) or
+        ``"neurological"`` (irregular steps). Complaints reduce the speed; means and spreads are those of the clinical
+        walkers.
     load : str
-        What the hands do: ``"free"``; ``"pockets"`` and ``"pushing"`` (a pram) both, ``"bag"`` and ``"phone"`` one of
-        them, by chance. A person who pushes leans forward by 5 degrees more (assumed).
+        State of the hands: ``"free"``, ``"pockets"`` or ``"pushing"`` (a pram) for both hands, ``"bag"`` or ``"phone"``
+        for one of them at random. A person who pushes leans forward by 5 degrees more (assumed).
 
     Returns
     -------
@@ -366,7 +367,7 @@ def sample_person(
     Raises
     ------
     ConfigError
-        If ``age_class``, ``complaint`` or ``load`` is none of those.
+        If ``age_class``, ``complaint`` or ``load`` is not one of these.
 
     See Also
     --------

@@ -1,11 +1,9 @@
 """Measured mean curves of walking and running people.
 
-Trunk, ankle and foot over a cycle, against speed.
-
-Means of recorded people, of half of them by subject: 34 walks and 5 runs (``studies/motion_curves.py`` makes the
-tables; the other half tests them). Each is a straight line in the inverse of the dimensionless speed V / sqrt(g l) with
-the leg length l (in the speed itself, feet came out a tenth too fast at 1 m/s), and keeps its ends outside the measured
-speeds. The foot lands at phase 0.
+The curves describe trunk, ankle and foot over a cycle, as a function of speed. They are means of 34 recorded walks and
+5 runs, of half of the subjects (``studies/motion_curves.py`` makes the tables and tests them on the other half). Each
+value is linear in the inverse of the dimensionless speed V / sqrt(g l) with the leg length l (if linear in the speed,
+feet are a tenth too fast at 1 m/s), and constant outside the measured speeds. The foot lands at phase 0.
 """
 
 from __future__ import annotations
@@ -21,9 +19,9 @@ FloatArray = npt.NDArray[np.float64]
 Curve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"]
 
 MEASURED = {"walk": (0.18, 0.350, 0.59), "run": (0.93, 1.111, 1.22)}
-"""Lowest, harmonic mean and highest dimensionless speed of the recordings."""
+"""Minimum, harmonic mean and maximum dimensionless speed of the recordings."""
 DUTY = (0.571, 0.013)
-"""Share of a walker's cycle with a foot at rest or rolling, and its slope. Force plates see the toe longer, to 0.62."""
+"""Share of a walker's cycle with a foot at rest or rolling, and its slope. Force plates measure the toe up to 0.62."""
 
 CURVES: dict[tuple[str, str], tuple[tuple[float, ...], tuple[float, ...]]] = {
     ("walk", "pelvis_speed"): (
@@ -81,8 +79,8 @@ CURVES: dict[tuple[str, str], tuple[tuple[float, ...], tuple[float, ...]]] = {
 }  # fmt: skip
 """Mean and slope against the inverse of the dimensionless speed, at equal steps of phase of a cycle (20) or step (10).
 
-Speeds are those forward over V less 1, the height is that of the ankle over the leg, the pitch that of the line from
-ankle to toe against standing, degrees, toe up positive.
+Speeds are forward speeds over V, less 1. The height is that of the ankle over the leg length. The pitch is that of the
+line from ankle to toe relative to standing, in degrees, positive with the toe up.
 """
 
 
@@ -99,7 +97,7 @@ class CycleCurve:
     coefficients: npt.NDArray[np.complex128]
 
     def __call__(self, phase: FloatArray) -> FloatArray:
-        """Values at phases (n,): shaped like them, or (curves, n)."""
+        """Values at phases (n,), of the same shape or (curves, n)."""
         angle = 2.0 * np.pi * phase
         turn = np.empty(angle.shape, dtype=complex)
         np.cos(angle, out=turn.real)  # the exponential of an imaginary number takes three times as long
@@ -114,7 +112,7 @@ class CycleCurve:
 
 
 def join_curves(*curves: CycleCurve) -> CycleCurve:
-    """Join curves of equally many harmonics, to save time."""
+    """Join curves of equal numbers of harmonics, to save time."""
     return CycleCurve(np.stack([curve.coefficients for curve in curves]))
 
 
@@ -128,11 +126,12 @@ def make_measured_curve(
     gait : {"walk", "run"}
     name : str
     dimensionless_speed : float
-        V / sqrt(g l); taken as the nearest measured one outside of :data:`MEASURED`.
+        V / sqrt(g l), clipped to the range in :data:`MEASURED`.
     integral : bool
         Integrate the curve less its mean.
     asymmetry : float
-        (first - second) / mean of its size in the halves of the cycle: 1 plus half of it times a sine.
+        (first - second) / mean of its amplitude in the halves of the cycle. The factor is 1 plus half of the asymmetry
+        times a sine.
     """
     mean, slope = _find_harmonics(gait, name)
     harmonics = mean + slope * _compute_slowness(gait, dimensionless_speed)
@@ -162,7 +161,7 @@ def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
 def _find_harmonics(gait: str, name: Curve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """Return harmonics of a table's mean and slope.
 
-    Those at half the sampling rate are left out.
+    Harmonics at half the sampling rate are left out.
     """
     found = []
     for samples in CURVES[gait, name]:

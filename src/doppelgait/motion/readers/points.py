@@ -1,4 +1,4 @@
-"""Motion from the points of a file, the last step of all readers.
+"""Last step of all readers: a motion from the points.
 
 :func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points of one body, and
 :func:`make_point_motion` makes the motion.
