@@ -142,7 +142,7 @@ def test_auto_goes_through_the_gaits_with_speed():
         np.testing.assert_array_equal(motion.position_m, named.position_m)
         assert motion.facts.gait == gait
     for parameters, text in (
-        ({}, "'auto' goes by the speed: give speed_mps or froude"),
+        ({}, "'auto' depends on the speed: give speed_mps or froude"),
         ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 moves at 2.17 to 6.26 m/s in a gallop"),
         ({"speed_mps": 0.1}, "moves at 0.443 to 1.4 m/s in a walk"),
     ):

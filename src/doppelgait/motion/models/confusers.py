@@ -167,9 +167,9 @@ def robot_vacuum(
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`VacuumConfig`.
 
@@ -207,9 +207,9 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`CurtainConfig`.
 
@@ -249,9 +249,9 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`FanConfig`.
 

@@ -1,7 +1,7 @@
-"""Feet that stay where they land, and their legs.
+"""Feet that do not slide, and their legs.
 
-A gait's curves say where the ankle would go. In stance the foot stands on the floor instead and rolls from heel to toe
-by the gait's own pitch; in swing the difference fades from one stance to the next, so that the swing keeps the gait's
+A gait's curves define the path of a free ankle. In stance, the foot is on the floor instead and rolls from heel to toe
+with the pitch of the gait. In swing, the difference fades from one stance to the next, so that the swing keeps its
 shape. The knee follows from hip and ankle.
 """
 
@@ -21,35 +21,36 @@ from doppelgait.motion.models.strides import stack_columns
 
 FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]
-"""Distance travelled in m at phases in cycles (derivative order 0), or its slope per cycle (order 1)."""
+"""Function that returns the distance travelled in m at phases in cycles (order 0), or its slope per cycle (order 1)."""
 
 MAX_EXTENSION = 0.99
-"""A leg is never straighter than this share of its length: a knee flexed by 16 degrees or more."""
+"""Maximum extension of a leg relative to its length. The knee flexion is then 16 degrees or more."""
 FOOT = (0.108, 0.0252)
-"""Distance from the ankle to the tip of the toes and height of the ankle over it, as shares of the stature: means of
-recordings. The foot rises about the tip."""
+"""Distance from the ankle to the tip of the toes, and height of the ankle above the tip, as shares of the stature
+(means of recordings). The foot rotates about the tip when it rises."""
 MIDDLE = 0.8
-"""Place of the point ``toe`` on the way from the ankle to the tip: midway between ball and tip, for it has the whole
-foot's cross section."""
+"""Position of the point ``toe`` between ankle (0) and tip (1). It is midway between ball and tip, because the point has
+the cross section of the whole foot."""
 STANDING_RAD = math.asin(FOOT[1] / FOOT[0])
-"""Slope of the line from ankle to tip while the sole is flat."""
+"""Slope of the line from ankle to tip with a flat sole."""
 ANKLE = 0.034 / FOOT[0]
-"""Height of the ankle over the sole, median of recordings, over the distance from ankle to tip."""
+"""Height of the ankle above the sole (median of recordings), relative to the distance from ankle to tip."""
 TIP = ANKLE - FOOT[1] / FOOT[0]
-"""Height of the tip over the sole, likewise."""
+"""Height of the tip above the sole, relative to the distance from ankle to tip."""
 HEEL = 0.45
-"""Distance from the heel to below the ankle, likewise (assumed)."""
+"""Distance from the heel to the point below the ankle, relative to the distance from ankle to tip (assumed)."""
 LEVEL_RAD = math.radians(1.5)
-"""A sole that is measured this near to level stands flat."""
+"""Measured slope of the sole below which it is flat on the floor."""
 SWING_REACH = (0.75, 0.88)
-"""Horizontal distance of a swinging ankle from its hip over the leg's reach: free below the first, below the second."""
+"""Horizontal distance of a swinging ankle from its hip, relative to the leg's reach: up to the first value it is not
+changed, and it stays below the second."""
 CLEARANCE_M = 0.03
-"""Rounding of the swing where the toe would go through the floor: it passes at half of this or more."""
+"""Smoothing height of a swing in which the toe would cross the floor. Its clearance is then half of this or more."""
 OFFSET = {"left": 0.5, "right": 0.0}
 """Leg phase minus body phase: the right foot lands at 0, the left at 0.5."""
 
 Hips = Mapping[str, FloatArray]
-"""Places of the hips by side, (n, 3) in m."""
+"""Positions of the hips by side, (n, 3) in m."""
 
 _GRID = np.arange(400) / 400
 _PRINTS = np.linspace(-0.5, 1.0, 301)
@@ -58,7 +59,7 @@ _NUDGE = 1e-5
 
 @dataclass(frozen=True)
 class GaitStyle:
-    """One cycle of a gait: stride, timing, sole and pose.
+    """Cycle of a gait: stride, timing, sole and pose.
 
     Parameters
     ----------
@@ -67,14 +68,15 @@ class GaitStyle:
     stride_m, period_s : float
         Mean length and time of a stride.
     duty : float
-        Share of the cycle for which a foot is on the ground.
+        Share of the cycle in which a foot is on the ground.
     foot : callable
-        Leg phases in cycles, shape (n,), to (x of the ankle against uniform motion in m, its height in m, pitch of the
-        sole in rad, toe up positive), (n, 3).
+        Function of leg phases in cycles, shape (n,), that returns an array (n, 3): x of the ankle relative to uniform
+        motion in m, its height in m, and the pitch of the sole in rad, positive with the toe up.
     pose : callable
-        Phases in cycles, shape (n,), to points in place, (n, 17, 3) in m, about the base of the spine.
+        Function of phases in cycles, shape (n,), that returns points in place, (n, 17, 3) in m, relative to the base of
+        the spine.
     hips : callable
-        The same phases to the hips alone.
+        Function of the same phases that returns only the hips.
     """
 
     name: str
@@ -90,9 +92,9 @@ def place_feet(
     points_m: FloatArray, phase: FloatArray, advance: Advance, style: GaitStyle, size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
 ) -> None:  # fmt: skip
-    """Put a figure on feet that stand still.
+    """Place a figure on feet that do not slide.
 
-    Segment lengths stay. The sole is on z = 0 while flat; the trunk is as high as the legs reach all the time.
+    Segment lengths are kept. A flat sole is at z = 0. The trunk has the greatest height that the legs reach throughout.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def place_feet(
     size_m : mapping of float
         ``thigh``, ``shank`` and ``foot``, the distance from ankle to tip.
     left_ahead_m : float
-        Left feet are put down so much further ahead, right ones less far: the trunk moves on evenly.
+        Distance by which left feet land further ahead, and right feet less far. The motion of the trunk is unchanged.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def place_feet(
     of_legs = {"left": in_place["left"][cycle.size : -leg.size], "right": in_place["right"][-leg.size :]}
     feet = make_feet(style, of_legs, size_m, left_ahead_m)
     reach_m = MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
-    # Frames and a whole cycle in one go: the hips must not be higher between the frames' phases than legs reach.
+    # Frames and a whole cycle in one call: between the frames' phases, too, the legs must reach the hips.
     count, every = phase.size, np.concatenate([phase, cycle])
     way_m, rise_m, found = advance(every, 0), np.inf, {}
     for side, foot in feet.items():
@@ -128,7 +130,7 @@ def place_feet(
         own = style.foot(every + foot.offset)
         own = stack_columns(own[:, 0] + way_m, hip_m[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
         place, pitch, swings = compute_foot_path(foot, own, every, advance)
-        # a swinging foot beyond the legs' reach, as of very fast runners, is pulled in; a standing one is where it is
+        # a swinging foot beyond the legs' reach, as of very fast runners, is moved closer; a standing one is not
         away_m = place[:, :2] - hip_m[:, :2]
         far = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]) / reach_m, 1e-9)
         near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
@@ -158,7 +160,7 @@ def _number(side: str, joint: str) -> int:
 
 @dataclass(frozen=True)
 class Foot:
-    """One foot through a cycle.
+    """Motion of a foot through a cycle.
 
     Rows are (x, y, z of the ankle in m, slope of the line from ankle to toe in rad).
 
@@ -169,11 +171,11 @@ class Foot:
     duty : float
         Share of the cycle on the ground.
     length_m : float
-        From ankle to toe.
+        Length from ankle to toe.
     print_m : ndarray, shape (4,)
-        Footprint against the distance travelled when the foot lands.
+        Footprint relative to the distance travelled when the foot lands.
     landing, leaving : (ndarray, ndarray), shape (4,)
-        Roll less the gait's own row in place at that moment, and the slope of this difference per cycle.
+        Roll less the gait's own row in place at landing and at lift-off, and the slope of this difference per cycle.
     """
 
     offset: float
@@ -187,7 +189,7 @@ class Foot:
 def _sample_leg_phases(duty: float) -> FloatArray:
     """Return sample phases of stance, touchdown and lift-off.
 
-    Stance has a hundred steps; touchdown and lift-off have a neighbour on either side each.
+    Stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
     """
     around = np.array([0.0, -_NUDGE, _NUDGE])
     return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
@@ -196,8 +198,8 @@ def _sample_leg_phases(duty: float) -> FloatArray:
 def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
     """Make a gait's feet and place their footprints.
 
-    The gait takes ``hips`` at :func:`_sample_leg_phases`; the footprint is ``left_ahead_m`` before (a right one:
-    behind) the one for which the trunk sinks least.
+    ``hips`` are those at :func:`_sample_leg_phases`. A left footprint is ``left_ahead_m`` ahead of the one that lowers
+    the trunk least, a right footprint is behind it.
     """
     cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     own = style.foot(cycles)
@@ -216,9 +218,8 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ah
 def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
     """Find the footprint with the highest hip.
 
-    The hip must reach all through stance.
-
-    The height is concave in the place, as the least of arcs of circles: a coarse look shows where to look closely.
+    The leg must reach the footprint during the whole stance. The height is a concave function of the position (the
+    minimum of circular arcs), so that a fine search follows a coarse one.
     """
     places = _PRINTS * reach_m
     room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
@@ -237,12 +238,13 @@ def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: 
 
 
 def _roll_sole(sole: FloatArray, foot_m: float) -> FloatArray:
-    """Return ankle and pitch against the footprint, (n, 4).
+    """Return ankle and pitch relative to the footprint, (n, 4).
 
-    From the slope of the sole in stance, which comes down about the heel; then the heel rises about the toe.
+    They follow from the slope of the sole in stance. First the sole rotates down about the heel, then the heel rises
+    about the toe.
     """
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
-    turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth where the sole becomes level
+    turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
     heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
     return stack_columns(
@@ -258,7 +260,7 @@ def compute_foot_path(
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Return the path of a foot over the floor.
 
-    In swing the gait's own path is corrected by a cubic that takes up value and slope of the stances around it.
+    In swing, the gait's own path is corrected by a cubic that matches value and slope of the adjacent stances.
 
     Parameters
     ----------
@@ -277,11 +279,11 @@ def compute_foot_path(
     pitch_rad : ndarray, shape (n,)
         Slope of the line from ankle to toe, toe up positive.
     swings : ndarray of bool, shape (n,)
-        Whether the foot is off the ground.
+        True if the foot is off the ground.
     """
     number = np.floor(phase + foot.offset)
     cycles, first = phase + foot.offset - number, number.min()
-    # what belongs to a step, once for each: columns of it are taken by the frames
+    # values of each step are computed once; frames select their columns
     step = (number - first).astype(np.intp)
     lands = first + np.arange(step.max() + 1) - foot.offset
     leaves, width = lands + foot.duty, 1 - foot.duty
@@ -292,8 +294,8 @@ def compute_foot_path(
         found[0] += way_m
         return found
 
-    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1); they move the gait's own
-    # path onto the floor in the stances around the swing
+    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1), which move the gait's
+    # own path onto the floor in the adjacent stances
     leaving = of_steps(foot.print_m + foot.leaving[0], lands_m - advance(leaves, 0))
     landing = of_steps(foot.print_m + foot.landing[0], 0.0)
     from_slope = width * of_steps(foot.leaving[1], -advance(leaves, 1))
@@ -305,9 +307,9 @@ def compute_foot_path(
     rows = own.T + (((c_3 * share + c_2) * share + c_1) * share + c_0)
     sole, tip = rows[3] + STANDING_RAD, foot.length_m * (np.sin(rows[3]) - TIP)
     heel_m = -foot.length_m * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
-    # raise a swinging foot smoothly where it would meet the floor, and not at the ends of the swing
+    # raise a swinging foot smoothly if it would touch the floor, except at the ends of the swing
     rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
-    for point_m in (heel_m, tip):  # sole at heel and toe over the ankle
+    for point_m in (heel_m, tip):  # heel and toe of the sole relative to the ankle
         depth = -rows[2] - point_m
         rows[2] += (depth + np.sqrt(depth * depth + rounding * rounding)) / 2
     swings = cycles >= foot.duty

@@ -1,4 +1,4 @@
-"""Targets with known answers: point, pendulum, rotor, breathing person."""
+"""Targets with known results: point, pendulum, rotor, breathing person."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PendulumConfig(FrozenModel):
     amplitude_deg : float
         Largest angle a, 0 to 180 degrees.
     frequency_hz : float
-        Swings per second f, to and fro, above 0.
+        Full swings per second f, above 0.
     pivot_height_m : float
         Height of the pivot, at least the length.
     rate_hz : float
@@ -123,7 +123,8 @@ class BreathingConfig(FrozenModel):
     breathing_hz : float
         Breaths per second f, above 0 to 2.
     amplitude_m : float
-        Amplitude a of the two chest points, 0 to 0.05; the abdomen moves half as far (assumed), all else not at all.
+        Amplitude a of the two chest points, 0 to 0.05. The abdomen moves half as far (assumed); other points are at
+        rest.
     rate_hz : float
         Frames per second.
     """
@@ -141,14 +142,14 @@ def moving_point(
 ) -> Motion:
     """Generate a point on a straight line.
 
-    x = V t at a constant height.
+    Its position is x = V t at a constant height.
 
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`PointConfig`.
 
@@ -179,16 +180,15 @@ def moving_point(
 def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """Generate a point that swings in x under a pivot.
 
-    The pivot is above x = 0; the angle is a sin(2 pi f t) forward of the vertical.
-
-    The frequency is a parameter, not that of free fall. The highest speed is 2 pi f a l, at the lowest point.
+    The pivot is above x = 0. The angle from the vertical is a sin(2 pi f t), positive forward. The frequency is a
+    parameter and does not follow from gravity. The maximum speed is 2 pi f a l, at the lowest point.
 
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`PendulumConfig`.
 
@@ -219,17 +219,16 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
 def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """Generate a hub at rest with rotating blade tips.
 
-    The hub is above x = 0; the rate is constant.
-
-    Blade k is at the angle 2 pi (rotation_hz t + k / blades), from the plane's first axis to its second. The highest
-    speed is 2 pi rotation_hz radius_m; a signature repeats blades times per turn.
+    The hub is above x = 0, and the rate is constant. Blade k is at the angle 2 pi (rotation_hz t + k / blades), from
+    the plane's first axis to its second. The maximum speed is 2 pi rotation_hz radius_m. The signature repeats
+    ``blades`` times per turn.
 
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`RotorConfig`.
 
@@ -267,9 +266,9 @@ def breathing_person(
     Parameters
     ----------
     duration_s : float
-        Time to cover.
+        Duration of the motion.
     rng : numpy.random.Generator or Streams, optional
-        Not used: the motion holds nothing random.
+        Not used, because the motion is deterministic.
     **parameters
         Fields of :class:`BreathingConfig`.
 
@@ -332,7 +331,7 @@ _STANDING = {
     "abdomen": ("torso", 0.06, 0.0, 0.60, 0.5),
     "pelvis": ("torso", 0.0, 0.0, 0.53, 0.0),
 }
-"""Part, place as fractions of the stature (x, y, z), and share of the chest's motion; assumed proportions."""
+"""Part, position as fractions of the stature (x, y, z), and share of the chest's motion by point (assumed)."""
 
 
 @plugin("motion_model", parameters=BreathingConfig)

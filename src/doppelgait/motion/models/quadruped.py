@@ -1,10 +1,8 @@
-"""A dog, cat, horse or cow from footfalls.
+"""Dog, cat, horse or cow from footfalls.
 
-Paws stay where they land, the trunk heaves, the limbs are jointed.
-
-A gait is data (:mod:`doppelgait.motion.models.quadruped_gaits`); size and speed set stride length and timing by
-dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`); the limbs follow from trunk and paws
-(:mod:`doppelgait.motion.models.quadruped_limbs`).
+Paws do not slide, the trunk heaves, and the limbs have joints. A gait is data, and size and speed determine stride
+length and timing by dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`). The limbs follow from trunk
+and paws (:mod:`doppelgait.motion.models.quadruped_limbs`).
 """
 
 from __future__ import annotations
@@ -51,7 +49,7 @@ from doppelgait.motion.motion import NAN, Motion, MotionFacts, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 
-# A joint belongs to the bone that ends there; the shoulder is the lower end of the scapula, the hip part of the trunk.
+# A joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
 PART_OF_POINT = {
     "nose": "head", "head": "head", "neck": "neck", "neck_base": "neck",
     "withers": "trunk", "chest": "trunk", "back": "trunk", "belly": "trunk", "rump": "trunk", "tail_base": "trunk",
@@ -64,7 +62,7 @@ PART_OF_POINT = {
         ("hip", "trunk"), ("knee", "hind_upper"), ("hock", "hind_lower"), ("hind_paw", "hind_paw"),
     )
 }  # fmt: skip
-"""Points of the dog in their order, and the part that each belongs to."""
+"""Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
 
 
@@ -78,15 +76,15 @@ class QuadrupedConfig(FrozenModel):
         ``"canter"`` (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to
         6), or ``"auto"``: walk up to a Froude number of 0.5, trot up to 2.5, then gallop.
     speed_mps : float, optional
-        Mean forward speed V. Give this or ``froude``.
+        Mean forward speed V. Set either this or ``froude``.
     froude : float, optional
-        Froude number that determines the speed; without either key, the gait's usual one (trot 1, gallop 4).
+        Froude number that determines the speed. Without either key, it is the gait's usual one (trot 1, gallop 4).
     build : str
         Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
         ``"standard"``, breeds of dog, ``"cat"``, ``"horse"``, ``"cow"``.
     withers_m : float, optional
-        Height of the withers when standing, 0.15 to 0.9, of a horse from 0.7 and a cow from 0.8 to 1.8; by default that
-        of the build (standard 0.5).
+        Height of the withers when standing: 0.15 to 0.9, for a horse 0.7 to 1.8, for a cow 0.8 to 1.8. The default is
+        that of the build (standard 0.5).
     start_phase : float
         Phase at the start in strides, 0 (left hind foot lands) to below 1.
     stride_variation : float
@@ -94,29 +92,29 @@ class QuadrupedConfig(FrozenModel):
     step_length_sd : float
         Standard deviation of the length of half a stride over its mean, 0 to 0.15.
     footfall_sd : float
-        Standard deviation of the moment at which a foot lands, in strides, 0 to 0.04.
+        Standard deviation of the landing time of a foot, in strides, 0 to 0.04.
     asymmetry : float
-        Strides by which both right feet land late, -0.05 to 0.05. The frequencies of the facts stay those of the
-        gait: f_mu by E-07, although half strides then differ.
+        Delay of the landing of both right feet in strides, -0.05 to 0.05. The frequencies in the facts remain those of
+        the gait (f_mu by E-07), although half strides then differ.
     length_asymmetry : float
-        (first - second) / mean of the half strides from the landing of the left hind foot on, -0.4 to 0.4.
+        (first - second) / mean of the half strides, starting at the landing of the left hind foot, -0.4 to 0.4.
     trunk_ripple : float
-        Fore-aft motion of the trunk and swing of the neck within a stride relative to the recorded ones, 0 to 2.
+        Fore-aft motion of the trunk and swing of the neck within a stride, relative to the recorded ones, 0 to 2.
     stride_ratio : float
         Stride length relative to the gait's at this speed, 0.8 to 1.25; two recorded dogs differ by 14 %.
     hind_swing_peak : float
-        Highest speed of a swinging hind paw relative to that of the recorded dog, 0.8 to 1.2.
+        Maximum speed of a swinging hind paw relative to that of the recorded dog, 0.8 to 1.2.
     fore_swing_peak : float
-        Highest speed of a swinging fore paw relative to that of the recorded dog, 0.8 to 1.2.
+        Maximum speed of a swinging fore paw relative to that of the recorded dog, 0.8 to 1.2.
     neck_deg : float
         Mean elevation of the neck, -40 to 80 degrees.
     tail_deg : float
         Mean elevation of the tail, -80 to 80 degrees.
     tail_frequency_hz : float
-        Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion as a whole is periodic only where it fits the
-        stride.
+        Frequency of the sideways swing of the tail, 0 to 5 Hz. The whole motion is periodic only if this frequency is a
+        multiple of the stride frequency.
     tail_sweep_deg : float
-        Largest sideways angle of the tail, either way, 0 to 60 degrees.
+        Maximum sideways angle of the tail to both sides, 0 to 60 degrees.
     rate_hz : float
         Frames per second, 50 to 10000.
     """
@@ -149,7 +147,7 @@ class QuadrupedConfig(FrozenModel):
         if self.speed_mps is not None and self.froude is not None:
             raise ValueError("give speed_mps or froude, not both")
         if self.gait == "auto" and self.speed_mps is None and self.froude is None:
-            raise ValueError("gait: 'auto' goes by the speed: give speed_mps or froude, or name the gait")
+            raise ValueError("gait: 'auto' depends on the speed: give speed_mps or froude, or name the gait")
         lowest, highest = BUILDS[self.build].withers_range_m
         if not lowest <= self.actual_withers_m <= highest:
             raise ValueError(
@@ -187,7 +185,7 @@ class QuadrupedConfig(FrozenModel):
     def actual_speed_mps(self) -> float:
         """The speed, or that of the Froude number.
 
-        Without either it is the speed of the gait's usual Froude number.
+        Without both, it is the speed of the gait's usual Froude number.
         """
         if self.speed_mps is not None:
             return self.speed_mps
@@ -202,16 +200,16 @@ def quadruped_gait(
 
     Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3, Alexander and Jayes
     1983; in walk and pace 0.23; c between those of two measured dogs, assumed for all); stride frequency f = V/L. A paw
-    is on the ground, at rest, for the share 1 - t_swing f of the stride, give or take an offset of the gait, with
+    is at rest on the ground for the share 1 - t_swing f of the stride plus an offset of the gait, with
     t_swing = 0.35 s (h/0.46 m)^0.5. Trunk, neck, tail, swinging paws and the segments of the limbs follow the mean
     curves of one recorded dog (:mod:`doppelgait.motion.models.quadruped_curves`).
 
     Parameters
     ----------
     duration_s : float
-        Time to cover; the last frame is at or just after it.
+        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
-        Needed when ``stride_variation``, ``step_length_sd`` or ``footfall_sd`` is above 0.
+        Source of random numbers, needed if ``stride_variation``, ``step_length_sd`` or ``footfall_sd`` is above 0.
     **parameters
         Fields of :class:`QuadrupedConfig`.
 
@@ -291,7 +289,7 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
 def _make_course(
     config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
 ) -> FootfallCourse:
-    """Return where and when the feet land.
+    """Return the positions and times of the footfalls.
 
     Half strides and landings vary as first-order autoregressive sequences.
     """

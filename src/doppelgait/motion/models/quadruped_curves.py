@@ -1,8 +1,9 @@
 """Measured mean curves of a dog's body and limbs.
 
-Means over the strides of one recorded dog (``studies/dog_curves.py`` makes the tables; a second dog tests them); of the
-trunk there are 45 strides in the pace, 5 in the walk, 4 in the trot and 6 in the gallop, of the limbs twice as many or
-more. Canter, transverse gallop and bound take those of the gallop, moved to where their feet land.
+The curves are means over the strides of one recorded dog. ``studies/dog_curves.py`` makes the tables and tests them on
+a second dog. Curves of the trunk are from 45 strides in the pace, 5 in the walk, 4 in the trot and 6 in the gallop;
+curves of the limbs are from at least twice as many. Canter, transverse gallop and bound use the curves of the gallop,
+shifted to the phases of their footfalls.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ Segment = Literal["scapula", "manus", "metatarsus"]
 RecordedGait = Literal["walk", "pace", "trot", "gallop"]
 
 MEASURED_DUTY = {"walk": (0.48, 0.575), "pace": (0.48, 0.535), "trot": (0.22, 0.375), "gallop": (0.18, 0.26)}
-"""Share of the stride for which hind and fore paws are at rest in the recordings."""
+"""Share of the stride in which hind and fore paws are at rest in the recordings."""
 MEASURED_LANDING = {"walk": (0.0, 0.12), "pace": (0.0, 0.02), "trot": (0.0, 0.40), "gallop": (-0.085, 0.23)}
-"""Phase after the left hind foot at which hind and fore pair landed: of the left foot, in the gallop of the mean."""
+"""Phase at which the hind and the fore pair land, after the left hind foot: that of the left foot, or in the gallop the
+mean of both feet."""
 N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
-"""Those of the trunk are 4."""
+"""Number of harmonics by curve. Curves of the trunk have 4."""
 
 SWINGS: dict[tuple[str, str], tuple[float, ...]] = {
     ("walk", "hind"): (0.00, 0.10, 0.37, 0.79, 1.18, 1.46, 1.64, 1.72, 1.71, 1.55, 1.11, 0.38, 0.00),
@@ -41,7 +43,7 @@ SWINGS: dict[tuple[str, str], tuple[float, ...]] = {
     ("gallop", "hind"): (0.00, 0.24, 0.66, 0.99, 1.23, 1.38, 1.44, 1.49, 1.52, 1.44, 1.11, 0.49, 0.00),
     ("gallop", "fore"): (0.00, 0.19, 0.72, 1.32, 1.67, 1.76, 1.67, 1.45, 1.20, 0.98, 0.71, 0.33, 0.00),
 }
-"""Forward speed of a paw over its mean in swing, at equal steps from lift-off to landing."""
+"""Forward speed of a paw relative to its mean in swing, at equal steps from lift-off to landing."""
 
 CURVES: dict[tuple[str, str], tuple[float, ...]] = {
     ("walk", "surge"): (-0.128, -0.148, -0.040, 0.122, 0.191, 0.120, 0.006, -0.039, -0.030, -0.055),
@@ -94,22 +96,23 @@ CURVES: dict[tuple[str, str], tuple[float, ...]] = {
 }  # fmt: skip
 """Values at equal steps of phase over a stride (20) or half of it (10).
 
-``surge`` is the trunk's forward speed over V less 1, heaves are heights of hip and neck base about their means over the
-hip height, by phase after the left hind foot; ``neck`` and ``tail`` elevations about their means, degrees. Segments are
-elevations in degrees by phase after the own foot: 0 hangs down, positive with the lower end ahead.
+Curves of the trunk are functions of the phase after the left hind foot: ``surge`` is the forward speed over V, less 1;
+heaves are heights of hip and neck base about their means, relative to the hip height; ``neck`` and ``tail`` are
+elevations about their means, in degrees. Curves of segments are elevations in degrees, as functions of the phase after
+their own foot: 0 is straight down, and positive angles have the lower end ahead.
 """
 
 
 def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
     """Return a trunk curve and its first phase.
 
-    Neck and front heave go with the fore feet, the rest with the hind feet.
+    The phases of neck and front heave are relative to the fore feet, the others to the hind feet.
 
     Parameters
     ----------
     gait : str
     name : str
-        The surge is a distance over the stride: the integral of the measured speed.
+        Name of the curve. The surge is a distance relative to the stride, the integral of the measured speed.
     touchdown : mapping
         Phases at which the feet of the gait land.
     """
@@ -127,7 +130,7 @@ TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "ne
 def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
     """Join the trunk curves, each at its first phase.
 
-    They are those of :func:`find_trunk_curve`, in the order of :data:`TRUNK_CURVES`.
+    The curves are those of :func:`find_trunk_curve` in the order of :data:`TRUNK_CURVES`.
     """
     terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
     for row, name in enumerate(TRUNK_CURVES):
@@ -139,20 +142,20 @@ def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> Cyc
 def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArray, duty: float) -> FloatArray:
     """Return the measured elevation of a limb's segment.
 
-    Stance and swing of the recording are stretched to those of the duty factor.
+    Stance and swing of the recording are scaled to those of the duty factor.
 
     Parameters
     ----------
     gait : str
     segment : str
     cycles : ndarray
-        Strides after the touchdown of the own foot.
+        Strides after the touchdown of the limb's own foot.
     duty : float
         Duty factor of that foot, between 0 and 1.
     """
     of_recording = MEASURED_DUTY[gait][segment != "metatarsus"]
     own = cycles - np.floor(cycles)
-    # a cubic on either side of lift-off with one slope at all three knots, so that no speed jumps
+    # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
     stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)
     slope = 2 * stance * swing / (stance + swing)
     swings = own >= duty
@@ -167,23 +170,23 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
 
 @cache
 def find_swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
-    """Return the way of a swinging paw, 0 to 1.
+    """Return the path of a swinging paw, 0 to 1.
 
-    It is against the share of the swing.
+    The path is a function of the share of the swing.
 
     Parameters
     ----------
     gait : str
     end : {"hind", "fore"}
     peak : float
-        Highest speed relative to the recorded one, 0.8 to 1.2, to 10 %.
+        Maximum speed relative to the recorded one, 0.8 to 1.2; it is accurate to 10 %.
     """
     speed = np.array(SWINGS[gait, end])
     peaked = speed**2 / (speed**2).mean() * speed.mean()
     speed = speed + (peak - 1) * speed.max() / (peaked.max() - speed.max()) * (peaked - speed)
     step = 1 / (speed.size - 1)
     ways = step / 2 * (speed[:-1] + speed[1:])
-    ways[1:-1] -= step**2 / 12 * np.diff(np.gradient(speed, step))[1:-1]  # a smooth speed, but for the ends
+    ways[1:-1] -= step**2 / 12 * np.diff(np.gradient(speed, step))[1:-1]  # for a smooth speed, except at the ends
     way = np.concatenate([[0.0], np.cumsum(ways)])
     return fit_cubic_hermite(np.linspace(0, 1, speed.size), way / way[-1], speed / way[-1])
 

@@ -1,11 +1,10 @@
 """Gaits and builds of a quadruped as data.
 
-The laws of speed, stride and duty factor are here too.
-
-Lengths are in units of the hip height h, a share of the withers height; phases in cycles after touchdown of the left
-hind foot, shares in units of the stride. Values of walk, pace, trot and gallop are between those of two dogs in motion
-capture, a medium-sized one and a Labrador, where both have the gait; canter, transverse gallop and bound are
-approximations from the literature on dogs and cursorial mammals, assumed, with the limbs of the gallop.
+The module also has the laws of speed, stride and duty factor. Lengths are in units of the hip height h, a share of the
+withers height. Phases are in cycles after touchdown of the left hind foot. Values of walk, pace, trot and gallop are
+between those of two dogs in motion capture, a medium-sized one and a Labrador, if both have the gait. Canter,
+transverse gallop and bound are approximations (assumed) from the literature on dogs and cursorial mammals, with the
+limbs of the gallop.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ class Girdle:
     Parameters
     ----------
     duty_offset : float
-        Added to the duty factor that the swing-time rule gives.
+        Offset added to the duty factor of the swing-time rule.
     clearance : float
-        Highest point of the paw's path.
+        Height of the highest point of the paw's path.
     clearance_at : float
-        Where in the swing it is reached, 0.4 to 0.6.
+        Share of the swing at which the paw is highest, 0.4 to 0.6.
     reach : float
-        How far ahead of the girdle the paw is in the middle of its stance.
+        Distance of the paw ahead of the girdle in the middle of its stance.
     swing_peak : float
-        Highest forward speed of the paw relative to the recorded one, 0.8 to 1.2.
+        Maximum forward speed of the paw relative to the recorded one, 0.8 to 1.2.
     """
 
     duty_offset: float
@@ -47,7 +46,7 @@ class Girdle:
 
 @dataclass(frozen=True)
 class Gait:
-    """A gait.
+    """Gait of a quadruped.
 
     Parameters
     ----------
@@ -58,10 +57,10 @@ class Gait:
     stride_factor, stride_power : float
         c and p of the stride length L/h = c Fr^p.
     harmonic : int
-        Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 when left
-        and right are half a stride apart, else 1.
+        Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 if the lag
+        of left and right is half a stride, otherwise 1.
     curves : str
-        Recorded gait that its curves come from (:mod:`doppelgait.motion.models.quadruped_curves`).
+        Recorded gait of its curves (:mod:`doppelgait.motion.models.quadruped_curves`).
     sway : float
         Amplitude of the trunk's sideways motion, once per stride.
     ripple : float
@@ -95,7 +94,7 @@ GAITS: dict[str, Gait] = {
         hind=Girdle(-0.08, 0.08, 0.50, 0.08),
         fore=Girdle(-0.01, 0.10, 0.52, 0.2),
     ),
-    # Both feet of a side together, the fore foot a little late (measured at Fr 0.1 to 0.5).
+    # Both feet of a side together, the fore foot slightly late (measured at Fr 0.1 to 0.5).
     "pace": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.02, "right_hind": 0.5, "right_fore": 0.52},
         froude=(0.1, 1.0, 0.4),
@@ -107,8 +106,8 @@ GAITS: dict[str, Gait] = {
         hind=Girdle(-0.065, 0.08, 0.50, -0.03),
         fore=Girdle(-0.01, 0.10, 0.52, 0.175),
     ),
-    # Diagonal pairs, the forefoot a little before its hind foot (measured), left and right exactly half a stride
-    # apart; trunk lowest in the middle of each stance.
+    # Diagonal pairs, the forefoot slightly before its hind foot (measured), left and right exactly half a stride
+    # apart; the trunk is lowest in the middle of each stance.
     "trot": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.43, "right_hind": 0.5, "right_fore": 0.93},
         froude=(0.3, 2.5, 1.0),
@@ -152,7 +151,7 @@ GAITS: dict[str, Gait] = {
         hind=Girdle(-0.055, 0.34, 0.45, 0),
         fore=Girdle(-0.045, 0.38, 0.50, 0.16),
     ),
-    # Hind pair and fore pair each at once, left and right alike; limbs as in the rotary gallop.
+    # Both feet of each pair land simultaneously, without left-right difference; limbs as in the rotary gallop.
     "bound": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.45, "right_hind": 0.0, "right_fore": 0.45},
         froude=(1.0, 6.0, 2.5),
@@ -164,16 +163,16 @@ GAITS: dict[str, Gait] = {
         fore=Girdle(0, 0.34, 0.50, 0.16),
     ),
 }
-"""All gaits; a further one is a further entry and its name in :data:`GaitName`."""
+"""All gaits by name. A new gait needs an entry here and its name in :data:`GaitName`."""
 
 GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
-"""What a dog does as it goes faster; each gait ends where its range of Froude numbers does."""
+"""Gaits of a dog in order of speed. Each is used up to the end of its range of Froude numbers."""
 
 
 def pick_gait(froude: float) -> GaitName:
     """Return a dog's gait at a Froude number.
 
-    Walk up to 0.5, trot up to 2.5, then gallop.
+    It is a walk up to 0.5, a trot up to 2.5, and a gallop above.
     """
     fits = (name for name in GAITS_BY_SPEED if froude <= GAITS[name].froude[1] * (1 + 1e-9))
     return next(fits, GAITS_BY_SPEED[-1])
@@ -186,15 +185,16 @@ BuildName = Literal[
 
 GRAVITY_MPS2 = 9.81
 SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
-"""A swing, from rest to rest, takes 0.35 s at a hip height of 0.46 m, nearly the same in every gait (measured)."""
+"""Duration of a swing, from rest to rest, and the hip height at which it was measured. It is nearly equal in all
+gaits."""
 DUTY_LIMITS = (0.15, 0.75)
 WITHERS_PER_CUBE_ROOT_MASS = 0.175
-"""Withers height in m over the cube root of the mass in kg, assumed: 0.15 to 0.20 over common breeds."""
+"""Withers height in m over the cube root of the mass in kg (assumed; 0.15 to 0.20 for common breeds)."""
 
 
 @dataclass(frozen=True)
 class Build:
-    """Size and proportions by name.
+    """Size and proportions of an animal.
 
     Lengths are relative to those of the standard dog of the same hip height.
 
@@ -205,21 +205,21 @@ class Build:
     withers_range_m : tuple of float
         Allowed heights.
     mass_kg : float
-        Mass at that height; it goes with the cube of the height.
+        Mass at that height; it is proportional to the cube of the height.
     species : str
         ``"dog"``, ``"cat"``, ``"horse"`` or ``"cow"``.
     hip : float
         Hip height over withers height.
     trunk, limbs, head, tail : float
-        Length of the trunk, of all limb segments, of neck and skull, of the tail.
+        Length of the trunk, of all limb segments, of neck and skull, and of the tail.
     stride : dict
-        Stride length by gait at the same Froude number, relative to that of the standard dog; 1 where not listed.
+        Stride length by gait at the same Froude number, relative to that of the standard dog; 1 if not listed.
     duty_offset : float
-        Added to the duty factors of walk, pace and trot.
+        Offset added to the duty factors of walk, pace and trot.
     walk_lag : float
         Share of a stride by which the fore foot follows the hind foot of its side in a walk.
     source : str
-        Where the values come from.
+        Source of the values.
     """
 
     withers_m: float
@@ -280,7 +280,7 @@ BUILDS: dict[str, Build] = {
         source="assumed: a large dairy cow; gaits as those of the horse",
     ),
 }  # fmt: skip
-"""All builds; a further one is a further entry and its name in :data:`BuildName`."""
+"""All builds by name. A new build needs an entry here and its name in :data:`BuildName`."""
 
 
 def hip_height_m(build: Build, withers_m: float) -> float:
@@ -301,7 +301,7 @@ def froude_number(speed_mps: float, hip_m: float) -> float:
 def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
     """Return the stride length L = c h Fr^p.
 
-    Dynamic similarity, Alexander and Jayes 1983: p = 0.3; in the pace and the walk it grows less with speed (measured).
+    By dynamic similarity, p = 0.3 (Alexander and Jayes 1983); in the pace and the walk it is smaller (measured).
     """
     return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), gait.stride_power)
 
@@ -319,13 +319,13 @@ def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> flo
 def mass_kg(build: Build, withers_m: float) -> float:
     """Return the body mass at another height.
 
-    Geometric similarity, M ~ withers^3, assumed.
+    Geometric similarity is assumed, M ~ withers^3.
     """
     return build.mass_kg * (withers_m / build.withers_m) ** 3
 
 
 def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
-    """Return a gait as a build performs it.
+    """Return a gait adapted to a build.
 
     Its right feet are ``asymmetry`` strides late.
     """

@@ -1,9 +1,7 @@
 """Trunk, neck, tail and limbs of a quadruped.
 
-All points follow from the paths of trunk and paws.
-
-Lengths are in units of the hip height h; x forward, y left, z up. Proportions are those of one measured dog and of
-breed standards; a build scales them.
+All points follow from the paths of trunk and paws. Lengths are in units of the hip height h. x is forward, y left and z
+up. Proportions are those of one measured dog and of breed standards, scaled by a build.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ def compute_paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Cur
     cycles : ndarray
         Strides since a touchdown of this paw; any real number.
     girdle : Girdle
-        Its shape.
+        Shape of the path.
     duty : float
         Duty factor.
     swing : Curve
@@ -43,10 +41,10 @@ def compute_paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Cur
     Returns
     -------
     advance : ndarray
-        Distance from the first footfall in strides: constant in stance, one more after each swing. The speed is
-        continuous, and zero at lift-off and touchdown.
+        Distance from the first footfall in strides. It is constant in stance and larger by one after each swing. The
+        speed is continuous, and zero at lift-off and touchdown.
     height : ndarray
-        In units of h: zero in stance, highest ``girdle.clearance``.
+        Height in units of h: zero in stance, at most ``girdle.clearance``.
     """
     turn = np.floor(cycles)
     share = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
@@ -65,9 +63,9 @@ NECK, SKULL, TAIL = 0.37, 0.45, 0.63
 GIRDLE_X, HIP_Z, FORE_Z = 0.52, 1.08, 1.19
 TRUNK_Z = (HIP_Z + FORE_Z) / 2
 SCAPULA_X, SCAPULA_Z = 0.07, 1.11
-"""Top of the scapula, or the point about which it swings: ahead of the girdle, and its height."""
+"""Top of the scapula, about which it swings: distance ahead of the girdle, and height."""
 HIP_Y, SCAPULA_Y, TRACK_Y = 0.125, 0.14, 0.12
-"""Half widths: hips, tops of the scapulae, paws."""
+"""Half widths of hips, tops of the scapulae and paws."""
 TRUNK_POINTS = {
     "neck_base": (0.62, 1.12),
     "withers": (0.42, 1.25),
@@ -81,15 +79,15 @@ TRUNK_POINTS = {
 SKULL_DEG = -22.0
 """Elevation of the skull above the horizontal."""
 SWAY_LAG = 0.13
-"""The trunk is furthest to the left this many strides after the left hind foot lands."""
+"""Strides from the landing of the left hind foot to the leftmost position of the trunk."""
 
 MAX_EXTENSION, DEEPEST_CROUCH = 0.95, 0.16
-"""The trunk is lowered until no limb is straighter than this share of its length, or by this part of h."""
+"""Maximum extension of a limb relative to its length, and maximum lowering of the trunk in units of h to achieve it."""
 STRAIGHT, FOLDED = (0.93, 0.97), (0.40, 0.30)
-"""Distance of a limb's ends over its length from which the joint at the trunk gives, and the limit."""
+"""Distance of a limb's ends relative to its length: value from which the joint at the trunk moves, and limit."""
 SIDES = ("left", "right")
 LEFT, BOTH = np.array([[1.0], [-1.0]]), np.ones((2, 1))
-"""Signs of y of the two sides, and what is alike in both."""
+"""Signs of y of the two sides, and factors of values that are equal on both sides."""
 _TRUNK_X, _TRUNK_HEIGHT = np.array([*TRUNK_POINTS.values()]).T[..., None]
 _WHOLE_CYCLE = np.arange(120) / 120
 
@@ -97,23 +95,23 @@ _WHOLE_CYCLE = np.arange(120) / 120
 def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
     """Return the middle joint of two links.
 
-    They go from ``start`` to ``end``.
+    The links connect ``start`` and ``end``.
 
     Parameters
     ----------
     start, end : ndarray, shape (..., 3)
-        Ends of the chain, no farther apart than its length and no closer than the difference of the links.
+        Ends of the chain. Their distance is at most the sum and at least the difference of the lengths of the links.
     first, second : float
         Lengths of the links.
     bend : float
-        +1: the joint points forward, -1: backward, seen down the chain.
+        Direction of the joint, seen down the chain: +1 forward, -1 backward.
     """
     line = end - start
     x, y, z = line[..., 0], line[..., 1], line[..., 2]
     level = x * x + z * z
     square = level + y * y
     along = (square + (first**2 - second**2)) / (2 * square)  # share of the line
-    # The bend lies in the plane of the limb and of the direction of travel: across the chain, not sideways.
+    # The bend is in the plane of the limb and the direction of travel, perpendicular to the chain.
     across = bend * np.sqrt(np.maximum(first**2 - along * along * square, 0.0) / level)
     return np.asarray(start + stack_columns(x * along - z * across, y * along, z * along + x * across))
 
@@ -121,23 +119,23 @@ def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: fl
 def point_down(angle_rad: FloatArray) -> FloatArray:
     """Return unit vectors that point down at angle 0.
 
-    They swing forward with the angle.
+    A positive angle is forward.
     """
     return stack_columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
 
 
 @dataclass(frozen=True)
 class FootfallCourse:
-    """Distance gone, and when the feet land on it.
+    """Distance travelled, and phases of the footfalls.
 
     Parameters
     ----------
     stride : float
         Mean stride length in units of h.
     landings : mapping
-        By foot, the number of its first stride and the phases in cycles at which it lands from then on.
+        Number of the first stride and landing phases in cycles from then on, by foot.
     advance : callable, optional
-        Distance in units of h at phases in cycles; by default all strides are alike in length and time.
+        Distance in units of h at phases in cycles; by default all strides have equal length and time.
     """
 
     stride: float
@@ -160,7 +158,7 @@ def make_regular_course(phase: FloatArray, gait: Gait, stride: float) -> Footfal
 class Carriage:
     """Carriage of neck and tail.
 
-    Mean elevations, and the angle of the tail to the left, (n,) in rad.
+    The values are mean elevations, and the angle of the tail to the left, (n,) in rad.
     """
 
     neck_deg: float
@@ -169,7 +167,7 @@ class Carriage:
 
 
 Trunk = tuple[FloatArray, FloatArray, FloatArray]
-"""Path of the trunk's centre, (n, 3), and cosine and sine of its pitch, positive nose up."""
+"""Path of the trunk's centre, (n, 3), and cosine and sine of its pitch, positive with the nose up."""
 
 
 def compute_trunk_motion(
@@ -177,8 +175,8 @@ def compute_trunk_motion(
 ) -> tuple[Trunk, FloatArray, FloatArray]:
     """Return the path of the trunk at standing height.
 
-    It surges and its girdles heave as recorded; the pitch is what the two heaves make of it. The elevations of neck and
-    tail about their means, in degrees, are returned, too.
+    The surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows from the two heaves.
+    The function also returns the elevations of neck and tail about their means, in degrees.
     """
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
@@ -192,8 +190,8 @@ def place_on_trunk(
 ) -> FloatArray:  # fmt: skip
     """Return the path of a point on the trunk.
 
-    The point is named by its position when the dog stands with the middle of its trunk at x = 0; of several, each
-    coordinate (k, 1) or a number, the paths are (k, n, 3).
+    The point is defined by its position when the dog stands with the middle of its trunk at x = 0. For several points,
+    with each coordinate (k, 1) or a number, the paths are (k, n, 3).
     """
     z = height - TRUNK_Z
     centre, cosine, sine = trunk
@@ -201,7 +199,7 @@ def place_on_trunk(
 
 
 Ride = tuple[FloatArray, FootfallCourse]
-"""Phases in cycles, and the course on which the animal has them."""
+"""Phases in cycles, and the course that they refer to."""
 
 
 def compute_paws(
@@ -209,12 +207,12 @@ def compute_paws(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the paths of both paws of one girdle.
 
-    In the middle of its stance a paw is below its girdle, but for the reach of the gait.
+    In the middle of its stance, a paw is below its girdle, shifted by the reach of the gait.
 
     Parameters
     ----------
     rides : sequence of (ndarray, Course)
-        One after the other, n phases in all.
+        Phases and their courses, concatenated to n phases.
     gait : Gait
     build : Build
     end : {"hind", "fore"}
@@ -224,7 +222,7 @@ def compute_paws(
     Returns
     -------
     cycles : ndarray, shape (2, n)
-        Strides since a touchdown, whole where the foot lands.
+        Strides since a touchdown; whole numbers at the landings.
     places : ndarray, shape (2, n, 3)
     """
     girdle: Girdle = getattr(gait, end)
@@ -254,7 +252,7 @@ def compute_paws(
 def compute_limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
     """Return paw, carpus or hock, and trunk joint.
 
-    The trunk is at standing height; each is (2, n, 3), left and right.
+    The trunk is at standing height. Each array is (2, n, 3), left and right.
     """
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
     along = point_down(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
@@ -270,14 +268,14 @@ def compute_limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dic
 
 
 CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM))
-"""Two links between a joint at the trunk and the lower end, of either side."""
+"""Chains of two links between a joint at the trunk and the lower end, on both sides."""
 
 
 def compute_crouch(ends: Points, limbs: float) -> float:
-    """Return how far the limbs lower the trunk.
+    """Return the lowering of the trunk for the limbs.
 
-    Every limb then reaches its paw at all places of ``ends``. It is no more than :data:`DEEPEST_CROUCH`; what is
-    missing then, the joints at the trunk make up for.
+    Every limb then reaches its paw at all positions of ``ends``. The maximum is :data:`DEEPEST_CROUCH`; the joints at
+    the trunk compensate the rest.
     """
     lower = 0.0
     for top, bottom, first, second in CHAINS:
@@ -290,7 +288,7 @@ def compute_crouch(ends: Points, limbs: float) -> float:
 def move_along_limb(top: FloatArray, bottom: FloatArray, length: float) -> None:
     """Move a trunk joint along its limb, in place.
 
-    It moves where the limb is nearly straight or folded. A scapula glides over the ribs and a back bends.
+    It moves if the limb is nearly straight or folded, since a scapula glides over the ribs and a back bends.
     """
     line = top - bottom
     share = np.sqrt((line * line).sum(axis=-1)) / length
@@ -303,14 +301,14 @@ def move_along_limb(top: FloatArray, bottom: FloatArray, length: float) -> None:
 
 
 TAIL_YIELD_RAD = 0.25
-"""A tail yields this far before it hangs as low as it can (assumed)."""
+"""Angle above its lowest possible elevation at which a tail begins to yield (assumed)."""
 
 
 def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
     """Lift a rod smoothly off the floor.
 
-    ``height`` is that of its upper end over its length. It hangs by less than ``height`` rad, whose sine is smaller
-    still; the exact angle would jerk where the rod begins to reach the floor.
+    ``height`` is that of its upper end relative to its length. The rod hangs by less than ``height`` rad, which has an
+    even smaller sine. The exact angle would cause a jerk when the rod reaches the floor.
     """
     free = TAIL_YIELD_RAD - height
     yielding = free - TAIL_YIELD_RAD * np.tanh((free - elevation_rad) / TAIL_YIELD_RAD)
@@ -322,9 +320,9 @@ def compute_all_points(
 ) -> Points:
     """Return the dog's points by name, (n, 3).
 
-    They are in units of h; the trunk is lowered until all limbs reach.
+    They are in units of h. The trunk is lowered until all limbs reach their paws.
     """
-    # frames and a whole cycle of equal strides in one go: in the latter all limbs must reach
+    # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws
     count, even = phase.size, FootfallCourse(course.stride, course.landings)
     distance = np.concatenate([course.distance(phase), even.distance(_WHOLE_CYCLE)])
     trunk, nod, lift = compute_trunk_motion(np.concatenate([phase, _WHOLE_CYCLE]), distance, gait, build, course.stride)

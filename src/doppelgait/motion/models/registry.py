@@ -14,7 +14,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.motion import Motion
 
 Generate = Callable[[Any, float, np.random.Generator | None], Motion]
-"""``generate(parameters, duration_s, rng) -> motion``; ``rng`` may be None where nothing random is needed."""
+"""Type of ``generate(parameters, duration_s, rng) -> motion``; ``rng`` may be None if nothing is random."""
 
 MOTION_MODELS: Group[Generate] = Group(
     "motion_model",
@@ -23,7 +23,7 @@ MOTION_MODELS: Group[Generate] = Group(
         for name in ("boulic", "confusers", "crawl", "human", "primitives", "quadruped")
     ),
 )
-"""Motion models by the ``kind`` of a scene file; every parameter has a default, so that the name gives a motion."""
+"""Motion models by the ``kind`` of a scene file. Every parameter has a default, so that the name is sufficient."""
 
 
 def get_parameters(kind: str) -> type[FrozenModel]:
@@ -45,11 +45,11 @@ def generate(
     Parameters
     ----------
     model : parameter model, table or str
-        For example ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}`` or ``"boulic"``.
+        Model, for example ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}`` or ``"boulic"``.
     duration_s : float
-        Time to cover; the last frame is at or just after it.
+        Duration of the motion; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
-        Needed where the model draws random numbers.
+        Source of random numbers, needed if the model draws any.
 
     Returns
     -------

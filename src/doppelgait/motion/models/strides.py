@@ -1,8 +1,7 @@
 """Time and phase of all gait models.
 
-Sample times, stride clock, footfalls, steps that vary, cubic curves.
-
-SciPy has the cubic curves; its module of interpolation takes as long to load as all of xarray does without pandas.
+The module has sample times, the stride clock, footfalls, varying steps and cubic curves. SciPy's cubic curves are not
+used, because its module of interpolation takes as long to load as xarray without pandas.
 """
 
 from __future__ import annotations
@@ -23,9 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
     """Stack columns to shape (n, number of columns).
 
-    A number stands for a constant column; first columns of shape (k, n) make (k, n, number of columns).
-
-    Each column is contiguous in memory, and so it stays through arithmetic: a third of the time of rows of three.
+    A number is a constant column. First columns of shape (k, n) result in (k, n, number of columns). Each column is
+    contiguous in memory and stays so in arithmetic, which takes a third of the time of rows of three.
     """
     found = np.empty((1 + len(others), *first.shape))
     found[0] = first
@@ -37,22 +35,22 @@ def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
 def stack_xyz(x: FloatArray, y: FloatArray | float, z: FloatArray | float) -> FloatArray:
     """Stack coordinates to points, shape (n, 3).
 
-    A number stands for a constant coordinate.
+    A number is a constant coordinate.
     """
     return np.stack([np.broadcast_to(part, x.shape) for part in (x, y, z)], axis=1)
 
 
 _STEPS = 60
-"""Most steps towards a root: Newton's method needs four, halving an interval to its last digit 52."""
+"""Maximum number of steps to a root. Newton's method needs four; bisection to the last digit needs 52."""
 _LAST_STEP = 1e-9
-"""A step of Newton's method shorter than this share of the knots' distance leaves an error of about its square."""
+"""Length of a final step of Newton's method relative to the knots' distance. The error is then about its square."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A cubic between every two knots.
+    """Piecewise cubic curve between knots.
 
-    The outermost ones hold beyond the ends.
+    The outermost cubics are extrapolated beyond the ends.
 
     Parameters
     ----------
@@ -78,9 +76,8 @@ class Curve:
     def where(self, values: npt.ArrayLike) -> FloatArray:
         """Invert a curve with rising knots.
 
-        The values lie between those of its first and its last knot.
-
-        Newton's method from the chord, halved back into the interval where it would leave it.
+        The values must be between those of its first and its last knot. Newton's method starts from the chord and is
+        replaced by bisection where it would leave the interval.
         """
         wanted = np.asarray(values, dtype=float)
         heights = np.append(self.coefficients[0], self(self.knots[-1]))
@@ -116,8 +113,8 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
     .. math:: h_i s_{i-1} + 2 (h_{i-1} + h_i) s_i + h_{i-1} s_{i+1} = 3 (h_i m_{i-1} + h_{i-1} m_i)
 
-    for the slopes s, with steps h and chords m; at the ends the third derivative is continuous across the second knot
-    and the last but one (de Boor, A Practical Guide to Splines, ch. IV).
+    for the slopes s, with steps h and chords m. At the ends, the third derivative is continuous at the second and the
+    second last knot (de Boor, A Practical Guide to Splines, ch. IV).
 
     Parameters
     ----------
@@ -151,10 +148,8 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     """Return a shape-preserving cubic through periodic knots.
 
-    The phase runs from 0 to 1. After Fritsch and Carlson 1980.
-
-    A slope is 0 where the chords on both sides differ in sign or one is level, else their weighted harmonic mean
-    (Fritsch and Butland 1984).
+    The phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides differ in sign or one
+    is level, otherwise it is their weighted harmonic mean (Fritsch and Butland 1984).
 
     Parameters
     ----------
@@ -162,7 +157,7 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
         Rising, 0 <= x < 1, K >= 2.
     heights : array_like, shape (K,)
     """
-    around = np.arange(-2, np.size(knots) + 2)  # slopes depend on the neighbours alone
+    around = np.arange(-2, np.size(knots) + 2)  # slopes depend only on the neighbours
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     x, y = x[around % x.size] + around // x.size, y[around % y.size]
     step = np.diff(x)
@@ -176,14 +171,14 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 
 STRIDE_CORRELATION = 0.5
-"""Lag-one correlation of successive stride times, assumed."""
+"""Lag-one correlation of successive stride times (assumed)."""
 PACE_CORRELATION = 0.95
-"""The same of a walker's pace, which drifts over 20 steps (assumed). Steps themselves do not depend on the one before:
-recorded ones show 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in length."""
+"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). Steps themselves are independent:
+recorded ones have a correlation of 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in length."""
 LARGEST_DEVIATION = 3.0
-"""Stride times stay within this many standard deviations, so that time never runs backwards."""
+"""Maximum deviation of stride times in standard deviations, so that time always increases."""
 _MARGIN = 2
-"""Strides before the first and after the last sample, so that the ends of the spline do not show."""
+"""Number of strides before the first and after the last sample, so that the ends of the spline have no effect."""
 
 
 def sample_times_s(duration_s: float, rate_hz: float) -> FloatArray:
@@ -207,9 +202,9 @@ def make_stride_clock(
     variation: float = 0.0,
     rng: RandomSource | None = None,
 ) -> Curve:
-    """Return phase in cycles against time: the stride clock.
+    """Return the stride clock: phase in cycles as function of time.
 
-    It is a cubic spline, hence with continuous rate.
+    It is a cubic spline, so that the rate is continuous.
 
     Parameters
     ----------
@@ -222,17 +217,17 @@ def make_stride_clock(
     variation : float
         Standard deviation of the relative stride time; its sequence is first-order autoregressive.
     rng : Streams or numpy.random.Generator, optional
-        Needed when ``variation`` is above 0.
+        Source of random numbers, needed if ``variation`` is above 0.
 
     Returns
     -------
     Curve
-        Rising; the phase grows by one from knot to knot. Time 0 is a knot.
+        Rising curve. The phase increases by one from knot to knot, and time 0 is a knot.
 
     Raises
     ------
     ConfigError
-        If variation is wanted without ``rng``.
+        If ``variation`` is above 0 without ``rng``.
     """
     ahead = math.ceil(duration_s / (period_s * (1 - LARGEST_DEVIATION * variation))) + _MARGIN
     deviation = np.zeros(_MARGIN + ahead)
@@ -259,7 +254,7 @@ def sample_autoregressive(count: int, rng: np.random.Generator, correlation: flo
 def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: float) -> dict[str, list[float]]:
     """Return each foot's landing times before ``end_s``.
 
-    ``touchdown_phase`` is in cycles by name of the foot.
+    ``touchdown_phase`` is in cycles, by name of the foot.
     """
     first, last = (float(p) for p in clock([0.0, end_s]))
     phases = [
@@ -277,10 +272,10 @@ def mean_stride_frequency_hz(times_s: FloatArray, phase: FloatArray) -> float:
 
 
 Steps = tuple[FloatArray, FloatArray, FloatArray]
-"""Touchdowns: times in s, phases in cycles (a left one at every half, a right one at every whole), distance in m."""
+"""Touchdowns: times in s, phases in cycles (left at every half, right at every whole number) and distances in m."""
 
 _STEP_MARGIN = 5
-"""Touchdowns before the first and after the last frame, so that the ends of the splines do not show."""
+"""Number of touchdowns before the first and after the last frame, so that the ends of the splines have no effect."""
 
 
 def step_series(
@@ -297,7 +292,7 @@ def step_series(
 ) -> Steps:
     """Sample the touchdowns of both feet.
 
-    They begin well before time 0 and end well after ``duration_s``.
+    They start well before time 0 and end well after ``duration_s``.
 
     Parameters
     ----------
@@ -308,25 +303,25 @@ def step_series(
     start_phase : float
         Phase in cycles at time 0.
     time_sd, length_sd : float
-        Standard deviation of the time and the length of a step, relative to their means; sampled independently,
-        within 3 deviations.
+        Standard deviation of the time and the length of a step, relative to their means. They are sampled
+        independently, within 3 deviations.
     pace_sd : float
-        The same of the pace, first-order autoregressive with correlation 0.95: steps are longer by half of it and
-        shorter in time by half.
+        Relative standard deviation of the speed, first-order autoregressive with correlation 0.95. Half of it changes
+        the length of steps, half their time.
     time_asymmetry : float
         (left - right) / mean of the times; a left step ends when the left foot lands.
     rng : Streams or numpy.random.Generator, optional
-        Needed when a standard deviation is above 0.
+        Source of random numbers, needed if a standard deviation is above 0.
 
     Returns
     -------
     times_s, phases, distance_m : ndarray, shape (K,)
-        All rising; time and distance are 0 at the start phase.
+        Rising values; time and distance are 0 at the start phase.
 
     Raises
     ------
     ConfigError
-        If variation is wanted without ``rng``.
+        If a standard deviation is above 0 without ``rng``.
     """
     if rng is None and (time_sd > 0 or length_sd > 0 or pace_sd > 0):
         raise ConfigError(
