@@ -60,5 +60,5 @@ def test_coordinates_beyond_reason_are_refused():
     from doppelgait.motion.clean import clean_motion
 
     walk = boulic_walk(duration_s=2.0)
-    with pytest.raises(MotionError, match=r"a coordinate is 1e\+30 m, at most 10000 m"):
+    with pytest.raises(MotionError, match=r"a coordinate is 1e\+30 m, but at most 10000 m"):
         clean_motion(walk.with_positions(np.where(walk.position_m > 1.0, 1e30, walk.position_m)))

@@ -468,7 +468,7 @@ def test_stops_that_are_too_close_are_refused(walk):
         ({"kind": "stop_and_go", "stops": []}, "stops"),
         (
             {"kind": "stop_and_go", "stops": [{"at_m": 2, "pause_s": 1}, {"at_m": 1, "pause_s": 1}]},
-            "at_m must rise from stop to stop, not go from 2 to 1",
+            "at_m must rise from stop to stop, but 1 follows 2",
         ),
         ({"kind": "turn_around", "out_m": 2, "radius_m": 1, "turn_s": 2}, "belong to a turn on the spot"),
         ({"kind": "turn_around", "out_m": 2, "side_m": 1}, "on the spot has no side_m.*radius_m"),

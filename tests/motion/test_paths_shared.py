@@ -38,7 +38,7 @@ def test_a_recorded_walk_goes_round_a_circle(shared, name, speed_mps):
 def test_a_recording_whose_steps_are_not_known_cannot_stop(shared):
     motion = read(shared / "data" / "mocap" / "human" / "c3d" / "cmu_07_01.c3d")
     motion = motion.with_facts(step_frequency_hz=float("nan"), stride_frequency_hz=float("nan"))
-    with pytest.raises(MotionError, match="cannot stop: that needs points on the feet, and a gait of known step"):
+    with pytest.raises(MotionError, match="cannot stop: it needs points on the feet, and a gait of known step"):
         follow(motion, StopAndGoPath(stops=[{"at_m": 2.0, "pause_s": 1.0}]))
 
 

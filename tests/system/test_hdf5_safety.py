@@ -89,7 +89,7 @@ def test_shards_hold_their_values_themselves(copy, tmp_path, way):
         assert isinstance(truth, h5py.Group)  # one dataset a row, as they differ in length
         led_out(truth, "0", way, tmp_path / "further.h5")
     for name in ("signature", "truth_range_m"):
-        with pytest.raises(DatasetError, match=r"is a link, which is not followed|lie in another file"):
+        with pytest.raises(DatasetError, match=r"is a link, which is not followed|are in another file"):
             dataset.array(name, 0)
     assert dataset.array("baseband", 0).size
 

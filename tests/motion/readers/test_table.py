@@ -226,7 +226,9 @@ def test_a_dropped_frame_is_named_by_its_line(tmp_path: Path) -> None:
 
 def test_wrong_units_words(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_furlong"))
-    with pytest.raises(MotionError, match="column 'LFHD_x_furlong' names the unit 'furlong', not a known unit of length"):
+    with pytest.raises(
+        MotionError, match="column 'LFHD_x_furlong' names the unit 'furlong', not a known unit of length"
+    ):
         read(path, clean=False)
     path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}"))
     with pytest.raises(MotionError, match="'furlong' is not a known unit of length; set units to"):

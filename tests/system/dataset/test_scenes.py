@@ -228,7 +228,11 @@ def test_hybrids_are_the_same_bytes_with_any_number_of_workers(walks):
     [
         ({"path": "runs"}, ConfigError, r"classes\.0\.motion\.path: 'runs' is not allowed: there is no such folder"),
         ({"patern": "*"}, ConfigError, r"patern: unknown key; allowed are .*pattern"),
-        ({"pattern": "*.txt"}, DatasetError, r"has no straight segment of gait .* in 1 files: .*not a supported motion format"),
+        (
+            {"pattern": "*.txt"},
+            DatasetError,
+            r"has no straight segment of gait .* in 1 files: .*not a supported motion format",
+        ),
         ({"min_duration_s": 50}, DatasetError, r"has no straight segment of gait"),
     ],
 )

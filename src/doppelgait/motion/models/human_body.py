@@ -341,9 +341,9 @@ def sample_person(
       trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
     - Steps, measured on 66 steps in 17 clips of walkers without complaints (``studies/step_variation.py``): the
       standard deviation of their times is lognormal about 0.025 with 30 % (assumed, since people do not differ
-      significantly), that of their lengths about 0.014 with 70 %, at most 0.09. The asymmetry is normal with 0.02 in time and 0.06 in
-      length. The drift of the speed is lognormal about 0.01 with 50 % (assumed, since clips of 2 to 6 s show no
-      significant drift).
+      significantly), that of their lengths about 0.014 with 70 %, at most 0.09. The asymmetry is normal with 0.02 in
+      time and 0.06 in length. The drift of the speed is lognormal about 0.01 with 50 % (assumed, since clips of 2 to
+      6 s show no significant drift).
 
     Parameters
     ----------

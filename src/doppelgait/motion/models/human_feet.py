@@ -208,7 +208,7 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ah
     for side, hip in hips.items():
         error = roll - stack_columns(own[:, 0], hip[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
         ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
-        moving, beside_m = hip[:100] + _forward(way_m)[:, :3], float(hip[:100, 1].mean())
+        moving, beside_m = hip[:100] + stack_columns(way_m, 0.0, 0.0), float(hip[:100, 1].mean())
         ahead_m = left_ahead_m if side == "left" else -left_ahead_m
         print_m = np.array([ahead_m + _find_best_print(moving, roll[:100], beside_m, reach_m), beside_m, 0.0, 0.0])
         feet[side] = Foot(OFFSET[side], style.duty, size_m["foot"], print_m, *ends)
@@ -318,7 +318,3 @@ def compute_foot_path(
     stance[1:] += foot.print_m[1:, None]
     both = np.where(swings, rows, stance)
     return both[:3].T, both[3], swings
-
-
-def _forward(way_m: FloatArray) -> FloatArray:
-    return stack_columns(way_m, 0.0, 0.0, 0.0)

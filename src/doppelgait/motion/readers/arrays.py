@@ -107,7 +107,11 @@ def read_arrays(
     """
     with path.open("rb") as file:
         packed = is_npz(file.read(4096))
-    content = _load_npz(path, key) if packed else _load_json(path)
+    if packed:
+        wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
+        content: dict[str, Any] = dict(load_npz(path, wanted, MotionError, lone=False))
+    else:
+        content = _load_json(path)
     # positions (T, P, 3), NaN where not finite
     name = _find_position_key(path, content, key)
     array = _as_array(path, name, content[name])
@@ -135,12 +139,6 @@ def read_arrays(
         unit=LengthUnit(unit, convert_unit_to_metres(unit, where=str(path))),
         up_axis=up_axis,
     )
-
-
-def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
-    """Load the needed arrays; the value of other names is None."""
-    wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
-    return dict(load_npz(path, wanted, MotionError, lone=False))
 
 
 def _load_json(path: Path) -> dict[str, Any]:

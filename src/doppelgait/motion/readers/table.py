@@ -128,13 +128,9 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
         except csv.Error as error:
             raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
         # blanks matter only in names, and stripping millions of numbers takes longer than reading them
-        rows.append((number, [_shorten_title(cell) for cell in cells] if len(rows) < 2 else cells))
+        # patterns are fast on short names only
+        rows.append((number, [" ".join(cell[:MAX_TITLE].split()) for cell in cells] if len(rows) < 2 else cells))
     return rows, delimiter
-
-
-def _shorten_title(cell: str) -> str:
-    """Shorten a name and its blanks, so that patterns are fast."""
-    return " ".join(cell[:MAX_TITLE].split())
 
 
 def read_header(path: Path, rows: Sequence[Row]) -> Header:
