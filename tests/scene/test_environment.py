@@ -57,11 +57,11 @@ def test_a_list_takes_tables_and_models_and_survives_json():
         ([{"kind": "wal"}], r"environment.0: .*environment kind 'wal' is not allowed: known are ground_bounce"),
         ([{"material": "brick"}], "environment kind None is not allowed"),
         ([TABLES[0], {"kind": "wall", "loss": 3}], r"environment\.1\.loss: unknown key; allowed are delay_m"),
-        ([{"kind": "wall_ghost", "material": "wood", "thickness_m": 0.1}], "give either side_m"),
+        ([{"kind": "wall_ghost", "material": "wood", "thickness_m": 0.1}], "set either side_m"),
         ([{**TABLES[1], "position_m": [1, 2]}], "belong together"),
         ([{**TABLES[1], "material": "gold"}], r"'gold' is not allowed: must be concrete, brick.*permittivity"),
         ([{**TABLES[0], "roughness_m": -1}], "roughness_m: -1 is not allowed"),
-        ([TABLES[2], TABLES[0]], "'ground_bounce' comes after 'wall', but reflections must come first"),
+        ([TABLES[2], TABLES[0]], "'ground_bounce' is listed after 'wall', but reflections must be listed first"),
         ([TABLES[3], TABLES[1]], "'wall_ghost' comes after 'visibility'"),
         ([Room()], r"unknown environment .None.; known are"),
         ([3], "environment.0: 3 is not allowed"),
@@ -97,7 +97,7 @@ def test_order_is_checked_where_no_model_did():
     table = echo_table([[[4.0, 0.5, 1.0]]], SETTING.radar_position_m)
     with pytest.raises(ConfigError, match="move 'ground_bounce' before 'wall'"):
         apply_environment(table, [Wall(loss_db=1), GroundBounce()], SETTING)
-    with pytest.raises(ConfigError, match="is no environment effect"):
+    with pytest.raises(ConfigError, match="is not an environment effect"):
         apply_environment(table, [Room()], SETTING)
 
 
@@ -111,7 +111,7 @@ class Haze(FrozenModel):
         (lambda table: None, "returns NoneType, not a scatterer table"),
         (lambda table: table["range"], "returns DataArray, not a scatterer table"),
         (lambda table: table.drop_vars("path_gain"), "returns a table without path_gain"),
-        (lambda table: table.isel(slow_time=slice(1, None)), "makes 2 pulses of 3; it must keep them"),
+        (lambda table: table.isel(slow_time=slice(1, None)), "returns 2 pulses instead of 3; it must keep the pulses"),
     ],
 )
 def test_an_effect_of_a_plugin_that_returns_no_table_is_named(monkeypatch, returned, text):

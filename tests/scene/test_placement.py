@@ -108,7 +108,7 @@ def test_a_run_is_equal_after_toml(scene, seed, snr_db, auto, tmp_path_factory):
 
 def test_a_motion_in_memory_has_no_toml_form():
     walk = Target(dg.motion.boulic_walk(speed_mps=1.2, duration_s=1.0))
-    with pytest.raises(ConfigError, match=r"targets\.1\.motion: boulic is held in memory and has no TOML form"):
+    with pytest.raises(ConfigError, match=r"targets\.1\.motion: boulic is in memory and has no TOML form"):
         Scene([Target({"kind": "boulic"}), walk]).to_toml()
 
 

@@ -20,7 +20,7 @@ from doppelgait.motion.skeleton import BOULIC_PARTS, strip_subject
 FloatArray = npt.NDArray[np.float64]
 
 CHEN_HEIGHT_M = 1.80
-"""Stature for which Chen gives the transverse semi-axes; ours scale with the person."""
+"""Stature (m) of Chen's transverse semi-axes; doppelgait scales them with the person."""
 
 
 @dataclass(frozen=True)
@@ -30,18 +30,18 @@ class Segment:
     Parameters
     ----------
     name, part : str
-        Name of the scatterer, and the body part that it counts to.
+        Name of the scatterer, and the body part that it belongs to.
     start, end : str
         Joints; the ellipsoid's long axis is along the line between them.
     across, upright : float
-        Transverse semi-axes over the body's height (stature or withers height): from side to side, and at right angles
-        to that.
+        Transverse semi-axes divided by the body's height (stature or withers height): from side to side, and
+        perpendicular to that.
     along : float, optional
-        Semi-axis along the segment over the body's height; by default half the distance between the joints.
+        Semi-axis along the segment divided by the body's height; by default half the distance between the joints.
     sideways : (str, str), optional
-        Joints with their line in the direction of ``across``; needed only where the two transverse semi-axes differ.
+        Two joints that define the direction of ``across``; needed only where the two transverse semi-axes differ.
     at : float
-        Place of the centre between the joints, 0 at the start to 1 at the end.
+        Position of the centre between the joints, from 0 (start) to 1 (end).
     """
 
     name: str
@@ -59,7 +59,7 @@ class Segment:
 class Body:
     """Segments and joints of a body.
 
-    Every joint is the mean of some points.
+    Every joint is the mean of one or more points.
     """
 
     segments: tuple[Segment, ...]
@@ -121,26 +121,26 @@ CHEN_RADII_M = {
 """Transverse semi-axes of a person's segments, m (Chen 2011, from the program of his book)."""
 
 TORSO_M = (0.16, 0.13)
-"""Transverse semi-axes of the torso, from side to side and from front to back, m, instead of Chen's 0.15 all round.
+"""Transverse semi-axes of the torso, m: from side to side, and from front to back (Chen uses 0.15 m for both).
 
-Half of chest breadth and depth of adults, 0.322 and 0.243 m for men of 1.76 m, 0.280 and 0.239 m for women of 1.63 m
-(Gordon et al. 1989), at 1.80 m in the mean of both sexes. The front reflects (0.16 / 0.13)^4 = 3.6 dB more than the
-side; at 0.17 and 0.11 m it would be 7.6 dB.
+They are half the chest breadth and depth of adults: 0.322 and 0.243 m for men of 1.76 m, 0.280 and 0.239 m for women of
+1.63 m (Gordon et al. 1989), scaled to 1.80 m and averaged over both sexes. The front reflects (0.16 / 0.13)^4 = 3.6 dB
+more than the side; with 0.17 and 0.11 m the difference would be 7.6 dB.
 """
 
 CHEST, RUMP = (0.16, 0.23, 0.16), (0.13, 0.17, 0.13)
-"""Blunt ends of an animal's trunk, semi-axes over the withers height: across, upright and along.
+"""Semi-axes (across, upright, along) of the blunt ends of an animal's trunk, divided by the withers height.
 
-A trunk does not end in the tips of ellipsoids, but in the chest between the shoulders and in the rump. Both are taken
-as wide as shoulders or hips of the model with their muscles (0.11 + 0.05 and 0.10 + 0.03), as high as thorax and
-abdomen, and seen from above round, so that the chest's front is at the point of the shoulder and the rump's back at the
-root of the tail. Assumed; no measured curvature of an animal's chest is known.
+A trunk ends in the chest between the shoulders and in the rump, not in the tips of ellipsoids. Both ellipsoids are as
+wide as the model's shoulders or hips with their muscles (0.11 + 0.05 and 0.10 + 0.03), as high as thorax and abdomen,
+and circular from above. The front of the chest is then at the point of the shoulder, and the back of the rump at the
+root of the tail. These values are assumed: no measured curvature of an animal's chest is known.
 """
 
 PERSON = _make_person()
-"""16 ellipsoids of a person (Chen 2011 but for the torso), each at the middle of its segment."""
+"""16 ellipsoids of a person, each at the middle of its segment (Chen 2011, except the torso)."""
 ANIMAL = _make_animal()
-"""19 ellipsoids of a four-legged animal: semi-axes over the withers height, assumed from the proportions of dogs."""
+"""19 ellipsoids of a four-legged animal; semi-axes relative to the withers height, assumed from dogs' proportions."""
 
 
 def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
@@ -148,12 +148,12 @@ def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _describe_marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
-    """Describe a person's joints by means of markers.
+    """Describe a person's joints as means of markers.
 
-    The markers are on the skin over the joints, so outside the true centre of rotation.
 
-    Waist markers sit above the hips: a hip is taken a fifth of the way from them to the knee (assumed; hip at 0.53,
-    waist at 0.58, knee at 0.285 of the stature).
+    The markers are on the skin over the joints, that is, outside the true centre of rotation.
+    Waist markers are above the hips: a hip is placed at a fifth of the distance from them to the knee (assumed; hip at
+    0.53, waist at 0.58, knee at 0.285 of the stature).
     """
     waist = (waist_front, waist_back, waist_front, waist_back, "KNE")
     middle = {
@@ -187,7 +187,7 @@ BODIES: Mapping[str, Body] = {
         },
     ),
 }
-"""Bodies by the set of points that they are known from."""
+"""Body models by the name of the point set that defines their joints."""
 
 
 def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
@@ -205,7 +205,7 @@ def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list
     Raises
     ------
     ConfigError
-        If the points give no body; the message names the nearest set and what it lacks.
+        If the points match no body; the message names the nearest point set and its missing points.
     """
     number = {strip_subject(marker).upper(): n for n, marker in enumerate(markers)}
     lacking: dict[str, list[str]] = {}
@@ -216,8 +216,8 @@ def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list
     nearest = min(lacking, key=lambda name: len(lacking[name]))
     shown = ", ".join(lacking[nearest][:6]) + (", ..." if len(lacking[nearest]) > 6 else "")
     raise ConfigError(
-        f"{source}: rcs kind 'ellipsoids' and occlusion need a body with known joints ({', '.join(BODIES)}); of "
-        f"these points the nearest set is {nearest}, which lacks {shown}; use rcs kind 'auto' without occlusion"
+        f"{source}: rcs kind 'ellipsoids' and occlusion need a body with known joints ({', '.join(BODIES)}); the "
+        f"nearest point set is {nearest}, but the motion lacks {shown}; use rcs kind 'auto' without occlusion"
     )
 
 
@@ -241,9 +241,9 @@ class Ellipsoids:
     ----------
     centre_m : ndarray, shape (I, S, 3)
     along, across : ndarray, shape (I, S, 3)
-        Unit vectors of the long axis and from side to side; ``across`` is zero for ellipsoids of revolution.
+        Unit vectors along the long axis and from side to side; ``across`` is zero for ellipsoids of revolution.
     semi_axes_m : ndarray, shape (S, 3)
-        Across, upright and along, constant in time.
+        Semi-axes across, upright and along, constant in time.
     """
 
     centre_m: FloatArray
@@ -326,7 +326,7 @@ def build_skeleton(motion: Motion) -> Skeleton:
     Parameters
     ----------
     motion : Motion
-        With the points of one of :data:`doppelgait.scene.bodies.BODIES` and a known ``height_m``.
+        It has the points of one of :data:`doppelgait.scene.bodies.BODIES` and a known ``height_m``.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def build_skeleton(motion: Motion) -> Skeleton:
     source, height_m = motion.facts.source, motion.facts.height_m
     body, points = find_body(motion.markers, source)
     if not height_m > 0:
-        raise ConfigError(f"{source}: the height is unknown, so ellipsoids have no size; use another rcs kind")
+        raise ConfigError(f"{source}: the height is unknown, so the ellipsoids have no size; use another rcs kind")
     joints = motion.with_points(average_points(motion, list(points.values())), list(points), [""] * len(points))
     skeleton = Skeleton(joints, body.segments, np.empty(0))
     start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
@@ -353,22 +353,22 @@ def build_skeleton(motion: Motion) -> Skeleton:
 def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
     r"""Compute the motion of the reflecting points.
 
-    The echo of a smooth convex body comes from where its surface faces the radar (stationary phase), the point of the
-    surface nearest to it. On an ellipsoid far away it is Q u / h before the centre, with
+    A smooth convex body reflects where its surface faces the radar (stationary phase), at the surface point nearest to
+    the radar. On a distant ellipsoid this point is Q u / h in front of the centre, with
     :math:`Q = \sum_k s_k^2 e_k e_k^T` and :math:`h = \sqrt{u^T Q u}`, and the range is shorter by h (E-08f).
 
     Parameters
     ----------
     skeleton : Skeleton
     body : Ellipsoids
-        At the frames of the motion (:func:`compute_frame_ellipsoids`).
+        Ellipsoids at the frames of the motion (:func:`compute_frame_ellipsoids`).
     radar_position_m : array_like, shape (3,)
 
     Returns
     -------
     Motion
-        One point per segment, with its name and body part. It slides over the limb, so that its velocity is not that of
-        the skin below it.
+        One point per segment, with its name and body part. The point slides over the limb, so its velocity differs
+        from that of the skin.
     """
     from doppelgait.core.kernels import occlusion as kernel
 
@@ -412,7 +412,7 @@ def _scale_to_unit(vector: FloatArray) -> FloatArray:
 
 
 def _multiply_dot(first: FloatArray, second: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...k,...k->...", first, second))  # a third of the time of a product and a sum
+    return np.asarray(np.einsum("...k,...k->...", first, second))  # three times as fast as a product and a sum
 
 
 def mean_rcs_m2(body: Ellipsoids) -> float:
@@ -426,7 +426,7 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
     """Compute every ellipsoid's RCS at its distance (E-08c, E-08g).
 
-    The result is not scaled to a total; shape (I, S), m^2.
+    The result has the shape (I, S), m^2, and is not scaled to a total.
     """
     from doppelgait.core.kernels import occlusion as kernel
 
@@ -436,12 +436,13 @@ def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray
 
 
 EDGE_M = 0.05
-"""Half width of the border between light and shadow, m: the Fresnel scale sqrt(lambda d / 2) of a shadow that falls
-d = 0.12 m behind its edge at 7.29 GHz. The border is smooth, so that a limb that passes behind the trunk fades over
-0.1 m of its path instead of clicking."""
+"""Half width of the shadow boundary, m: the Fresnel scale sqrt(lambda d / 2) at d = 0.12 m behind the edge at 7.29 GHz.
+
+The boundary is smooth: the echo of a limb that passes behind the trunk fades over 0.1 m of its path and does not jump.
+"""
 
 OWN_REACH = 1.1
-"""An ellipsoid never hides points that it contains, up to a tenth beyond its surface: they stand for that surface."""
+"""Relative size up to which an ellipsoid contains points; it never hides them, as they represent its surface."""
 
 
 def compute_visible_power(
@@ -454,24 +455,24 @@ def compute_visible_power(
 ) -> FloatArray:
     r"""Compute the two-way gain past the body's ellipsoids (E-08e).
 
-    It is 1 in sight and 0 where a point is hidden.
+    The gain is 1 for a visible point and 0 for a hidden point.
 
-    At the point of the line of sight where the ellipsoid's form :math:`q = x^T K x` is smallest its clearance is, to
-    first order, :math:`d = (q - 1) / (2 |K x|)` (negative inside). The amplitude rises from 0 at d = -edge to 1 at
-    d = +edge with two continuous derivatives; an ellipsoid counts only as far as it lies before the point, by the same
-    ramp over the first ``edge`` of the path. Amplitudes past several ellipsoids multiply; the gain is the square. Waves
-    that creep round the body or pass through it are left out.
+    Consider the point of the line of sight where the quadratic form :math:`q = x^T K x` of the ellipsoid is smallest.
+    Its clearance is, to first order, :math:`d = (q - 1) / (2 |K x|)` (negative inside). The amplitude rises from 0 at
+    d = -edge to 1 at d = +edge with two continuous derivatives. Only ellipsoids between the radar and the point count;
+    the same ramp applies over the first ``edge`` of the path. The amplitudes of several ellipsoids are multiplied; the
+    gain is the square of the product. Creeping waves around the body and waves through it are neglected.
 
     Parameters
     ----------
     point_m : ndarray, shape (I, P, 3)
     body : Ellipsoids
-        At the same I times.
+        Ellipsoids at the same I times.
     own : ndarray of bool, shape (P, S)
         Ellipsoids that never hide a point (:func:`find_own_points`).
     radar_position_m : array_like, shape (3,)
     edge_m : float
-        Positive.
+        Half width of the shadow boundary, above 0.
 
     Returns
     -------
@@ -492,8 +493,8 @@ def compute_visible_power(
 def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
     """Determine which ellipsoids contain which points.
 
-    An ellipsoid contains a point that is inside it (to a tenth beyond its surface) half of the time or more; shape (P,
-    S).
+    An ellipsoid contains a point that is inside it (up to a tenth beyond its surface) at least half of the time. The
+    result has the shape (P, S).
     """
     step = -(-point_m.shape[0] // 100)
     offset = point_m[::step, :, None] - body.centre_m[::step, None]

@@ -13,30 +13,31 @@ from doppelgait.scene.scene import Target
 def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m: float = 0.0) -> list[Target]:
     """Make two targets that keep together.
 
-    The second follows the first one's path at the first one's speed, at its side: where the path curves, the outer
-    one moves faster (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each stops in its own stride,
-    up to half a stride apart from where they would be abreast.
+    The second target follows a path parallel to the first target's path, at the first target's speed. Where the path
+    curves, the outer target moves faster (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each
+    target stops in its own stride, at most half a stride from the abreast position.
 
     Parameters
     ----------
     first : Target
-        Has ``start_position_m`` and ``heading_deg``; without a path it moves straight.
+        Target with ``start_position_m`` and ``heading_deg``. Without a path it moves straight.
     second : Target
-        Its own place and path, if any, are ignored; its own speed must be within 30 % of what the path needs.
+        Its own position and path are ignored. Its own speed must be within 30 % of the speed along the path.
     side_m : float
-        How far the second is to the left of the first, negative to the right.
+        Lateral distance of the second target to the left of the first, negative to the right.
     ahead_m : float
-        How far it is ahead along the path, negative behind.
+        Distance of the second target ahead of the first along the path, negative behind.
 
     Returns
     -------
     list of Target
-        The first on its path, and the second on its own.
+        The first target and the second target, each on its path.
 
     Raises
     ------
     ConfigError
-        If the first has no start, the second's motion does not suit its speed, or the path turns on the spot.
+        If the first target has no start, the second target's motion cannot reach the speed, or the path turns on the
+        spot.
     MotionError
         If a motion does not travel straight and steadily, or cannot stop where the path does.
 
@@ -64,7 +65,7 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
         raise ConfigError("companions: the first target needs start_position_m and heading_deg")
     path = first.path or StraightPath()
     if isinstance(path, TurnAroundPath) and path.radius_m is None:
-        raise ConfigError("companions: a turn on the spot cannot be made side by side; give the path radius_m")
+        raise ConfigError("companions: two targets side by side cannot turn on the spot; set radius_m of the path")
     companion_path = {
         **path.model_dump(exclude_none=True),
         "speed_mps": path.speed_mps or steady_speed_mps(make_scaled_motion(first.replace(path=None))),
@@ -88,16 +89,16 @@ def leashed_dog(
 ) -> list[Target]:
     """Make a person and a dog on a leash.
 
-    The dog keeps the person's speed and place; see :func:`side_by_side`.
+    The dog moves at the person's speed and keeps its position relative to the person; see :func:`side_by_side`.
 
     Parameters
     ----------
     person : Target
-        Has ``start_position_m`` and ``heading_deg``.
+        Target with ``start_position_m`` and ``heading_deg``.
     dog_motion : Motion
-        Straight and steady, its speed within 30 % of the person's: for a model, make it with that ``speed_mps``.
+        Straight, steady motion with a speed within 30 % of the person's; set ``speed_mps`` of a model accordingly.
     side_m, ahead_m : float
-        The dog's place: by default to the right and ahead. The leash itself is no scatterer.
+        Position of the dog: by default to the right of the person and ahead. The leash does not scatter.
     label : str
         Label of the dog's target.
 

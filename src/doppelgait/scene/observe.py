@@ -23,7 +23,7 @@ from doppelgait.scene.scene import Scene
 FloatArray = npt.NDArray[np.float64]
 
 ASPECT_MIN_SPEED_MPS = 0.05
-"""Below this speed a scatterer has no direction of motion, hence no aspect angle (E-04)."""
+"""Minimum speed, m/s, at which a scatterer has a direction of motion, and hence an aspect angle (E-04)."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,9 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     Returns
     -------
     LineOfSight
-        Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04); aspect angle from
-        cos(psi) = -(v . u) / |v|, 0 = approaching, NaN below 0.05 m/s; azimuth from +x towards +y; elevation up.
+        Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04); aspect angle psi
+        with cos(psi) = -(v . u) / |v|, 0 when approaching, NaN below 0.05 m/s; azimuth from +x towards +y; elevation
+        up.
 
     See Also
     --------
@@ -100,7 +101,7 @@ def bistatic_line_of_sight(
 ) -> LineOfSight:
     """Compute the bistatic geometry of moving points.
 
-    Range, radial velocity and angles for a radar with its receiver elsewhere.
+    These are range, radial velocity and angles for a radar with separate transmitter and receiver positions.
 
     Parameters
     ----------
@@ -123,18 +124,16 @@ def bistatic_line_of_sight(
 
 
 def compute_bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
-    r"""Compute the gain from monostatic to bistatic radar.
+    r"""Compute the two-way power gain from monostatic to bistatic radar.
 
-    It is a two-way power gain.
-
-    The radar equation (E-14) takes :math:`R = (R_t + R_r) / 2` to the power -4; with the gain :math:`(R^2 / (R_t
-    R_r))^2` the echo goes with :math:`R_t^{-2} R_r^{-2}` (Willis, Bistatic Radar, ch. 4). It is 1 for
-    :math:`R_t = R_r`, above 1 otherwise.
+    The radar equation (E-14) uses :math:`R^{-4}` with :math:`R = (R_t + R_r) / 2`; with the gain :math:`(R^2 / (R_t
+    R_r))^2` the echo is proportional to :math:`R_t^{-2} R_r^{-2}` (Willis, Bistatic Radar, ch. 4). The gain is 1 for
+    :math:`R_t = R_r`, and above 1 otherwise.
 
     Parameters
     ----------
     transmitter_range_m, receiver_range_m : array_like
-        R_t and R_r; as in the radar equation each is taken as at least 0.2 m.
+        Ranges R_t and R_r; smaller values are replaced by 0.2 m, as in the radar equation.
     """
     there, back = np.asarray(transmitter_range_m, dtype=float), np.asarray(receiver_range_m, dtype=float)
     mean = np.maximum((there + back) / 2.0, MIN_RANGE_M)
@@ -158,32 +157,31 @@ def assemble(
     slow_time_s : array_like, shape (I,)
         Pulse times from the start of the scene.
     angles : bool
-        Whether aspect, azimuth and elevation are in the table; they cost most of its time.
+        Include aspect, azimuth and elevation; they need most of the computing time.
     directions : bool
-        Whether azimuth and elevation are there even without ``angles``.
+        Include azimuth and elevation even without ``angles``.
     rng : numpy.random.Generator, optional
-        Needed where a target's radar cross section fluctuates or has a spread; not touched by those that do not.
+        Needed if the radar cross section of a target fluctuates or has a spread; otherwise not used.
 
     Returns
     -------
     Dataset (slow_time, scatterer)
         The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target``, ``marker`` and ``part``
-        of every scatterer. ``target`` is the number among the scene's ``observed_targets``, -1 for what belongs to a
-        background body. An empty room has a table of no scatterers.
+        of every scatterer. ``target`` is the number among the scene's ``observed_targets``, -1 for background bodies.
+        The table of an empty room has no scatterers.
 
-        Where the receiver is elsewhere, ``range`` and ``radial_velocity`` are those of
-        :func:`bistatic_line_of_sight`, ``path_gain`` holds :func:`compute_bistatic_spreading` and the occlusion of
-        both paths, angles are those from the transmitter, and the attribute ``bistatic`` is set. The radar cross
-        section is then the monostatic one along the bisector of the two paths to the body centre, which is exact for
-        smooth convex bodies in the limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not
-        modelled.
+        For a bistatic radar, ``range`` and ``radial_velocity`` are those of :func:`bistatic_line_of_sight`,
+        ``path_gain`` contains :func:`compute_bistatic_spreading` and the occlusion of both paths, angles are those
+        from the transmitter, and the attribute ``bistatic`` is set. The radar cross section is then the monostatic
+        one along the bisector of the two paths to the body centre, which is exact for smooth convex bodies in the
+        limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not modelled.
 
     Raises
     ------
     MotionError
         If a motion does not cover the times.
     ConfigError
-        If a radar cross section needs ``rng`` or joints that are not there.
+        If a radar cross section needs ``rng``, or joints that the motion lacks.
 
     See Also
     --------
@@ -203,7 +201,7 @@ def assemble(
 
 
 def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Generator | None) -> list[Scatterers]:
-    """Make the scatterers of all targets, with what is random."""
+    """Make the scatterers of all targets, including random properties."""
     return [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
 
 
@@ -212,7 +210,7 @@ def tabulate(
 ) -> xr.Dataset:  # fmt: skip
     """Observe scatterers at some times as a table.
 
-    The table is that of :func:`assemble` with the ``wanted`` angles.
+    It is the table of :func:`assemble` with the ``wanted`` angles.
     """
     return _label(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
 
@@ -220,13 +218,13 @@ def tabulate(
 def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:  # fmt: skip
-    """Observe scatterers as :func:`tabulate`, in part on demand.
+    """Observe scatterers as :func:`tabulate`, partly on demand.
 
-    Ranges, velocities and angles are made when they are read. The receiver is where the transmitter is: gains do not
-    follow from ranges then.
+    Ranges, velocities and angles are computed when they are read. The radar is monostatic, so that gains do not
+    depend on ranges.
     """
     splines, count = _fit_splines(bodies), sum(len(body.motion.markers) for body in bodies)
-    alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not asked for
+    alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
 
     @lru_cache(maxsize=1)
     def look(first: int, stop: int, angles: tuple[str, ...]) -> dict[str, FloatArray]:
@@ -255,7 +253,7 @@ def _fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
 def _look(
     scene: Scene, bodies: Sequence[Scatterers], splines: Sequence[Spline], times: FloatArray, wanted: Sequence[str]
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Observe all scatterers together, by variable of the table."""
+    """Observe all scatterers together; return arrays by table variable."""
     seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
     return seen[0] if len(seen) == 1 else {
         name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)])
@@ -295,7 +293,7 @@ def _join_tables(parts: list[FloatArray]) -> FloatArray:
 def _observe(
     scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, angles: Sequence[str]
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Observe a target's scatterers, by variable of the table."""
+    """Observe a target's scatterers; return arrays by table variable."""
     times = check_times(scatterers.motion, times)
     range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
     gain = scatterers.path_gain
@@ -326,13 +324,13 @@ def _make_scatterers(
 ) -> Scatterers:
     """Compute a target's scatterers with occlusion.
 
-    The paths from the transmitter and to the receiver count.
+    Occlusion applies to the path from the transmitter and to the path to the receiver.
     """
     motion, rcs = target.motion, target.target.rcs
     if scene.receiver_position_m is None:
         return compute_scatterers(motion, rcs, times, scene.radar_position_m, rng=rng)
-    # The bisector of an angle divides the opposite side as the adjacent sides are to each other, R_t to R_r: the point
-    # between transmitter and receiver to which the bisector at the body centre leads, at its mean ranges.
+    # The bisector of an angle divides the opposite side in the ratio of the adjacent sides, R_t to R_r. This gives the
+    # point between transmitter and receiver on the bisector at the body centre, for the mean ranges.
     centre_m = fit_centre(motion).at(check_times(motion, times))[0]
     ends = np.array([scene.radar_position_m, scene.receiver_position_m])
     there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
@@ -349,7 +347,7 @@ def compute_ranges_and_velocities(
 ) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and radial velocities of all points (E-03, E-04).
 
-    Both have the shape (I, P); velocity is positive when approaching.
+    Both have the shape (I, P); the velocity is positive when approaching.
 
     Raises
     ------
@@ -374,7 +372,7 @@ def _compute_ranges(
 def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
     """Compute the line of sight of a target's body centre.
 
-    It holds at the pulse times; each array has the shape (I,).
+    It is evaluated at the pulse times; each array has the shape (I,).
 
     See Also
     --------

@@ -31,7 +31,7 @@ BACKGROUND = -1
 
 DEFAULT_DURATION_S = 5.0
 KEPT_BYTES = 128 * 2**20
-"""Of motions read before; some three hundred segments of motion capture."""
+"""Maximum size of the cache of motions, bytes: about three hundred segments of motion capture."""
 
 _read_before: OrderedDict[tuple[Path, tuple[int, int], str], Motion] = OrderedDict()
 _warnings_of: dict[tuple[Path, tuple[int, int], str], list[str]] = {}
@@ -46,11 +46,12 @@ class PlacedTarget:
     ----------
     target : Target
     number : int
-        In the scatterer table: its place among the observed targets, -1 for background.
+        Number in the scatterer table: the index among the observed targets, -1 for background.
     motion : Motion
-        Scaled, on its path, turned and moved; it covers the observation. Its facts are those of the whole motion.
+        Motion after scaling, path, rotation and translation; it covers the observation. Its facts are those of the
+        whole motion.
     ground_speed_mps : float
-        Along its path, else of its net travel over the observation.
+        Speed along the path; without a path, net displacement divided by the observation time.
 
     Examples
     --------
@@ -75,9 +76,9 @@ class PlacedScene:
     ----------
     scene : Scene
     targets : tuple of PlacedTarget
-        In the order of the scene.
+        Targets in the order of the scene.
     observation_s : float
-        ``scene.duration_s``, or the shortest motion.
+        Observation time: ``scene.duration_s``, or the duration of the shortest motion.
 
     Examples
     --------
@@ -94,7 +95,7 @@ class PlacedScene:
 
     @property
     def observed(self) -> tuple[PlacedTarget, ...]:
-        """Targets that are no background, in order of their numbers."""
+        """Targets that are not background, in the order of their numbers."""
         return tuple(target for target in self.targets if target.number != BACKGROUND)
 
 
@@ -105,9 +106,9 @@ def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None =
     ----------
     scene : Scene
     streams : Streams, optional
-        For motion models that vary; the stream ``motion`` is used by one target after the other.
+        Random streams for motions with variation; the targets use the stream ``motion`` one after the other.
     folder : Path, optional
-        Folder that relative motion paths start from; the working folder by default.
+        Base folder of relative motion paths; the working folder by default.
 
     Raises
     ------
@@ -133,7 +134,7 @@ def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None =
         lasts_s = motions[-1].duration_s
         if scene.duration_s is not None and lasts_s < scene.duration_s - 1e-6:
             raise ConfigError(
-                f"targets.{number}: its motion ({motion.facts.source}) lasts {lasts_s:.3f} s, the scene "
+                f"targets.{number}: its motion ({motion.facts.source}) lasts {lasts_s:.3f} s, but the scene "
                 f"{scene.duration_s} s; lower duration_s to {math.floor(lasts_s * 100) / 100} or less"
             )
     observation_s = scene.duration_s
@@ -168,9 +169,9 @@ def make_scaled_motion(target: Target) -> Motion:
 
 
 def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
-    """Scale a motion to the target's height and path.
+    """Scale a motion to the target's height and place it on its path.
 
-    It is put on its path, in the frame of the scene if it has one.
+    A motion on a path is then in the frame of the scene.
     """
     if target.height_m is not None:
         motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
@@ -183,14 +184,14 @@ def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
     frames = math.ceil(wanted_s * whole.rate_hz - 1e-6) + 1
     if frames <= whole.n_frames:
         return whole.frames(0, frames)
-    covering = on_path(motion, target.path, duration_s=wanted_s)  # raises where more than a frame is missing
+    covering = on_path(motion, target.path, duration_s=wanted_s)  # raises an error if more than a frame is missing
     return replace(covering, facts=whole.facts)
 
 
 def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -> Motion:
-    """Rotate and move a scaled motion to its place.
+    """Rotate and translate a scaled motion to its position.
 
-    A motion on a path is already there.
+    A motion on a path is already in position.
     """
     if target.path is not None:
         return motion
@@ -209,13 +210,13 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
 def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> list[Motion]:
     """Make the motions of all targets.
 
-    Files come first, because the shortest one sets how long the models' motions must be.
+    Files are read first, because the shortest one determines the duration of the models' motions.
     """
     models = None if streams is None else streams.generator("motion")
 
     def make(number: int, table: Mapping[str, Any], seconds: float) -> Motion:
         rng = models
-        if streams is not None and table["kind"] == "file":  # a loop shifts no model
+        if streams is not None and table["kind"] == "file":  # the offset of a loop does not affect models
             rng = streams.generator("motion", f"targets.{number}")
         variation = scene.targets[number].vary
         try:
@@ -259,8 +260,8 @@ def build_motion(
 ) -> Motion:
     """Make a motion from a ``{ kind = ... }`` table.
 
-    It is a model of ``duration_s``, or a file that is read, cleaned, made a hybrid and looped. The clip of a file is
-    read once; hybrid and loop are made anew.
+    The table is a model with ``duration_s``, or a file that is read, cleaned, combined to a hybrid and looped. The clip
+    of a file is read once; hybrid and loop are computed every time.
     """
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
@@ -297,7 +298,7 @@ def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:
     try:
         stamp = file.stat().st_mtime_ns, file.stat().st_size
     except OSError:
-        return read(file, **options)  # its error names what is wrong with the file
+        return read(file, **options)  # its error describes the fault of the file
     try:
         return _read_once(file, stamp, json.dumps(options, sort_keys=True))
     except TypeError as error:
@@ -307,8 +308,8 @@ def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:
 def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
     """Read a motion file, cached while it is unchanged.
 
-    Examples of a dataset take the same segments of the same files in turn. Each gets the warnings of the reading, so
-    that its row does not depend on what the same process read before.
+    The examples of a dataset use the same segments of the same files repeatedly. Each example gets the warnings of the
+    reader, so that its row does not depend on the cache.
     """
     from doppelgait.motion.readers import read
 

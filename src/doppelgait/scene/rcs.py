@@ -1,9 +1,9 @@
 """Radar cross section: total and shares of points.
 
-Total: 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; measured 0.37 to 1.9 m^2 for a person of
-91 kg at 4.8 and 9.4 GHz), at every carrier: averages of people at 23-28 and 76-81 GHz are close to each other
-(Fortuny-Guasch and Chareau 2013), and 3GPP takes 0.73 m^2 in all bands (TR 38.901, release 19). The same law for people
-and animals, so that the class is not in the power.
+The total is 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; 0.37 to 1.9 m^2 were measured for a
+person of 91 kg at 4.8 and 9.4 GHz). It is the same at every carrier: averages of people at 23-28 and 76-81 GHz are
+close to each other (Fortuny-Guasch and Chareau 2013), and 3GPP uses 0.73 m^2 in all bands (TR 38.901, release 19). The same
+law applies to people and animals, so that the power does not reveal the class.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ FloatArray = npt.NDArray[np.float64]
 Fluctuation = Literal["none", "swerling1", "swerling3"]
 
 DEGREES_OF_FREEDOM = {"swerling1": 2, "swerling3": 4}
-"""Of the chi-square law: 2 is exponential (many equal parts), 4 is one strong part among many (Swerling 1954)."""
+"""Degrees of freedom of the chi-square law: 2 for many equal scatterers, 4 for one dominant one (Swerling 1954)."""
 
 REACH = 9
-"""Half the window in steps of half a correlation time: exp(-4.5^2) = 2e-9 at its end."""
+"""Half length of the smoothing window in steps of half a correlation time; its value is exp(-4.5^2) = 2e-9 there."""
 
 RCS_PER_MASS_M2_PER_KG = 0.8 / 80.0
 ASSUMED_MASS_KG = 80.0
 
 TYPICAL_RCS_M2 = {"human": 0.8, "dog": 0.2, "cat": 0.045}
-"""Mean total of a person of 80 kg, a dog of 20 kg and a cat of 4.5 kg (E-08b).
+"""Mean total cross section of a person of 80 kg, a dog of 20 kg and a cat of 4.5 kg (E-08b), m^2.
 
-The person's is the middle of what was measured all round a man of 91 kg, 0.37 to 1.88 m^2 at 4.8 GHz and 0.50 to
-1.22 m^2 at 9.4 GHz, with the cross section roughly in proportion to body mass (Schultz, Burgener and King 1958). No
-measurement of a dog or a cat at these frequencies is known: theirs are assumed, by the same proportion.
+The person's value is in the middle of the measurements of a man of 91 kg over all aspects, 0.37 to 1.88 m^2 at 4.8 GHz
+and 0.50 to 1.22 m^2 at 9.4 GHz; the cross section is roughly proportional to body mass (Schultz, Burgener and King
+1958). No measurement of a dog or a cat at these frequencies is known: the same proportion is assumed for them.
 """
 
 MOST_NAMES = 8
-"""Names of points in a warning."""
+"""Maximum number of point names in a warning."""
 
 PART_WEIGHTS = {
     "torso": 0.50, "head": 0.10,
@@ -55,7 +55,7 @@ PART_WEIGHTS = {
     "left_hind_upper": 0.04, "right_hind_upper": 0.04, "left_hind_lower": 0.015, "right_hind_lower": 0.015,
     "left_hind_paw": 0.005, "right_hind_paw": 0.005,
 }  # fmt: skip
-"""Share of the total by body part (E-08 for people; assumed for dogs, by area); normalised over the parts present."""
+"""Share of the total by body part (E-08; assumed by area for dogs), normalised over the parts that have points."""
 
 HEIRS = {
     f"{side}_{part}": f"{side}_{heir}"
@@ -65,7 +65,7 @@ HEIRS = {
         ("fore_paw", "fore_lower"), ("fore_lower", "fore_paw"), ("hind_paw", "hind_lower"), ("hind_lower", "hind_paw"),
     )
 } | {"neck": "trunk", "tail": "trunk"}  # fmt: skip
-"""Part that takes the share of one that has no point of its own."""
+"""Part that gets the share of a part without points, by that part."""
 
 
 RCS: Group[Any] = Group("rcs", built_in=("doppelgait.scene.scatterers",), noun="rcs")
@@ -81,12 +81,12 @@ class RcsSpec(FrozenModel):
     Parameters
     ----------
     kind : {"auto", "body_parts", "equal", "ellipsoids"}, or that of a plug-in
-        ``auto``: by body part where the trunk or every point's part is known, else equal. ``ellipsoids``: one scatterer
-        per body segment with a cross section that depends on the direction (:mod:`doppelgait.scene.bodies`); needs
+        ``auto``: split by body part if the trunk or every point's part is known, otherwise equal. ``ellipsoids``: one
+        scatterer per body segment with a direction-dependent cross section (:mod:`doppelgait.scene.bodies`); needs
         points with known joints.
     total_m2 : float, optional
-        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For ellipsoids the mean of
-        the sum over the motion's frames and all horizontal directions.
+        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For ellipsoids it is the
+        mean of this sum over the motion's frames and all horizontal directions.
     total_spread_db : float
         Standard deviation of a log-normal factor of mean 1 on the total, sampled once per target, 0 to 10 dB; 2 dB is
         usual between people.
@@ -95,8 +95,8 @@ class RcsSpec(FrozenModel):
     correlation_s : float
         Correlation time of the fluctuation, 0.001 to 100 s.
     merge_closer_than_m : float, optional
-        Merge points that are closer than this; a quarter wavelength (1.03 cm at 7.29 GHz) keeps them from adding
-        coherently.
+        Merge points that are closer than this distance; a quarter wavelength (1.03 cm at 7.29 GHz) prevents coherent
+        addition.
     occlusion : bool
         Let the body's ellipsoids hide scatterers behind them; needs points with known joints.
 
@@ -131,25 +131,25 @@ class RcsSpec(FrozenModel):
 
     @property
     def needs_rng(self) -> bool:
-        """True if something of it is random."""
+        """True if a parameter makes the cross section random."""
         return self.total_spread_db > 0 or self.fluctuation != "none"
 
 
 def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
-    """Compute weights by body part, shared by points (E-08).
+    """Compute the weights of points by body part (E-08).
 
-    The marker set then does not matter.
+    The points of a part share its weight, so that the marker set does not change the total of a part.
 
     Parameters
     ----------
     parts : sequence of str, length L
-        Body part of every scatterer. Points without a known part share what the parts that no point has would get:
-        nothing, where all parts of the body are there.
+        Body part of every scatterer. Points without a known part share the weights of the parts that have no points;
+        if all parts have points, their weight is 0.
 
     Returns
     -------
     ndarray, shape (L,)
-        Non-negative, sum 1.
+        Weights, not negative, with the sum 1.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
 def is_split_by_part(parts: Sequence[str]) -> bool:
     """Return True if ``auto`` splits by body part.
 
-    It does where the trunk is known, or every point's part.
+    This is the case if the trunk is known, or the part of every point.
     """
     return any(part in BODY_CENTRE_PARTS for part in parts) or all(part in PART_WEIGHTS for part in parts)
 
@@ -193,9 +193,7 @@ def is_split_by_part(parts: Sequence[str]) -> bool:
 def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
     """Warn of points without a known body part.
 
-    The message says what they get.
-
-    A computed motion without any known part, a fan say, is no body.
+    The message states their cross sections. A computed motion without any known part, such as a fan, causes no warning.
     """
     unknown = [name for name, part in zip(motion.markers, motion.parts, strict=True) if part not in PART_WEIGHTS]
     is_body = motion.facts.kind == "recording" or len(unknown) < len(motion.parts)
@@ -204,20 +202,20 @@ def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
     shown = ", ".join(unknown[:MOST_NAMES]) + (", ..." if len(unknown) > MOST_NAMES else "")
     if spec.kind == "auto" and not is_split_by_part(motion.parts):
         warn_caller(
-            f"{motion.label}: no trunk is known and these points have no known body part: {shown}. All points scatter "
-            "equally, which makes limbs too strong. Name the points after body parts, or state rcs kind 'equal'."
+            f"{motion.label}: the trunk is unknown and these points have no known body part: {shown}. All points "
+            "scatter equally, which makes limbs too strong. Name the points after body parts, or set rcs kind 'equal'."
         )
         return
     warn_caller(
-        f"{motion.label}: points without a known body part: {shown}. They share the cross section of parts that no "
-        "point has, or get none. Name them after body parts, or leave them out."
+        f"{motion.label}: points without a known body part: {shown}. They share the cross section of the parts that "
+        "have no points, or have none. Name them after body parts, or remove them."
     )
 
 
 def total_rcs_m2(spec: RcsSpec, mass_kg: float) -> float:
     """Compute the mean total sigma, m^2.
 
-    It is the stated total, or 0.01 m^2 per kilogram (E-08b), of 80 kg where the mass is unknown.
+    It is the stated total, or 0.01 m^2 per kilogram (E-08b); an unknown mass is replaced by 80 kg.
     """
     mass = mass_kg if mass_kg > 0 else ASSUMED_MASS_KG
     return RCS_PER_MASS_M2_PER_KG * mass if spec.total_m2 is None else spec.total_m2
@@ -259,25 +257,25 @@ def sample_fluctuation(
     .. math:: \xi = \frac{1}{D} \sum_{d=1}^{D} g_d^2, \quad
               \overline{g_d(t) g_d(t + \tau)} = e^{-\tau^2 / (2 T_c^2)}
 
-    with D = 2 (Swerling 1) or 4 (Swerling 3) independent standard Gaussian processes: variance 2/D, and the
-    autocovariance of the factor falls as :math:`e^{-\tau^2 / T_c^2}`, to 1/e at the correlation time. The processes are
-    smooth, so that they put no clicks into the Doppler spectrum.
+    with D = 2 (Swerling 1) or 4 (Swerling 3) independent standard Gaussian processes. The factor has the variance 2/D,
+    and its autocovariance falls as :math:`e^{-\tau^2 / T_c^2}`, to 1/e at the correlation time. The processes are
+    smooth, so that they do not broaden the Doppler spectrum by jumps.
 
     Parameters
     ----------
     kind : {"swerling1", "swerling3"}
     time_s : array_like, shape (I,)
-        From 0 on, in any order.
+        Times from 0 on, in any order.
     n_scatterers : int
     correlation_s : float
         T_c, positive; 0.05 to 0.2 s is usual for people at 7 GHz.
     rng : numpy.random.Generator
-        One number is taken; the factor at a time does not depend on the other times.
+        Generator of which one number is used; the factor at one time does not depend on the other times.
 
     Returns
     -------
     ndarray, shape (I, n_scatterers)
-        Not negative.
+        Factors, not negative.
     """
     from doppelgait.core.kernels.fluctuation import smoothed_chi_square
 

@@ -1,6 +1,6 @@
 """Scatterers of a placed motion with their radar cross sections.
 
-Only here do the kinds of radar cross section differ.
+The kinds of radar cross section differ in this module only.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from doppelgait.scene.rcs import (
 FloatArray = npt.NDArray[np.float64]
 
 MAX_FRAMES = 200
-"""Frames, evenly spread over the motion, from which the median distance of two points is taken."""
+"""Maximum number of frames, evenly spaced over the motion, for the median distance of two points."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class View:
     Parameters
     ----------
     motion : Motion
-        In the scene's world frame.
+        Motion in the scene's world frame.
     time_s : ndarray, shape (I,)
         Pulse times after the motion's first frame.
     radar_position_m : ndarray, shape (3,)
@@ -92,7 +92,7 @@ class View:
     def skeleton(self) -> Skeleton:
         """Joints and ellipsoids of the body.
 
-        A :class:`ConfigError` where its joints or height are unknown.
+        A :class:`ConfigError` is raised if its joints or height are unknown.
         """
         return build_skeleton(self.motion)
 
@@ -115,7 +115,7 @@ class View:
 class RcsKind(Protocol):
     """Kind of radar cross section.
 
-    It returns points of the placed motion and their mean cross sections.
+    The function returns points of the placed motion and their mean cross sections.
 
     Spread, fluctuation, merging and occlusion are applied afterwards, for every kind.
     """
@@ -140,18 +140,18 @@ def compute_scatterers(
     Parameters
     ----------
     motion : Motion
-        In the scene's world frame.
+        Motion in the scene's world frame.
     spec : RcsSpec
     time_s : ndarray, shape (I,)
         Pulse times after the motion's first frame.
     radar_position_m : array_like, shape (3,)
     rng : numpy.random.Generator, optional
-        Used only where something of ``spec`` is random.
+        Used only if ``spec.needs_rng``.
 
     Raises
     ------
     ConfigError
-        If ``spec`` needs ``rng`` or joints that are not there.
+        If ``spec`` needs ``rng``, or joints that the motion lacks.
 
     Examples
     --------
@@ -164,14 +164,14 @@ def compute_scatterers(
     """
     if spec.needs_rng and rng is None:
         raise ConfigError(
-            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: randomness needs "
+            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: random values need "
             "rng: pass rng=doppelgait.rng(SEED)"
         )
     view = View(motion, time_s, np.asarray(radar_position_m, dtype=float))
     points, rcs_m2 = RCS.of(spec).run(view, spec)
     if spec.merge_closer_than_m is not None:
         if rcs_m2.ndim != 1:
-            raise ConfigError(f"rcs kind {spec.kind!r} changes with time; leave out merge_closer_than_m")
+            raise ConfigError(f"rcs kind {spec.kind!r} changes with time; remove merge_closer_than_m")
         points, rcs_m2 = merge_close(points, rcs_m2, closer_than_m=spec.merge_closer_than_m)
     gain = np.ones(())
     if spec.occlusion:
@@ -189,16 +189,16 @@ def compute_scatterers(
 @plugin("rcs", "body_parts", parameters=RcsSpec)
 @plugin("rcs", "equal", parameters=RcsSpec)
 def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Use the motion's points, each with a constant share (L,)."""
+    """Return the motion's points and their constant cross sections (L,)."""
     warn_of_unknown_parts(spec, view.motion)
     return view.motion, scatterer_rcs_m2(spec, view.motion.parts, view.motion.facts.mass_kg)
 
 
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Use ellipsoid points that face the radar (E-08c, E-08f, E-08g).
+    """Return the ellipsoid points facing the radar (E-08c, E-08f, E-08g).
 
-    The mean sum of their cross sections (I, S) is the total far from the radar.
+    Far from the radar, the mean sum of their cross sections (I, S) is the stated total.
     """
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
     seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
@@ -209,10 +209,10 @@ def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:
     """Merge points with a median distance below a limit (E-08).
 
-    Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: L of them send back up to L times
-    what their cross sections add up to. The groups are fixed once for the whole motion, by complete
-    linkage: any two points of a group are closer than the limit. Equal distances (a body that is its own mirror image)
-    are taken in the order of the points.
+    Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: the cross section of L points can
+    be up to L times the sum of their cross sections. The groups are constant over the motion. They are found by
+    complete linkage: any two points of a group are closer than the limit. Ties between equal distances (of a symmetric
+    body) are resolved by the order of the points.
 
     Parameters
     ----------
@@ -225,10 +225,10 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
     Returns
     -------
     motion : Motion
-        Groups at the mean position of their points, named ``"A+B"``, with the body part of the strongest; in
-        the order of their first points. The report lists the groups as ``merged``.
+        Groups at the mean position of their points, named ``"A+B"``, with the body part of the strongest point, in the
+        order of their first points. The report lists the groups as ``merged``.
     rcs_m2 : ndarray, shape (number of groups,)
-        Sums over the groups, so that the total stays.
+        Sums over the groups; the total does not change.
 
     Examples
     --------
@@ -253,7 +253,7 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
     """Group points with median distances below the limit.
 
-    All pairs within a group are; groups are in order of their first points.
+    All pairs within a group are below the limit; the groups are in the order of their first points.
     """
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
@@ -261,8 +261,8 @@ def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
     n_points = len(motion.markers)
     if n_points < 2:
         return [[n] for n in range(n_points)]
-    distance_m = np.round(median_distances_m(motion), 9)  # so that rounding does not decide between equal distances
-    # fcluster joins what is at most t apart
+    distance_m = np.round(median_distances_m(motion), 9)  # rounding errors must not break ties
+    # fcluster joins points with a distance of at most t
     below = float(np.nextafter(closer_than_m, 0.0))
     labels = fcluster(linkage(squareform(distance_m, checks=False), "complete"), below, criterion="distance")
     groups: dict[int, list[int]] = {}

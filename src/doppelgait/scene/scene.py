@@ -1,4 +1,4 @@
-"""Targets and scenes, as TOML and Python describe them."""
+"""Targets and scenes, described in TOML or Python."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Target(FrozenModel):
     motion : Motion, table, str or Path
         A cleaned recording or a model's motion, or the table of a scene file: ``kind`` names a motion model, whose
         parameters are the other keys; ``kind = "file"`` takes ``path`` (relative to the scene file) and the options of
-        its reader, such as ``start_s`` and ``stop_s``. A text is the name of a model or the path of a file.
+        its reader, such as ``start_s`` and ``stop_s``. A string is the name of a model or the path of a file.
     label : str
         Class of the target, for example ``"human"`` or ``"dog"``.
     rcs : RcsSpec or str
@@ -83,31 +83,31 @@ class Target(FrozenModel):
     scaling : {"uniform", "froude", "z_only"}
         How ``height_m`` changes lengths and times (E-01).
     range_m : float, optional
-        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or more if the
-        body would otherwise come closer than 2 m.
+        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or the minimum
+        range at which the body stays at least 2 m from the radar.
     bearing_deg : float
         Direction of that point as seen from the radar, from +x towards +y.
     aspect_deg : float
-        Aspect angle psi between the walking direction and the direction to the radar there: 0 approaching,
+        Aspect angle psi between the walking direction and the direction to the radar at that point: 0 approaching,
         180 receding, positive counter-clockwise.
     start_position_m : (float, float), optional
-        Ground position of the body centre at the start, instead of range, bearing and aspect; needs ``heading_deg``.
+        Ground position of the body centre at the start, used with ``heading_deg`` instead of range, bearing and aspect.
     heading_deg : float, optional
         Direction of travel at ``start_position_m``, from +x towards +y.
     path : Path or table, optional
         Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
-        which it needs; straight on by default.
+        which must be set; a straight path by default.
     vary : Variation or table, optional
         Differences of the motion from its model or recording (:mod:`doppelgait.motion.vary`).
     background : bool
-        A body that scatters but is no target: a fan, a curtain. It has no truth and no result, and its scatterers
-        have target number -1.
+        True for a body that scatters but is not a target, such as a fan or a curtain. It has no truth and no result,
+        and its scatterers have the target number -1.
 
     Raises
     ------
     ConfigError
-        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is set, both forms are
-        mixed, or a path has no start.
+        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is set, both forms of
+        position are used, or a path has no start.
 
     Examples
     --------
@@ -170,10 +170,10 @@ class Target(FrozenModel):
     @model_validator(mode="after")
     def _has_one_place(self) -> Self:
         if (self.start_position_m is None) != (self.heading_deg is None):
-            raise ValueError("start_position_m and heading_deg belong together: give both or neither")
+            raise ValueError("start_position_m and heading_deg belong together: set both or neither")
         relative = self.range_m is not None or self.bearing_deg != 0 or self.aspect_deg != 0
         if self.start_position_m is not None and relative:
-            raise ValueError("give either start_position_m and heading_deg, or range_m, bearing_deg and aspect_deg")
+            raise ValueError("set either start_position_m and heading_deg, or range_m, bearing_deg and aspect_deg")
         if self.path is not None and self.start_position_m is None:
             raise ValueError(
                 "a path needs start_position_m and heading_deg: its origin and the direction of its x axis"
@@ -189,9 +189,9 @@ class Scene(FrozenModel):
     targets : sequence of Target
         Bodies in the scene. Empty for an empty room; ``duration_s`` is then required.
     radar_position_m : (float, float, float)
-        Position of the radar (of its transmitter, where the receiver is elsewhere), z up from the floor.
+        Position of the radar (of the transmitter of a bistatic radar); z is the height above the floor.
     duration_s : float, optional
-        Observation time T_o; by default the shortest motion, or 5 s where all motions are models.
+        Observation time T_o; by default the duration of the shortest motion, or 5 s if all motions are models.
     radar_azimuth_deg : float
         Azimuth of the antenna's boresight, from +x towards +y, -360 to 360 degrees. It has no effect for an isotropic
         antenna.
@@ -203,7 +203,7 @@ class Scene(FrozenModel):
     Raises
     ------
     ConfigError
-        If a parameter is not allowed, or there is neither a target nor ``duration_s``.
+        If a parameter is not allowed, or neither a target nor ``duration_s`` is set.
 
     See Also
     --------
@@ -258,17 +258,18 @@ class Scene(FrozenModel):
     def from_toml(cls, path: str | FilePath) -> Scene:
         """Read the scene of a TOML file.
 
-        Paths of motion files start from its folder.
+        Relative paths of motion files are resolved against its folder.
 
         Parameters
         ----------
         path : path
-            The sections of a run (``radar``, ``noise``, ...) are left to :meth:`doppelgait.pipeline.Run.from_toml`.
+            TOML file. The sections of a run (``radar``, ``noise``, ...) are ignored; read them with
+            :meth:`doppelgait.pipeline.Run.from_toml`.
 
         Raises
         ------
         ConfigError
-            Naming the dotted key, its line, the value and what is allowed.
+            If a value is not allowed; the message names the dotted key, its line, the value and the allowed values.
         """
         table, text = read_toml(path)
         own = {key: value for key, value in table.items() if key in cls.model_fields}
@@ -280,13 +281,13 @@ class Scene(FrozenModel):
         Raises
         ------
         ConfigError
-            If a motion is held in memory.
+            If a motion is an object in memory.
         """
         for number, target in enumerate(self.targets):
             if isinstance(target.motion, Motion):
                 raise ConfigError(
-                    f"targets.{number}.motion: {target.motion.label} is held in memory and has no TOML form; give a "
-                    'model as { kind = "...", ... } or a file as { kind = "file", path = "..." }'
+                    f"targets.{number}.motion: {target.motion.label} is in memory and has no TOML form; use a "
+                    'model, { kind = "...", ... }, or a file, { kind = "file", path = "..." }'
                 )
         return write_toml(as_table(self))
 
@@ -305,9 +306,9 @@ class Scene(FrozenModel):
 
     @property
     def observed_targets(self) -> tuple[Target, ...]:
-        """Targets that are no background.
+        """Targets that are not background.
 
-        Their order is that of their numbers in the scatterer table.
+        They are in the order of their numbers in the scatterer table.
         """
         return tuple(target for target in self.targets if not target.background)
 

@@ -267,7 +267,7 @@ def test_who_is_behind_the_wall_has_no_ghost_and_who_crosses_it_is_told():
     position = np.stack([3.0 + 0 * y, y, 1.0 + 0 * y], axis=-1)
     table = echo_table(position, (0, 0, 1.0), t, names=["near", "far", "walker"])
     wall = WallGhost(material="brick", thickness_m=0.1, side_m=2.0)
-    crossing = r"1 of 3 scatterers cross the wall, walker first seen to at 0.50 s"
+    crossing = r"1 of 3 scatterers cross the wall, first walker at 0.50 s"
     with pytest.warns(DoppelgaitWarning, match=crossing) as caught:
         after = apply_environment(table, [wall], Setting(LAMBDA_M, (0, 0, 1.0)))
     assert caught[0].filename == __file__
@@ -296,7 +296,7 @@ def test_images_have_no_images_and_cross_walls():
 
 def test_a_wall_that_goes_through_the_radar_is_refused():
     wall = WallGhost(material="brick", thickness_m=0.1, position_m=(RADAR[0] + 1, RADAR[1]), normal_azimuth_deg=90)
-    with pytest.raises(ConfigError, match="goes through the radar"):
+    with pytest.raises(ConfigError, match="passes through the radar"):
         apply_environment(echo_table([[[4.0, 0.0, 1.0]]], RADAR), [wall], SETTING)
 
 

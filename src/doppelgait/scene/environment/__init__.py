@@ -58,12 +58,12 @@ def make_effect(table: Mapping[str, Any]) -> FrozenModel:
 
 
 def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], setting: Setting) -> xr.Dataset:
-    """Apply all effects to a scatterer table, in order.
+    """Apply all environment effects to a scatterer table, in order.
 
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        As :func:`doppelgait.scene.assemble` makes it; with angles where :func:`needs_angles`.
+        Table from :func:`doppelgait.scene.assemble`, with angles if :func:`needs_angles` is true.
     effects : sequence of FrozenModel
         Specifications such as :class:`Wall`; a field of type :data:`Environment` holds them.
     setting : Setting
@@ -71,15 +71,15 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
     Returns
     -------
     Dataset
-        Originals first, in their order; added rows belong to no target (``target`` -1). Without effects the table
-        itself.
+        The original rows come first, in their order; added rows belong to no target (``target`` -1). Without effects,
+        the table itself is returned.
 
     Raises
     ------
     ConfigError
-        If something is no effect, the order is not allowed, or an effect cannot work on this table.
+        If a value is not an effect, the order is not allowed, or an effect cannot be applied to this table.
     AnalysisError
-        If an effect returns other than a table with the same pulses and columns.
+        If an effect does not return a table with the same pulses and columns.
     """
     for spec in check_order(effects):
         item, before = ENVIRONMENT.of(spec), scatterers
@@ -91,7 +91,7 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
             raise AnalysisError(f"{owner} returns a table without {', '.join(missing)}")
         n_before, n_after = before.sizes["slow_time"], scatterers.sizes["slow_time"]
         if n_after != n_before:
-            raise AnalysisError(f"{owner} makes {n_after} pulses of {n_before}; it must keep them")
+            raise AnalysisError(f"{owner} returns {n_after} pulses instead of {n_before}; it must keep the pulses")
     return scatterers
 
 
@@ -104,14 +104,14 @@ def needs_angles(effects: Sequence[FrozenModel]) -> bool:
 def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
     """Check and return the effects in their order.
 
-    Raises a :class:`ConfigError` where reflections come after something that changes ranges or levels.
+    A :class:`ConfigError` is raised if a reflection follows an effect that changes ranges or levels.
 
-    Images are made from the places of the scatterers, which a wall's delay would falsify, and they cross walls and
-    fade with range themselves.
+    Images are computed from the positions of the scatterers, which the delay of a wall would falsify. The images
+    themselves also pass through walls and lose level with range.
     """
     floors = [spec for spec in effects if isinstance(spec, GroundBounce)]
     if len(floors) > 1:
-        raise ConfigError("environment: 'ground_bounce' is there twice, but there is one floor; leave one out")
+        raise ConfigError("environment: 'ground_bounce' is listed twice, but there is one floor; remove one entry")
     changed = ""
     for spec in effects:
         kind = str(getattr(spec, "kind", ""))
@@ -119,15 +119,15 @@ def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
             makes_images = ENVIRONMENT.of(spec).facts.get("makes_images")
         except ConfigError:
             raise ConfigError(
-                f"{spec!r} is no environment effect; make one with make_effect({{'kind': ...}}), kinds are "
+                f"{spec!r} is not an environment effect; make one with make_effect({{'kind': ...}}), kinds are "
                 f"{', '.join(ENVIRONMENT)}"
             ) from None
         if not makes_images:
             changed = changed or kind
         elif changed:
             raise ConfigError(
-                f"environment: {kind!r} comes after {changed!r}, but reflections must come first, so that they cross "
-                f"walls and lose level too; move {kind!r} before {changed!r}"
+                f"environment: {kind!r} is listed after {changed!r}, but reflections must be listed first, so that "
+                f"walls and losses apply to them too; move {kind!r} before {changed!r}"
             )
     return tuple(effects)
 

@@ -1,7 +1,8 @@
 """Permittivity of materials, interfaces and slabs.
 
-Fields go as exp(j omega t), so a medium with loss has eps = eps' - j eps''. Modes: ``te`` has the electric field
-perpendicular to the plane of incidence, ``tm`` in it. Constants and equations of Recommendation ITU-R P.2040.
+The time dependence is exp(j omega t), so a lossy medium has eps = eps' - j eps''. In the mode ``te`` the electric field
+is perpendicular to the plane of incidence, in ``tm`` it is parallel to it. Constants and equations are from
+Recommendation ITU-R P.2040.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ MaterialName = Literal[
 
 
 class Constants(NamedTuple):
-    """Constants of a material, with the band of their fit.
+    """Constants of a material, with the frequency band of the fit.
 
-    eps' = a f^b and sigma = c f^d (S/m), f and the band in GHz.
+    eps' = a f^b and sigma = c f^d (S/m); f and the band are in GHz.
     """
 
     a: float
@@ -59,11 +60,11 @@ MATERIALS: Mapping[str, Constants] = {
 """Constants of Recommendation ITU-R P.2040, table 3 (editions 2 and 3)."""
 
 CONDUCTION_OHM_GHZ_M = 17.98
-"""1 / (2 pi eps_0) for a frequency in GHz, as the recommendation rounds it."""
+"""Constant 1 / (2 pi eps_0) for a frequency in GHz, rounded as in the recommendation."""
 
 
 class Dielectric(FrozenModel):
-    """Material that is not in the table.
+    """Material with stated permittivity and conductivity.
 
     Parameters
     ----------
@@ -78,9 +79,9 @@ class Dielectric(FrozenModel):
 
 
 def _check_material(material: Any) -> Any:
-    """Refuse a faulty material with one plain message.
+    """Reject an invalid material with a single message.
 
-    A union would give one message per alternative.
+    The union type would give one message per alternative.
     """
     if isinstance(material, Dielectric) or material in get_args(MaterialName):
         return material
@@ -95,7 +96,7 @@ def _check_material(material: Any) -> Any:
 
 
 Material = Annotated[MaterialName | Dielectric, BeforeValidator(_check_material)]
-"""Type of a model's field that takes a material by name or as a table."""
+"""Field type of a model: a material, by name or as a table."""
 
 
 def relative_permittivity(material: Material, *, wavelength_m: float) -> complex:
@@ -104,20 +105,21 @@ def relative_permittivity(material: Material, *, wavelength_m: float) -> complex
     Parameters
     ----------
     material : str or Dielectric
-        Name in :data:`MATERIALS`, or its permittivity and conductivity.
+        Name in :data:`MATERIALS`, or permittivity and conductivity.
     wavelength_m : float
         Wavelength in air.
 
     Returns
     -------
     complex
-        eps = eps' - j 17.98 sigma / f, f in GHz; the sign is that of fields exp(j omega t) (ITU-R P.2040).
+        eps = eps' - j 17.98 sigma / f, f in GHz; the sign follows from the time dependence exp(j omega t)
+        (ITU-R P.2040).
 
     Raises
     ------
     ConfigError
-        If there is no such material, or the carrier lies outside the band of a ground; its constants do not hold
-        there.
+        If the material is unknown, or the carrier lies outside the band of a ground material, where its constants are
+        not valid.
 
     Warns
     -----
@@ -133,15 +135,15 @@ def relative_permittivity(material: Material, *, wavelength_m: float) -> complex
         constants = MATERIALS[material]
         if not constants.lowest_ghz <= frequency_ghz <= constants.highest_ghz:
             outside = (
-                f"{material}: its constants hold from {constants.lowest_ghz:g} to {constants.highest_ghz:g} GHz, "
-                f"the carrier is {frequency_ghz:.4g} GHz"
+                f"{material}: its constants are valid from {constants.lowest_ghz:g} to {constants.highest_ghz:g} GHz, "
+                f"but the carrier is {frequency_ghz:.4g} GHz"
             )
             if material.endswith("ground"):
                 raise ConfigError(
-                    f"{outside}; take another material, or give it as "
+                    f"{outside}; use another material, or state it as "
                     "{ permittivity = ..., conductivity_s_per_m = ... }"
                 )
-            warn_caller(f"{outside}; they are extrapolated")
+            warn_caller(f"{outside}; the constants are extrapolated")
         real = constants.a * frequency_ghz**constants.b
         conductivity = constants.c * frequency_ghz**constants.d
     return complex(real, -CONDUCTION_OHM_GHZ_M * conductivity / frequency_ghz)
@@ -151,7 +153,7 @@ Mode = Literal["te", "tm"]
 Polarisation = Literal["vertical", "horizontal"]
 
 GRAZING_COSINE = 1e-6
-"""Incidence is taken as no flatter than this, where the slab's equations become 0 / 0."""
+"""Minimum cosine of the angle of incidence; at 0 the slab's equations become 0 / 0."""
 
 
 def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex, mode: Mode) -> ComplexArray:
@@ -168,8 +170,9 @@ def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex,
     Returns
     -------
     ndarray of complex128
-        te: (c - s) / (c + s); tm: (eps c - s) / (eps c + s); c the cosine, s = sqrt(eps - 1 + c^2) (ITU-R P.2040).
-        The tm coefficient keeps the upright direction of the field over a floor; it is -1 at grazing, like te.
+        te: (c - s) / (c + s); tm: (eps c - s) / (eps c + s), with the cosine c and s = sqrt(eps - 1 + c^2)
+        (ITU-R P.2040). The tm coefficient refers to the vertical field component over a floor; like te, it is -1 at
+        grazing incidence.
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     inside = _refract(cosine, permittivity)
@@ -182,7 +185,7 @@ def slab_reflection(
 ) -> ComplexArray:
     """Compute the reflection coefficient of a slab in air.
 
-    It holds at the front face and includes all internal reflections.
+    The coefficient refers to the front face and includes all internal reflections.
 
     Parameters
     ----------
@@ -209,7 +212,7 @@ def slab_transmission(
 ) -> ComplexArray:
     """Compute the transmission coefficient of a slab in air.
 
-    It includes all internal reflections.
+    The coefficient includes all internal reflections.
 
     Parameters
     ----------
@@ -222,9 +225,9 @@ def slab_transmission(
     Returns
     -------
     ndarray of complex128
-        t = (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)), the field at the back face over that at the point of the front
-        face straight opposite (ITU-R P.2040). Its phase replaces that of the air which the slab displaces,
-        -2 pi d cos / lambda: see :func:`insertion_coefficient`.
+        t = (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): the ratio of the field at the back face to the field at the
+        opposite point of the front face (ITU-R P.2040). Its phase replaces the phase of the air that the slab
+        displaces, -2 pi d cos / lambda: see :func:`insertion_coefficient`.
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
@@ -235,9 +238,9 @@ def slab_transmission(
 def insertion_coefficient(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the factor of a slab in a plane wave.
+    """Compute the insertion coefficient of a slab for a plane wave.
 
-    The field behind it is multiplied by t exp(j 2 pi d cos / lambda).
+    The slab multiplies the field behind it by t exp(j 2 pi d cos / lambda).
 
     Parameters are those of :func:`slab_transmission`.
     """
@@ -251,10 +254,9 @@ def insertion_coefficient(
 def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float) -> FloatArray:
     """Compute how much a slab lengthens a path.
 
-    The one-way length is (sqrt(eps' - sin^2) - cos) d.
+    The one-way excess length is (sqrt(eps' - sin^2) - cos) d; at normal incidence it is (sqrt(eps') - 1) d.
 
-    It is what the wave that crosses once is late by, (sqrt(eps') - 1) d at normal incidence. At an angle the shift of
-    the refracted ray along the slab is part of it.
+    At oblique incidence it includes the shift of the refracted ray along the slab.
     """
     cosine = np.asarray(cos_incidence, dtype=float)
     return np.asarray((np.sqrt(permittivity.real - 1.0 + cosine**2) - cosine) * thickness_m)
@@ -265,20 +267,20 @@ def compute_slab_spreading(
 ) -> FloatArray:
     r"""Compute the two-way power gain inside a slab.
 
-    The wave spreads less there. Refraction makes the rays inside steeper, so that they diverge less than over the same
-    distance in air. A narrow bundle has the principal radii (geometrical optics, by the second derivatives of the
+    The wave spreads less inside a slab than over the same distance in air, because refraction bends the rays towards
+    the normal. A narrow ray bundle has the principal radii (geometrical optics, from the second derivatives of the
     phase)
 
     .. math:: \rho_s = R - d \left(\frac{1}{\cos} - \frac{1}{q}\right), \quad
               \rho_t = R - d \left(\frac{1}{\cos} - \frac{\epsilon' \cos^2}{q^3}\right), \quad q^2 = \epsilon' - \sin^2
 
-    and the power of both ways goes with :math:`(\rho_s \rho_t)^{-2}` instead of :math:`R^{-4}`. At normal incidence
-    the radar is nearer by d (1 - 1/n).
+    and the two-way power is proportional to :math:`(\rho_s \rho_t)^{-2}` instead of :math:`R^{-4}`. At normal incidence
+    the effective range is shorter by d (1 - 1/n).
 
     Parameters
     ----------
     cos_incidence, range_m : array_like
-        Cosine of the angle of incidence and length R of the straight path; of which no more than R is in the slab.
+        Cosine of the angle of incidence, and length R of the straight path, of which at most R is in the slab.
     permittivity : complex
     thickness_m : float
 
@@ -292,10 +294,10 @@ def compute_slab_spreading(
     inside = np.sqrt(np.maximum(permittivity.real - 1.0, 0.0) + cosine**2)
     share = np.minimum(thickness_m / (cosine * distance_m), 1.0)
     bent = cosine / inside
-    squared = bent * bent  # numpy's general powers cost ten times as much
+    squared = bent * bent  # ten times as fast as a general power in NumPy
     tangential = 1.0 - share * (1.0 - max(permittivity.real, 1.0) * bent * squared)
     product = (1.0 - share * (1.0 - bent)) * tangential
-    return np.asarray(1.0 / np.maximum(product * product, 1e-24))  # along the wall nothing comes through
+    return np.asarray(1.0 / np.maximum(product * product, 1e-24))  # no power passes at grazing incidence
 
 
 def interpolate_coefficient(
@@ -312,16 +314,16 @@ def interpolate_coefficient(
     Parameters
     ----------
     coefficient : callable
-        Of the cosines of incidence.
+        Function of the cosines of incidence.
     cos_incidence : ndarray
     thickness_m, wavelength_m : float
-        Of the slab; 0 and anything for an interface.
+        Thickness of the slab and wavelength; for an interface the thickness is 0 and the wavelength is not used.
 
     Returns
     -------
     ndarray of complex128
-        The values are so close, 0.001 or 0.01 lambda / (2 pi d), that the lines err by about 1e-5 (-100 dB); where the
-        rays are fewer than that every value is computed.
+        The interpolation nodes are 0.001 or 0.01 lambda / (2 pi d) apart, which gives an error of about 1e-5
+        (-100 dB). If there are fewer rays than nodes, every value is computed exactly.
     """
     step = min(1e-3, 1e-2 * wavelength_m / (2.0 * np.pi * thickness_m)) if thickness_m else 1e-3
     if not cos_incidence.size:
@@ -338,7 +340,7 @@ def interpolate_coefficient(
 def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
     """Compute the TE share at an upright wall.
 
-    The wave is vertically polarised; the share is one of power.
+    It is the share of the power of a vertically polarised wave that is in TE mode.
 
     Parameters
     ----------
@@ -348,8 +350,9 @@ def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> Fl
     Returns
     -------
     ndarray
-        sin^2(azimuth from the normal) / sin^2(incidence): 1 for a level ray, 0 for one straight up the normal's plane;
-        1 at normal incidence, where the modes are the same. Horizontal polarisation has the rest.
+        sin^2(azimuth from the normal) / sin^2(incidence): 1 for a horizontal ray, 0 for a ray in the vertical plane of
+        the normal, 1 at normal incidence, where the modes are equal. For horizontal polarisation the TE share is the
+        remainder.
     """
     level, across = along**2 + aside**2, aside**2 + up**2
     product = level * across
@@ -361,11 +364,11 @@ def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> Fl
 def _refract(cosine: FloatArray, permittivity: complex) -> ComplexArray:
     """Compute sqrt(eps - sin^2).
 
-    It is the normal component of the wave vector in the medium over that in air at normal incidence.
+    It is the ratio of the normal component of the wave vector in the medium to that in air at normal incidence.
     """
     square = permittivity.real - 1.0 + cosine**2
     out = np.empty(square.shape, dtype=np.complex128)
-    # by the real and imaginary part: a complex root takes ten times as long
+    # from real and imaginary part: ten times as fast as a complex root
     np.sqrt(0.5 * (np.sqrt(square**2 + permittivity.imag**2) + square), out=out.real)
     np.divide(permittivity.imag, 2.0 * out.real, out=out.imag)
     return out

@@ -1,6 +1,7 @@
 """Echoes reflected by floor and wall (image method).
 
-One reflection on the way there or back gives one added echo, one on both another.
+Each scatterer gets two added echoes: one with a single reflection (on the outward or the return path), and one with a
+reflection on both paths.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ DIMS = ("slow_time", "scatterer")
 ONE_REFLECTION, TWO_REFLECTIONS = ":bounce", ":double_bounce"
 ONE_GHOST, TWO_GHOSTS = ":ghost_mixed", ":ghost"
 IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
-"""Endings of marker and part names of added rows: one reflection on the way there or back, or one on both."""
+"""Endings of marker and part names of added rows: a single reflection, or one on the outward and the return path."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,11 @@ class Mirror:
     normal : (float, float, float)
         Unit vector from the plane towards the radar's side.
     radar_distance_m : float
-        Of the radar from the plane, above 0.
+        Distance of the radar from the plane, above 0.
     sources : tuple of int
-        Rows of the n scatterers.
+        Table rows of the n scatterers.
     first : int
-        First row of the n images by one reflection; those by two come after them.
+        First row of the n images with one reflection; the n images with two reflections follow.
     """
 
     normal: tuple[float, float, float]
@@ -67,9 +68,8 @@ class Mirror:
 class Rays:
     """Paths from the radar to points.
 
-    Length, approach speed and place from the radar, every array (slow_time, scatterer).
-
-    Of a mixed path the place gives the direction only.
+    They have a length, an approach speed and a position relative to the radar; every array is (slow_time, scatterer).
+    For a mixed path the position gives the direction only.
     """
 
     range_m: FloatArray
@@ -79,7 +79,7 @@ class Rays:
     z_m: FloatArray
 
     def along(self, azimuth_rad: float) -> FloatArray:
-        """Project the points' places on a level direction."""
+        """Project the points' positions on a horizontal direction."""
         return np.asarray(self.x_m * math.cos(azimuth_rad) + self.y_m * math.sin(azimuth_rad))
 
 
@@ -89,12 +89,12 @@ def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
     Raises
     ------
     ConfigError
-        If the table has no angles, or is bistatic: places cannot be found from a sum of two ranges and one direction.
+        If the table has no angles, or is bistatic: positions do not follow from a sum of two ranges and one direction.
     """
     if scatterers.attrs.get("bistatic", False):
         raise ConfigError(
-            f"environment effect {effect!r} needs a radar with transmitter and receiver in one place; leave "
-            "receiver_position_m out of the scene, or this effect"
+            f"environment effect {effect!r} needs a monostatic radar; remove receiver_position_m from the scene, or "
+            "remove this effect"
         )
     if "azimuth" not in scatterers or "elevation" not in scatterers:
         raise ConfigError(
@@ -118,10 +118,9 @@ def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
 def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
     """Differentiate along the first axis by central differences.
 
-    The error is T^2/6 of the third derivative.
+    The error is T^2/6 times the third derivative. For the heights of a walking person at 1 kHz it has a median of
 
-    Heights of a walking person at 1 kHz: 3e-6 m/s in the median, 2e-3 m/s at the jerks of a footfall. A single pulse
-    has no rate: 0.
+    3e-6 m/s, and reaches 2e-3 m/s at footfalls. For a single pulse the rate is 0.
     """
     if slow_time_s.size < 2:
         return np.zeros_like(values)
@@ -131,7 +130,7 @@ def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
 def compute_image_length(
     rays: Rays, *, radar_distance_m: float, target_distance_m: FloatArray, target_rate_mps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute length and approach speed of once reflected paths.
+    """Compute length and approach speed of paths with one reflection.
 
     Parameters
     ----------
@@ -145,8 +144,8 @@ def compute_image_length(
     Returns
     -------
     ndarray, ndarray
-        g = sqrt(R^2 + 4 h_r h), the distance of the mirror image, and -g' = -(R R' + 2 h_r h') / g, exact as far as
-        h' is.
+        g = sqrt(R^2 + 4 h_r h), the distance of the mirror image, and -g' = -(R R' + 2 h_r h') / g, which is as exact
+        as h'.
     """
     length_m = np.sqrt(rays.range_m**2 + 4.0 * radar_distance_m * target_distance_m)
     rate = -rays.range_m * rays.velocity_mps + 2.0 * radar_distance_m * target_rate_mps
@@ -154,9 +153,9 @@ def compute_image_length(
 
 
 def find_originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
-    """Return indices of the rows that are no images.
+    """Return indices of the rows that are not images.
 
-    Images of images are left out.
+    Images of images are not modelled.
     """
     names = np.char.endswith(read_axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
     return np.flatnonzero(~(names & (read_axis(scatterers, "target") == -1)))
@@ -164,7 +163,7 @@ def find_originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
 
 def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
     """Select some of the paths, in their order."""
-    if columns.size == rays.range_m.shape[1]:  # in order and without repetition, so all of them
+    if columns.size == rays.range_m.shape[1]:  # sorted and without repetition: all columns
         return rays
     parts = (rays.range_m, rays.velocity_mps, rays.x_m, rays.y_m, rays.z_m)
     return Rays(*(part[:, columns] for part in parts))
@@ -180,29 +179,30 @@ def add_images(
     endings: tuple[str, str],
     plane: tuple[tuple[float, float, float], float],
 ) -> xr.Dataset:
-    """Append the echoes by one and by two reflections.
+    """Append the echoes with one and with two reflections.
 
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
     columns : ndarray of int
-        Its rows that have an image.
+        Rows of the table that have an image.
     direct, image : Rays
-        Direct and reflected paths of those, R and g.
+        Direct and reflected paths of these rows, R and g.
     reflection : ndarray of complex
         Coefficient c of each reflection.
     endings : (str, str)
-        For marker and part names: one reflection, two reflections.
+        Endings of marker and part names for one and for two reflections.
     plane : (tuple of float, float)
-        Normal and radar's distance, for the :class:`Mirror` that is added to the attribute ``mirrors``.
+        Normal and distance of the radar, for the :class:`Mirror` that is added to the attribute ``mirrors``.
 
     Returns
     -------
     Dataset
-        One reflection, there or back (two equal paths: twice the amplitude): apparent range (R + g)/2, field
-        2 c / (R g). Two: apparent range g, field c^2 / g^2. ``path_gain`` makes up for what the radar equation takes
-        the spreading to be, so that all paths sum to (exp(-jkR)/R + c exp(-jkg)/g)^2. The direction of the echo by one
-        reflection is midway between those of its two ways. Radar cross section as on the direct way; no aspect.
+        One reflection (two equal paths, hence twice the amplitude): apparent range (R + g)/2, field 2 c / (R g). Two
+        reflections: apparent range g, field c^2 / g^2. ``path_gain`` compensates for the spreading that the radar
+        equation assumes, so that all paths sum to (exp(-jkR)/R + c exp(-jkg)/g)^2. The direction of the echo with one
+        reflection is the mean of the directions of its two paths. The radar cross section is that of the direct path;
+        there is no aspect.
     """
     from doppelgait.core.kernels.images import fill_images
 
@@ -238,7 +238,7 @@ def add_images(
 def add_path_phase(scatterers: xr.Dataset) -> xr.Dataset:
     """Return the table with ``path_phase``.
 
-    It is 0 where it was missing.
+    If the variable is missing, it is added with the value 0.
     """
     if "path_phase" in scatterers:
         return scatterers
@@ -257,8 +257,8 @@ class GroundBounce(FrozenModel):
     Parameters
     ----------
     material : str or table
-        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``; its
-        thickness is taken as infinite.
+        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``; the
+        thickness is assumed infinite.
     roughness_m : float
         Standard deviation of the floor's height, 0 (smooth) to 1 m.
     polarisation : {"vertical", "horizontal"}
@@ -281,16 +281,16 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
         With angles. Rows that are images already get none.
     spec : GroundBounce
     setting : Setting
-        The radar stands above the floor.
+        Position of the radar, above the floor.
 
     Returns
     -------
     Dataset
-        With rows ``...:bounce`` at apparent range (R + g)/2, direct one way and by the floor the other, and
-        ``...:double_bounce`` at g; g = sqrt(R^2 + 4 h_r h), h_r and h the heights of radar and scatterer (below the
-        floor: 0). Every bounce multiplies the field by Gamma exp(-2 (k s sin gamma)^2): Fresnel's coefficient
-        at the grazing angle gamma, sin gamma = (h_r + h)/g, and the coherent part of what a floor of roughness s
-        reflects (Ament 1953). Radial velocities are -d(range)/dt, the rate of h by :func:`rate_per_s`.
+        The rows ``...:bounce`` are added at the apparent range (R + g)/2 (one path direct, the other by the floor), and
+        ``...:double_bounce`` at g, with g = sqrt(R^2 + 4 h_r h) and the heights h_r and h of radar and scatterer (0
+        below the floor). Every bounce multiplies the field by Gamma exp(-2 (k s sin gamma)^2): Fresnel's coefficient
+        at the grazing angle gamma, sin gamma = (h_r + h)/g, and the coherent reflection of a floor with roughness s
+        (Ament 1953). Radial velocities are -d(range)/dt; the rate of h is that of :func:`rate_per_s`.
 
     Raises
     ------
@@ -327,7 +327,7 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
 def compute_floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: float) -> ComplexArray:
     """Compute the coefficient of a bounce off a rough floor.
 
-    It is Fresnel's at the sine of the grazing angle, 0 to 1, times that of the roughness.
+    It is Fresnel's coefficient at the sine of the grazing angle (0 to 1) times the roughness factor.
     """
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
     mode: Mode = "tm" if spec.polarisation == "vertical" else "te"
@@ -339,9 +339,9 @@ def compute_floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavele
 
 
 class WallGhost(FrozenModel):
-    """Upright, flat, endless reflecting wall.
+    """Vertical, flat, infinite reflecting wall.
 
-    Either ``side_m``, or ``position_m`` and ``normal_azimuth_deg``.
+    Its position is either ``side_m``, or ``position_m`` and ``normal_azimuth_deg``.
 
     Parameters
     ----------
@@ -350,7 +350,7 @@ class WallGhost(FrozenModel):
     thickness_m : float
         Thickness of the wall, above 0, up to 5 m.
     side_m : float, optional
-        Distance from the radar of a wall parallel to the boresight. Give this, or ``position_m`` and
+        Distance from the radar of a wall parallel to the boresight. Set either this, or ``position_m`` and
         ``normal_azimuth_deg``.
     side : {"left", "right"}
         Side of the wall at ``side_m``, looking along the boresight.
@@ -376,7 +376,7 @@ class WallGhost(FrozenModel):
         if (self.position_m is None) != (self.normal_azimuth_deg is None):
             raise ValueError("position_m and normal_azimuth_deg belong together: give both or neither")
         if (self.side_m is None) == (self.position_m is None):
-            raise ValueError("give either side_m (with side), or position_m and normal_azimuth_deg")
+            raise ValueError("set either side_m (with side), or position_m and normal_azimuth_deg")
         return self
 
 
@@ -384,7 +384,7 @@ class WallGhost(FrozenModel):
 def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) -> xr.Dataset:
     """Add two wall echoes for every scatterer.
 
-    Only scatterers on the radar's side of the wall have them.
+    Only scatterers on the radar's side of the wall have wall echoes.
 
     Parameters
     ----------
@@ -396,16 +396,16 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     Returns
     -------
     Dataset
-        With rows ``...:ghost_mixed`` at apparent range (R + g)/2, direct one way and by the wall the other, and
-        ``...:ghost`` at g, the distance of the mirror image: g = sqrt(R^2 + 4 h_r h), h_r and h the distances of radar
-        and scatterer from the wall. Every reflection multiplies the field by the slab's coefficient at its
-        angle of incidence, cos = (h_r + h)/g. Radial velocities are -d(range)/dt, the rate of h by
-        :func:`rate_per_s`. While a scatterer is behind the wall, its ghosts have no gain.
+        The rows ``...:ghost_mixed`` are added at the apparent range (R + g)/2 (one path direct, the other by the wall),
+        and ``...:ghost`` at g, the distance of the mirror image: g = sqrt(R^2 + 4 h_r h), with the distances h_r and h
+        of radar and scatterer from the wall. Every reflection multiplies the field by the slab's coefficient at its
+        angle of incidence, cos = (h_r + h)/g. Radial velocities are -d(range)/dt; the rate of h is that of
+        :func:`rate_per_s`. While a scatterer is behind the wall, the gain of its ghosts is 0.
 
     Raises
     ------
     ConfigError
-        If the table has no angles or is bistatic, or the wall goes through the radar.
+        If the table has no angles or is bistatic, or the wall passes through the radar.
 
     Warns
     -----
@@ -447,7 +447,7 @@ def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
     Raises
     ------
     ConfigError
-        If the wall goes through the radar.
+        If the wall passes through the radar.
     """
     if spec.side_m is not None:
         turn = math.pi / 2 if spec.side == "left" else -math.pi / 2
@@ -459,7 +459,7 @@ def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
     if abs(distance_m) < 1e-3:
         raise ConfigError(
             f"environment effect {spec.kind!r}: the wall at position_m = [{x_m:g}, {y_m:g}] with normal_azimuth_deg = "
-            f"{spec.normal_azimuth_deg:g} goes through the radar; move one of them"
+            f"{spec.normal_azimuth_deg:g} passes through the radar; move one of them"
         )
     return (normal_rad, distance_m) if distance_m > 0 else (normal_rad + math.pi, -distance_m)
 
@@ -467,9 +467,9 @@ def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
 def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
     """Compute the co-polar coefficient of paths to mirror images.
 
-    The share w of the power that meets the wall in te mode (:func:`compute_te_share`) gives r_te w - r_tm (1 - w) for
-    vertical polarisation and r_tm w - r_te (1 - w) for horizontal, with the field counted along rising azimuth; what
-    turns into the other polarisation is lost.
+    With the share w of the power in te mode (:func:`compute_te_share`), the coefficient is r_te w - r_tm (1 - w) for
+    vertical polarisation, and r_tm w - r_te (1 - w) for horizontal polarisation, with the field positive along rising
+    azimuth. The cross-polar part is lost.
     """
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
     toward_m = image.along(normal_rad)
@@ -494,6 +494,6 @@ def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: Flo
     time_s = float(read_axis(scatterers, "slow_time")[int(np.flatnonzero(before[:, number] != before[0, number])[0])])
     name = read_axis(scatterers, "marker")[rows[number]]
     warn_caller(
-        f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, {name} first seen to at "
+        f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, first {name} at "
         f"{time_s:.2f} s; they have no ghost while they are behind it. Move the wall or the target"
     )

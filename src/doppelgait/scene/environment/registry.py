@@ -19,7 +19,7 @@ class Setting:
     wavelength_m : float
         Wavelength of the carrier, above 0.
     radar_position_m : tuple of float
-        Place (x, y, z) of the antenna; z is its height above the floor.
+        Position (x, y, z) of the antenna; z is its height above the floor.
     radar_azimuth_rad : float
         Azimuth of the boresight, from +x towards +y.
     """
@@ -30,14 +30,14 @@ class Setting:
 
 
 class Apply(Protocol):
-    """Environment effect: a new scatterer table from an unchanged one.
+    """Environment effect: returns a new scatterer table, leaving its input unchanged.
 
-    Originals come first, added rows after them; added rows belong to no target (``target`` -1). Facts of the plug-in:
-    ``needs_angles`` (bool, or a function of the parameters) if the table must have azimuth and elevation, and
-    ``makes_images=True`` if it adds echoes by reflected paths. Such effects take places from ranges, so they come
-    before those that lengthen or attenuate paths. ``is_smooth=True`` says that gains, phases and delays change no
-    faster than directions do and that every added row is an image in a
-    :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect then sees the scene 80 times a second.
+    The original rows come first, then the added rows, which belong to no target (``target`` -1). A plug-in has the
+    facts ``needs_angles`` (bool, or a function of the parameters) if the table must have azimuth and elevation, and
+    ``makes_images=True`` if it adds echoes by reflected paths. Such effects compute positions from ranges and are
+    therefore listed before those that lengthen or attenuate paths. With ``is_smooth=True``, gains, phases and delays
+    change no faster than directions, and every added row is an image in a
+    :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect is then evaluated only 80 times a second.
     """
 
     def __call__(self, scatterers: xr.Dataset, parameters: Any, setting: Setting, /) -> xr.Dataset:

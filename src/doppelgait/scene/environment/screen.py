@@ -1,4 +1,4 @@
-"""Screen before the targets: sofa, table, half-open door."""
+"""Screen in front of the targets: sofa, table, half-open door."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Place = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(g
 
 
 class Screen(FrozenModel):
-    """Thin upright screen on the floor: furniture in the way.
+    """Thin vertical screen on the floor, such as furniture.
 
     Parameters
     ----------
@@ -31,7 +31,8 @@ class Screen(FrozenModel):
     height_m : float
         Height above the floor, above 0, up to 20 m.
     loss_db : float
-        Loss of one crossing, 0 to 300 dB; at 7 GHz a wooden board takes 2 to 3 dB, metal everything.
+        One-way loss through the screen, 0 to 300 dB; at 7 GHz it is 2 to 3 dB for a wooden board, and metal blocks all
+        power.
     """
 
     kind: Literal["screen"] = "screen"
@@ -43,13 +44,13 @@ class Screen(FrozenModel):
     @model_validator(mode="after")
     def _has_width(self) -> Screen:
         if math.dist(self.from_m, self.to_m) < 0.01:
-            raise ValueError("from_m and to_m must be at least 0.01 m apart")
+            raise ValueError("the distance of from_m and to_m must be at least 0.01 m")
         return self
 
 
 @plugin("environment", parameters=Screen, needs_angles=True, is_smooth=True)
 def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.Dataset:
-    """Weaken the scatterers behind a screen.
+    """Attenuate the scatterers behind a screen.
 
     Parameters
     ----------
@@ -61,8 +62,8 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
     Returns
     -------
     Dataset
-        ``path_gain`` less twice the loss of one way: the least of ``loss_db`` and of the losses over the top and around
-        both ends, each of a knife edge (:func:`knife_edge_db`). Scatterers in front are as they were.
+        Table with ``path_gain`` reduced by twice the one-way loss: the minimum of ``loss_db`` and the knife-edge losses
+        over the top and around both ends (:func:`knife_edge_db`). Scatterers in front of the screen are unchanged.
 
     Raises
     ------
@@ -71,8 +72,9 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
 
     Notes
     -----
-    Images by the floor see the screen's own image below the floor. Images by a side wall see the screen, not its image
-    in that wall. Longer paths around edges are not added: the range stays that of the straight line.
+    Images in the floor are attenuated by the screen's own image below the floor. Images in a side wall are attenuated
+    by the screen, not by its image in that wall. The longer paths around the edges are not modelled: the range remains
+    that of the straight line.
     """
     direct = make_direct_rays(scatterers, effect=spec.kind)
     radar_x_m, radar_y_m, radar_z_m = setting.radar_position_m
@@ -103,14 +105,13 @@ def knife_edge_db(v: FloatArray) -> FloatArray:
     Parameters
     ----------
     v : ndarray
-        How deep the straight line lies in the shadow: depth h (negative in the light) times
-        sqrt(2 / lambda (1/d1 + 1/d2)).
+        Depth h of the straight line in the shadow (negative outside it) times sqrt(2 / lambda (1/d1 + 1/d2)).
 
     Returns
     -------
     ndarray
-        Loss (dB), 0 in the light: equation (31) of Recommendation ITU-R P.526-15; within 0.7 dB of Fresnel's integral
-        for v of 0 and above.
+        Loss (dB) of equation (31) of Recommendation ITU-R P.526-15, 0 outside the shadow; for v >= 0 it is within
+        0.7 dB of Fresnel's integral.
     """
     deep = np.maximum(v, -0.78) - 0.1
     return np.where(v > -0.78, 6.9 + 20.0 * np.log10(np.sqrt(deep * deep + 1.0) + deep), 0.0)

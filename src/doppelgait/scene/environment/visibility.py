@@ -24,9 +24,9 @@ class Visibility(FrozenModel):
     Parameters
     ----------
     gain_db : list of [range_m, gain_db]
-        One or more pairs of range (m, rising, 0 to 1e6) and two-way power gain of echoes from there (dB, -300 to 300).
-        The gain is interpolated in dB between two pairs and constant beyond the ends. An edge is two pairs close to
-        each other: ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone up to 0.4 m.
+        One or more pairs of range (m, rising, 0 to 1e6) and two-way power gain at that range (dB, -300 to 300). The
+        gain is interpolated in dB between two pairs and constant beyond the ends. Two neighbouring pairs make a step:
+        ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone up to 0.4 m.
     """
 
     kind: Literal["visibility"] = "visibility"
@@ -50,13 +50,13 @@ def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting)
     scatterers : Dataset (slow_time, scatterer)
     spec : Visibility
     setting : Setting
-        Of no effect: the gain knows ranges only.
+        Not used: the gain depends on range only.
 
     Returns
     -------
     Dataset
-        ``path_gain`` times 10^(gain_db / 10), with the gain of the apparent range: half the length of the echo's path,
-        which is all that a receiver knows of it. Behind a wall that range is longer, so put ``visibility`` last.
+        Table with ``path_gain`` multiplied by 10^(gain_db / 10), where the gain is that of the apparent range (half the
+        length of the echo's path). A wall increases the apparent range, so list ``visibility`` last.
     """
     ranges_m, gains_db = np.array(spec.gain_db).T
     gain = db_to_power(np.interp(scatterers["range"].values, ranges_m, gains_db))

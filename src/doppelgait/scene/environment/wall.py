@@ -1,4 +1,4 @@
-"""Wall before the targets: loss, delay and phase."""
+"""Wall in front of the targets: loss, delay and phase."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from doppelgait.scene.environment.registry import Setting
 
 
 class Wall(FrozenModel):
-    """Upright, flat, endless wall, of a material or as measured.
+    """Vertical, flat, infinite wall of a material or with measured loss.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class Wall(FrozenModel):
     thickness_m : float, optional
         Thickness of the material, above 0, up to 5 m.
     loss_db : float, optional
-        Measured loss of one crossing at any angle, 0 to 300 dB, instead of material and thickness.
+        Measured one-way loss at all angles, 0 to 300 dB, instead of material and thickness.
     delay_m : float, optional
-        Increase of the path length by one crossing, 0 (default) to 20 m; only with ``loss_db``.
+        One-way increase of the path length, 0 (default) to 20 m; only with ``loss_db``.
     range_m : float, optional
-        Distance of the wall from the radar along its normal; by default it is between the radar and everything.
+        Distance of the wall from the radar along its normal; by default the wall is in front of all scatterers.
     normal_azimuth_deg : float, optional
         Azimuth of the normal, from +x towards +y; by default that of the boresight.
     polarisation : {"vertical", "horizontal"}
@@ -80,45 +80,45 @@ class Wall(FrozenModel):
 
 
 def wall_needs_angles(spec: Wall) -> bool:
-    """Return True if the direction of a scatterer matters.
+    """Return True if the direction of a scatterer is needed.
 
-    It does not for a measured wall in front of everything.
+    It is not needed for a measured wall in front of all scatterers.
     """
     return spec.range_m is not None or spec.material is not None
 
 
 @plugin("environment", parameters=Wall, needs_angles=wall_needs_angles, is_smooth=True)
 def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Dataset:
-    """Weaken and delay the scatterers behind the wall.
+    """Attenuate and delay the scatterers behind the wall.
 
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        With angles where :func:`wall_needs_angles`.
+        Table with angles if :func:`wall_needs_angles` is true.
     spec : Wall
     setting : Setting
 
     Returns
     -------
     Dataset
-        ``path_gain`` times |T|^4, T the insertion coefficient of the slab (:func:`insertion_coefficient`) at the
-        angle of the straight line to the scatterer; ``range`` plus the delay of one crossing
-        (:func:`slab_delay_m`), ``radial_velocity`` minus its rate. The range carries -4 pi / lambda times that
-        delay into the phase of the echo; ``path_phase`` gets the rest, so that the whole phase is that of T^2.
-        A measured wall has no rest. Spreading goes with the geometrical path, a little less in the slab
-        (:func:`compute_slab_spreading`): ``path_gain`` makes up for the delay, which the radar equation takes for
-        distance. Scatterers in front are as they were.
+        ``path_gain`` is multiplied by |T|^4, with the insertion coefficient T of the slab
+        (:func:`insertion_coefficient`) at the angle of the straight line to the scatterer. The one-way delay
+        (:func:`slab_delay_m`) is added to ``range``, and its rate is subtracted from ``radial_velocity``. The added
+        range changes the phase of the echo by -4 pi / lambda times the delay; ``path_phase`` gets the remainder, so
+        that the total phase is that of T^2. A measured wall has no remainder. Spreading follows the geometrical path,
+        with a small reduction in the slab (:func:`compute_slab_spreading`): ``path_gain`` compensates for the delay,
+        which the radar equation treats as distance. Scatterers in front of the wall are unchanged.
 
     Raises
     ------
     ConfigError
-        If the table lacks angles that are needed, or is bistatic and they are needed.
+        If angles are needed, and the table has none or is bistatic.
 
     Notes
     -----
-    T is taken at the carrier: echoes from inside the slab change the level, but do not show as further ranges. The ray
-    that really reaches a scatterer is shifted by the refraction; by Fermat's principle that is of second order in
-    thickness over range.
+    T is evaluated at the carrier: multiple reflections inside the slab change the level, but do not appear as echoes
+    at further ranges. The true ray to a scatterer is shifted by refraction; by Fermat's principle the effect is of
+    second order in the ratio of thickness to range.
     """
     if not wall_needs_angles(spec):
         return _apply_measured(scatterers, spec, np.True_)
@@ -130,8 +130,8 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     behind = toward_m > (spec.range_m if spec.range_m is not None else -math.inf)
     if (behind.any(axis=0) & ~behind.all(axis=0)).any():
         warn_caller(
-            f"wall at {spec.range_m} m: a scatterer is in front of it at one time and behind it at another; its range "
-            "and level jump there; move the wall or the target"
+            f"wall at {spec.range_m} m: a scatterer crosses the wall, where its range and level jump; "
+            "move the wall or the target"
         )
     if spec.material is None:
         return _apply_measured(scatterers, spec, behind)
@@ -158,12 +158,10 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
 def compute_wall_insertion(
     cos_incidence: FloatArray, *, vertical_te: FloatArray, permittivity: complex, spec: Wall, wavelength_m: float
 ) -> ComplexArray:
-    """Compute the co-polar insertion coefficient of an upright slab.
+    """Compute the co-polar insertion coefficient of a vertical slab.
 
-    T_te w + T_tm (1 - w), w = ``vertical_te``.
-
-    ``vertical_te`` is that of :func:`compute_te_share`. For horizontal polarisation w and 1 - w change places. What
-    turns into the other polarisation is lost.
+    It is T_te w + T_tm (1 - w), with w = ``vertical_te`` from :func:`compute_te_share`.
+    For horizontal polarisation w and 1 - w are exchanged. The cross-polar part is lost.
     """
     slab = {"thickness_m": spec.thickness_m or 0.0, "wavelength_m": wavelength_m}
     te = interpolate_coefficient(
@@ -185,7 +183,7 @@ def _apply_measured(scatterers: xr.Dataset, spec: Wall, behind: np.ndarray | np.
 def _lengthen(
     scatterers: xr.Dataset, delay_m: FloatArray, rate_mps: FloatArray, behind: np.ndarray | np.bool_
 ) -> xr.Dataset:
-    """Lengthen the delay of paths, not their spreading."""
+    """Increase the delay of paths without changing their spreading."""
     before_m = scatterers["range"].values
     after_m = before_m + np.where(behind, delay_m, 0.0)
     ratio = np.maximum(after_m, MIN_RANGE_M) / np.maximum(before_m, MIN_RANGE_M)
