@@ -321,7 +321,10 @@ def test_points_without_a_known_trunk_scatter_equally_e08():
     ("unknown", "message"),
     [
         (["left_toe"], r"points without a known body part: left_toe\. They share"),
-        (["base", "neck", "left_hip", "right_hip", "left_shoulder", "right_shoulder"], "the trunk is unknown.*base, neck"),
+        (
+            ["base", "neck", "left_hip", "right_hip", "left_shoulder", "right_shoulder"],
+            "the trunk is unknown.*base, neck",
+        ),
     ],
 )
 def test_points_of_unknown_parts_are_warned_of_by_name_e08(unknown, message):

@@ -22,7 +22,7 @@ FIELDS_OF_KIND = {
     "cosine": ("hpbw_azimuth_deg", "hpbw_elevation_deg"),
     "table": ("angle_deg", "azimuth_db", "elevation_db"),
 }
-"""Parameters that each kind of pattern needs; ``floor_db`` may come with ``cosine``."""
+"""Required parameters of each kind of pattern; ``cosine`` also allows ``floor_db``."""
 
 
 class Antenna(FrozenModel):
@@ -38,18 +38,19 @@ class Antenna(FrozenModel):
     Parameters
     ----------
     kind : {"isotropic", "cosine", "table"}
-        ``isotropic``: the same in all directions. ``cosine``: a main lobe of given width. ``table``: two measured cuts.
+        ``isotropic``: the same in all directions. ``cosine``: a main lobe with set widths. ``table``: two measured
+        cuts.
     hpbw_azimuth_deg : float
         ``cosine``: full half-power beam width in azimuth, 1 to 179 degrees. About 65 degrees in both planes suits a
         small patch antenna like those of X4 modules (assumed: no data sheet at hand).
     hpbw_elevation_deg : float
         ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
     floor_db : float
-        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB; the pattern is nowhere below it. -20 dB is
-        assumed.
+        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB, which is the minimum of the pattern. The
+        default of -20 dB is assumed.
     angle_deg : list of float
-        ``table``: angles of the two cuts, rising, -180 to 180 degrees. Between them gains are interpolated in dB, from
-        the last round the back to the first too.
+        ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are interpolated in dB between them, and
+        behind the antenna from the last angle to the first.
     azimuth_db : list of float
         ``table``: one-way gain of the horizontal cut at these angles, relative to the peak: -300 to 0 dB.
     elevation_db : list of float
@@ -61,10 +62,10 @@ class Antenna(FrozenModel):
     of a cosine (Balanis, Antenna Theory, directivity of :math:`\cos^q` patterns) in each plane. From
     :math:`10 q \log_{10}\cos(\mathrm{HPBW} / 2) = -3` follows :math:`q = -3 / (10 \log_{10} \cos(\mathrm{HPBW} / 2))`:
     both cuts are exactly 3 dB down at half their beam width. :math:`\cos\phi \cos\epsilon` is the cosine of the true
-    off-boresight angle, so that equal widths give a pattern of rotation :math:`\cos^q` of that angle.
+    off-boresight angle, so that equal widths give the rotationally symmetric pattern :math:`\cos^q` of that angle.
 
-    ``table``: the two cuts add in dB, as in 3GPP TR 38.901 (7.3). Like any such sum it knows nothing outside the two
-    planes, and far from both, near straight up or down, it is no more than a guess.
+    ``table``: the two cuts are added in dB, as in 3GPP TR 38.901 (7.3). This sum is an approximation outside the two
+    planes, and a rough one far from both (nearly straight up or down).
 
     Examples
     --------
@@ -95,7 +96,7 @@ class Antenna(FrozenModel):
         if self.kind != "cosine" and self.floor_db != type(self).model_fields["floor_db"].default:
             foreign.append("floor_db")
         if foreign:
-            raise ValueError(f"antenna kind {self.kind!r} has no {', '.join(foreign)}: leave out, or change the kind")
+            raise ValueError(f"antenna kind {self.kind!r} has no {', '.join(foreign)}: remove it, or change the kind")
         if self.angle_deg is None:
             return self
         angles = np.array(self.angle_deg)
@@ -104,14 +105,14 @@ class Antenna(FrozenModel):
         for name in ("azimuth_db", "elevation_db"):
             cut_db = np.array(getattr(self, name))
             if cut_db.size != angles.size:
-                raise ValueError(f"{name} has {cut_db.size} values, angle_deg {angles.size}; give one for every angle")
+                raise ValueError(f"{name} has {cut_db.size} values, angle_deg {angles.size}; set one for every angle")
             if cut_db.min() < -300 or cut_db.max() > 0:
                 raise ValueError(
                     f"{name} reaches from {cut_db.min():g} to {cut_db.max():g} dB; allowed are -300 to 0 dB relative "
-                    "to the peak; its gain is tx_gain_dbi and rx_gain_dbi"
+                    "to the peak; set the peak gain with tx_gain_dbi and rx_gain_dbi"
                 )
             if angles[-1] - angles[0] == 360 and cut_db[0] != cut_db[-1]:
-                raise ValueError(f"{name}: {cut_db[0]:g} dB at -180 and {cut_db[-1]:g} dB at 180, which are one angle")
+                raise ValueError(f"{name}: {cut_db[0]:g} dB at -180 and {cut_db[-1]:g} dB at 180 must be equal")
         return self
 
 
@@ -171,7 +172,7 @@ def rotate_to_boresight(
     azimuth_rad, elevation_rad : array_like
         Direction in the world: azimuth from +x towards +y, elevation up.
     boresight_azimuth_rad, boresight_tilt_rad : float
-        Direction of the boresight, in the same way. The antenna's horizontal axis stays horizontal (no roll).
+        Direction of the boresight in the same angles. The antenna's horizontal axis stays horizontal (no roll).
 
     Returns
     -------
@@ -199,11 +200,11 @@ def apply_antenna(
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        With ``azimuth`` and ``elevation`` (rad) in the world frame. Those are the direction from the transmitter; of a
-        bistatic table the receiver is assumed to see every scatterer as far off its own boresight.
+        Table with ``azimuth`` and ``elevation`` (rad) in the world frame: the direction from the transmitter. For a
+        bistatic table, every scatterer is assumed to have the same off-boresight angles at the receiver.
     antenna : Antenna
     boresight_azimuth_rad, boresight_tilt_rad : float
-        Where the antenna looks: azimuth from +x towards +y, tilt up.
+        Direction of the boresight: azimuth from +x towards +y, tilt up.
 
     Returns
     -------
@@ -222,7 +223,7 @@ def apply_antenna(
     if missing:
         raise ConfigError(
             f"radar.antenna.kind = {antenna.kind!r} needs the direction of every scatterer, but the scatterer table "
-            f"has no {' and no '.join(missing)}; assemble it with angles=True, or take antenna kind 'isotropic'"
+            f"has no {' and no '.join(missing)}; assemble it with angles=True, or use antenna kind 'isotropic'"
         )
     path_gain, azimuth_rad, elevation_rad = (
         scatterers.variables[name] for name in ("path_gain", "azimuth", "elevation")

@@ -11,7 +11,7 @@ RECEIVER_ERRORS = {
     "DC": ("dc_leak", "leakage"),
     "phase noise and jitter": ("phase_noise", "frame_jitter"),
 }
-"""Effects that have no parameter of the radar: the impairments that make them."""
+"""Impairments that model an effect without a radar parameter, by the name of the effect."""
 
 
 def describe_effects(radar: Radar, impairments: Collection[str] = ()) -> dict[str, str]:

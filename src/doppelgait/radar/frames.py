@@ -14,7 +14,8 @@ Everything is little endian. A stream is a sequence of records of one layout::
 The payload of a header is JSON in UTF-8, at most 64 KiB: ``carrier_hz``, ``prf_hz``, ``range_start_m``,
 ``bin_spacing_m``, ``range_bins`` and ``radar``, a preset's name or all parameters of the radar. That of a frame is its
 counter (uint64), the sender's time in s (float64) and one complex64 value in V per range bin. That of an end is empty.
-A header comes first and may come again; a sender of datagrams repeats it, with whole records in each datagram.
+A stream starts with a header, which may be repeated. In datagrams the header is repeated, and each datagram contains
+whole records.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ CHECK = struct.Struct("<I")
 MAX_HEADER_BYTES = 65_536
 CHUNK_BYTES = 1 << 16
 LARGEST_GAP = 1_000_000
-"""A counter that jumps further was restarted."""
+"""Maximum gap of the frame counter; a larger jump is a restart of the counter."""
 FACTS = ("carrier_hz", "prf_hz", "bin_spacing_m", "range_start_m", "range_bins")
 SAME = 1e-6
-"""Relative difference up to which two headers state the same value."""
+"""Maximum relative difference of equal values in two headers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class Header:
     def difference(self, other: Header, *, keys: Iterable[str] = FACTS, tolerance: float = SAME) -> str:
         """Return the first differing fact of two headers.
 
-        Both values are named. Empty where there is none.
+        The text has both values; it is empty if the headers agree.
         """
         for key in keys:
             mine, theirs = self.facts[key], other.facts[key]
@@ -94,7 +95,7 @@ class Header:
 class Frame:
     """Frame as received: counter, sender's time, samples in V.
 
-    Without a counter, the time is taken as it is.
+    Without a counter, the sender's time is used unchanged.
     """
 
     counter: int | None
@@ -132,7 +133,7 @@ def encode_frame(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
 
 
 END_RECORD = encode_record(END, b"")
-"""The record that ends a stream on purpose; without it, the sender was killed."""
+"""Record that ends a stream regularly; without it, the sender was killed."""
 
 
 def parse_header(payload: bytes, where: str) -> Header:
@@ -141,12 +142,12 @@ def parse_header(payload: bytes, where: str) -> Header:
     Raises
     ------
     RecordingError
-        If it is no JSON object with the keys of the format, or a value is not allowed.
+        If the content is not a JSON object with the keys of the format, or a value is not allowed.
     """
     try:
         table = parse_json(payload.decode())
     except ValueError:
-        raise RecordingError(f"{where}: the header is no JSON in UTF-8") from None
+        raise RecordingError(f"{where}: the header is not JSON in UTF-8") from None
     keys = (*FACTS, "radar")
     if not isinstance(table, dict) or set(table) != set(keys):
         held = ", ".join(map(str, table)) if isinstance(table, dict) else type(table).__name__
@@ -181,18 +182,18 @@ def parse_header(payload: bytes, where: str) -> Header:
 
 
 class FrameParser:
-    """Cut bytes into headers and frames, skipping the rest.
+    """Parse bytes into headers and frames, skipping other content.
 
     Attributes
     ----------
     header : Header or None
-        The last one; frames before the first are passed over.
+        Last header; frames before the first header are skipped.
     malformed : int
-        Records that are cut off, of another length or of a wrong checksum, and runs of other bytes.
+        Number of records that are incomplete, have a wrong length or checksum, and of runs of other bytes.
     fault : str
-        What was wrong with the last of them.
+        Fault of the last malformed record.
     ended : bool
-        Whether the end record has come.
+        True after the end record.
     """
 
     def __init__(self, where: str) -> None:
@@ -201,12 +202,12 @@ class FrameParser:
         self._buffer, self._lost = bytearray(), False
 
     def feed(self, content: bytes) -> Iterator[Header | Frame]:
-        """Yield what is complete with further bytes.
+        """Yield the headers and frames that further bytes complete.
 
         Raises
         ------
         RecordingError
-            If a header is whole but not allowed, or the stream is of another version of the format.
+            If a complete header is not allowed, or the stream has another version of the format.
         """
         self._buffer += content
         at = 0
@@ -217,7 +218,7 @@ class FrameParser:
                 at = start
                 _, version, kind, _, length = HEAD.unpack_from(self._buffer, start)
                 if version != VERSION and self.header is None and not self.malformed:
-                    raise RecordingError(f"{self.where}: is of version {version} of the format; {VERSION} is read")
+                    raise RecordingError(f"{self.where}: has version {version} of the format; only {VERSION} is read")
                 if fault := self._check_head(version, kind, length):
                     if self.header is not None or kind != FRAME:
                         self._count(fault)
@@ -265,9 +266,9 @@ class FrameParser:
             self._buffer.clear()
 
     def _check_head(self, version: int, kind: int, length: int) -> str:
-        """Return what is wrong with the head of a record.
+        """Return the fault of a record's head, or "".
 
-        A length is believed only where it is the header's, or short.
+        A length is valid only if it is that of the header, or short.
         """
         if version != VERSION or kind not in (HEADER, FRAME, END):
             return f"a record of version {version} and kind {kind}"
@@ -279,14 +280,14 @@ class FrameParser:
         return "" if length <= most else f"a header or end of {length:,} bytes, at most {most:,} are allowed"
 
     def _count(self, fault: str) -> None:
-        """Count a malformed record; its rest is skipped uncounted."""
+        """Count a malformed record; its remaining bytes are skipped."""
         if not self._lost or not fault.endswith("no record"):
             self.malformed, self.fault = self.malformed + 1, fault
         self._lost = True
 
 
 def sniff_frames(path: Path) -> bool:
-    """Return whether a file starts as frames in our format."""
+    """Return whether a file starts with frames of doppelgait's format."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -327,7 +328,7 @@ def make_header(
 ) -> Header:
     """Return the header of frames.
 
-    Bursts that the recording alone states become the radar's.
+    If only the recording states bursts, they are added to the radar.
     """
     pulses = int(facts.get("burst_pulses", 1))
     if pulses > 1 and radar.burst_pulses is None and slow_time_s.size > pulses:
@@ -343,7 +344,7 @@ def read_frames(path: Path) -> Recording:
     Raises
     ------
     RecordingError
-        If there is no such file, it has no header, another radar's header follows or fewer than two frames are in it.
+        If the file does not exist, has no header, has headers of two radars, or has fewer than two frames.
 
     Warns
     -----
@@ -365,7 +366,7 @@ def read_frames(path: Path) -> Recording:
             elif header is None:
                 header = item
             elif said := header.difference(item):
-                raise RecordingError(f"{path}: holds frames of two radars: {said}")
+                raise RecordingError(f"{path}: has frames of two radars: {said}")
     if header is None or len(rows) < 2:
         raise RecordingError(f"{path}: holds {'no header' if header is None else f'{len(rows)} frames, 2 are needed'}")
     if parser.malformed:
@@ -373,30 +374,30 @@ def read_frames(path: Path) -> Recording:
     numbers = np.array(counters, dtype=np.uint64).astype(np.int64)
     pulses, values, steps = header.radar.burst_pulses, np.stack(rows), np.diff(numbers)
     jumps = (steps < 1) | (steps > LARGEST_GAP)
-    if jumps.any():  # as a stream takes them, but a burst begins anew
+    if jumps.any():  # as in a stream, but a burst starts again
         first = int(np.argmax(jumps))
         warn_caller(
-            f"{path}: the frame counter does not go on at {jumps.sum():,} places, first from {numbers[first]:,} to "
+            f"{path}: the frame counter jumps at {jumps.sum():,} places, first from {numbers[first]:,} to "
             f"{numbers[first + 1]:,}: frames sent twice, or another start of the sender; time continues there"
         )
         block = pulses or 1
         steps[jumps] = block - numbers[:-1][jumps] % block + numbers[1:][jumps] % block
         numbers = numbers[0] + np.concatenate([[0], np.cumsum(steps)])
     lost = steps[steps > 1] - 1
-    if pulses is not None:  # bursts keep their times; those that are not whole are left out
+    if pulses is not None:  # bursts keep their times; incomplete bursts are ignored
         burst, counts = np.unique(numbers // pulses, return_counts=True)
         whole = np.isin(numbers // pulses, burst[counts == pulses])
         if not whole.any():
-            raise RecordingError(f"{path}: holds no whole burst of {pulses} frames")
+            raise RecordingError(f"{path}: has no complete burst of {pulses} frames")
         values, numbers = values[whole], numbers[whole]
         if not whole.all():
-            warn_caller(f"{path}: {np.sum(counts < pulses):,} bursts that are not whole are left out")
+            warn_caller(f"{path}: {np.sum(counts < pulses):,} incomplete bursts are ignored")
     else:
         numbers = np.arange(len(rows))
         if lost.size:
             warn_caller(
                 f"{path}: {lost.sum():,} frames are missing at {lost.size:,} places (frame counter); the {len(rows):,} "
-                "that are there are taken as if they followed each other"
+                "existing frames are treated as consecutive"
             )
     slow_time_s = header.radar.frame_time_s(numbers)
     slow_time_s += (start_s if math.isfinite(start_s) else 0.0) - slow_time_s[0]

@@ -25,23 +25,23 @@ from doppelgait.core.units import (
 from doppelgait.radar.parameters import Radar
 
 MIN_RANGE_M = 0.2
-"""Ranges are taken as at least this in the radar equation, which is a far-field law (E-14)."""
+"""Minimum range, m, in the radar equation, which is a far-field law; smaller ranges are replaced by it (E-14)."""
 CPI_S = 0.1
-"""Processing interval that the derived velocity resolution is stated for."""
+"""Coherent processing interval, s, of the derived velocity resolution."""
 RANGE_M = 5.0
-"""Range that the derived power and SNR of 1 m^2 are stated for."""
+"""Range, m, of the derived power and SNR of 1 m^2."""
 
 
 def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike) -> Any:
     """Return an echo's peak power at the antenna (E-14).
 
-    By the radar equation.
+    It follows from the radar equation.
 
     Parameters
     ----------
     radar : Radar
     range_m : array_like
-        Range R; below 0.2 m it is taken as 0.2 m.
+        Range R; values below 0.2 m are replaced by 0.2 m.
     rcs_m2 : array_like
         Radar cross section sigma, broadcast against ``range_m``.
 
@@ -66,7 +66,7 @@ def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayL
     gain = db_to_power(radar.tx_gain_dbi + radar.rx_gain_dbi)
     constant = dbm_to_watt(radar.tx_power_dbm) * gain * radar.wavelength_m**2 / (4.0 * np.pi) ** 3
     square = distance * distance
-    return constant * np.asarray(rcs_m2, dtype=float) / (square * square)  # a power of 4 costs ten times as much
+    return constant * np.asarray(rcs_m2, dtype=float) / (square * square)  # ten times as fast as a power of 4
 
 
 def echo_amplitude_v(
@@ -74,9 +74,9 @@ def echo_amplitude_v(
 ) -> Any:
     """Return the echo amplitude at the receiver output, V (E-14).
 
-    a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm.
+    It is a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm.
 
-    ``path_gain`` is a further two-way power ratio (walls, antenna pattern).
+    ``path_gain`` is an additional two-way power ratio (walls, antenna pattern).
 
     See Also
     --------
@@ -101,17 +101,18 @@ def echo_amplitude_v(
 def comparator_noise_v(radar: Radar) -> float:
     """Return one pulse's rms noise at the comparator, V.
 
-    Real input noise up to half the sampling rate, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b).
+    It is real input noise up to half the sampling rate, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b).
     """
     density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
     return math.sqrt(REFERENCE_IMPEDANCE_OHM * density_w * radar.sample_rate_hz / 2.0)
 
 
 def compute_counter_noise_ratio(radar: Radar) -> float:
-    """Return the noise of a swept-threshold counter over averaging's.
+    """Return the noise power ratio of a swept-threshold counter to averaging.
 
-    d / (sqrt(pi) s), the ratio of the variances d s / (sqrt(pi) n) and s^2 / n (E-18b); 1 for a radar that averages.
-    It is below 1 where the thresholds are closer than 1.77 s: n pulses at each of several thresholds are more than n.
+    It is d / (sqrt(pi) s), the ratio of the variances d s / (sqrt(pi) n) and s^2 / n (E-18b); 1 for a radar that
+    averages. It is below 1 if the thresholds are closer than 1.77 s, because several thresholds with n pulses each use
+    more than n pulses.
     """
     if radar.threshold_step_v is None:
         return 1.0
@@ -121,7 +122,7 @@ def compute_counter_noise_ratio(radar: Radar) -> float:
 def find_noise_slope(radar: Radar) -> float:
     """Return dB of noise per dB of noise figure or gain.
 
-    1 for a receiver that averages, 1/2 for a swept-threshold counter (E-18b).
+    It is 1 for a receiver that averages, and 1/2 for a swept-threshold counter (E-18b).
     """
     return 1.0 if radar.threshold_step_v is None else 0.5
 
@@ -129,7 +130,7 @@ def find_noise_slope(radar: Radar) -> float:
 def sample_noise_v2(radar: Radar) -> float:
     """Return the mean square noise of one receiver sample, V^2.
 
-    Complex noise: E|w|^2 = 2 Z0 k T0 F B_n G_rx / N_eff (E-18), of a swept-threshold counter times
+    It is E|w|^2 = 2 Z0 k T0 F B_n G_rx / N_eff (complex noise, E-18); for a swept-threshold counter it is multiplied by
     :func:`compute_counter_noise_ratio` (E-18b).
     """
     density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
@@ -140,7 +141,7 @@ def sample_noise_v2(radar: Radar) -> float:
 def noise_power_v2(radar: Radar) -> float:
     """Return the mean square noise of one range bin, V^2.
 
-    It is that of a receiver sample, compressed (E-18).
+    It is the noise of a receiver sample after compression (E-18).
 
     See Also
     --------
@@ -157,14 +158,14 @@ def noise_power_v2(radar: Radar) -> float:
 
 
 FACTOR_ROWS = 2000
-"""Steps after which a factor that still changes is taken: 2.5e-4 off for a spectrum that touches 0, else 1e-12."""
+"""Maximum number of iteration steps; the error is then 2.5e-4 for a spectrum that reaches 0, otherwise 1e-12."""
 
 
 def make_noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
     """Return the taps that correlate white noise over range bins.
 
-    The minimum-phase factor g of the radar's ``noise_correlation``, sum_k g_k g_(k+l) = rho_l (E-18c): float32, shape
-    (K + 1,), of unit energy; a single 1 for white noise.
+    They are the minimum-phase factor g of the radar's ``noise_correlation``, sum_k g_k g_(k+l) = rho_l (E-18c):
+    float32, shape (K + 1,), with unit energy; a single 1 for white noise.
     """
     return np.array(_factorise(radar.noise_correlation), dtype=np.float32)
 
@@ -173,11 +174,11 @@ def make_noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
 def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
     """Factorise a correlation by Bauer's method.
 
-    The rows of the Cholesky factor of its Toeplitz matrix tend to the taps. In plain arithmetic, so that its bits do
-    not depend on the processor or a library (Bauer, Arch. Elektr. Uebertragung 9, 1955).
+    The rows of the Cholesky factor of its Toeplitz matrix converge to the taps (Bauer, Arch. Elektr. Uebertragung 9,
+    1955). Plain arithmetic makes the result independent of the processor and of libraries.
     """
     rho, last = (1.0, *correlation), len(correlation)
-    rows = [(1.0,) + (0.0,) * last]  # of each row the diagonal element and those before it
+    rows = [(1.0,) + (0.0,) * last]  # each row is the diagonal element and the elements before it
     for step in range(FACTOR_ROWS):
         row = [0.0] * (last + 1)
         for lag in range(min(last, len(rows)), 0, -1):
@@ -193,8 +194,8 @@ def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
 def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     """Return ranges (m) and echo amplitudes (V) of scatterers.
 
-    Contiguous float64 arrays, both (slow_time, scatterer). The amplitude is that of a frame: of E-14, less what its
-    integration loses (E-13b), negative beyond a null.
+    Both are contiguous float64 arrays (slow_time, scatterer). The amplitude is that of a frame: E-14 with the
+    integration loss (E-13b), negative beyond a null.
 
     Examples
     --------
@@ -222,8 +223,8 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
 def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Place earlier pulses' echoes where they appear (E-10b).
 
-    An echo from R appears at R - k c / (2 pulse rate), with the amplitude and the phase that belong to R. One whose
-    pulse reaches into both ends of the frame becomes two.
+    An echo from R appears at R - k c / (2 pulse rate), with the amplitude and phase of R. An echo that overlaps both
+    ends of the frame becomes two.
 
     Parameters
     ----------
@@ -233,7 +234,7 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
     Returns
     -------
     Dataset (slow_time, scatterer)
-        ``scatterers`` themselves where nothing folds.
+        Table with the folded ranges; ``scatterers`` themselves if no echo folds.
     """
     range_m, waveform = scatterers["range"].values, radar.waveform
     if not radar.folds_pulses or range_m.size == 0:
@@ -247,7 +248,7 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
     images = []
     for further in range(max(int((most - fewest).max()), 0) + 1):
         pulses = fewest + further
-        shown = (pulses <= most) | (further == 0)  # the first may lie outside the frame
+        shown = (pulses <= most) | (further == 0)  # the first range may be outside the frame
         columns = np.flatnonzero(shown.any(axis=0))
         part = select_scatterers(scatterers, columns)
         true_m, lag_m = range_m[:, columns], pulses[:, columns] * pulse_m
@@ -274,7 +275,7 @@ def _take_one_row(values: Any) -> Any:
 def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
     """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous.
 
-    None where the table has none.
+    It is None if the table has none.
 
     Examples
     --------
@@ -293,7 +294,7 @@ def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
 def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     """Return the radial velocity of scatterers, (slow_time, scatterer).
 
-    Waveforms that sweep and radars that integrate need it.
+    Waveforms with a sweep and radars with integration need it.
 
     Examples
     --------
@@ -305,7 +306,7 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     """
     if "radial_velocity" not in scatterers:
         raise ConfigError(
-            "the scatterer table has no radial_velocity, which a waveform that sweeps and a radar with an "
+            "the scatterer table has no radial_velocity, which waveforms with a sweep and radars with an "
             "integration_share need; add it"
         )
     return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)
@@ -316,7 +317,7 @@ def list_derived_quantities(radar: Radar) -> dict[str, float]:
 
     The unit is at the end of each name.
 
-    Quantities that the waveform does not have are left out. Power and SNR are those of 1 m^2 at 5 m in a single frame,
+    Quantities that do not apply to the waveform are omitted. Power and SNR are those of 1 m^2 at 5 m in a single frame,
     in the middle of its bin (E-14, E-18).
 
     Examples

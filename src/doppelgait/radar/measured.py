@@ -1,4 +1,4 @@
-"""Common steps of all readers of measured recordings."""
+"""Common functions of the readers of measured recordings."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, make_baseband_facts
 
 CHECK_ROWS = 4096
-"""Rows that are searched for NaN at a time."""
+"""Number of rows per block in the search for NaN."""
 
 
 def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf, most: float = math.inf) -> float:
     """Return a finite number within limits.
 
-    It is above ``above`` and at most ``most``; anything else is a :class:`RecordingError`.
+    It must be above ``above`` and at most ``most``; other values raise a :class:`RecordingError`.
     """
     number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if number and math.isfinite(value) and above < value <= most:
@@ -41,13 +41,13 @@ def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_sta
 
     These are its frame, its number of range bins, and further parameters.
 
-    The range axis of a file may differ by some tenths of a per cent (drivers count with c = 3e8 m/s) and may begin
-    below 0 m; the axis of the recording counts, the radar's frame describes it.
+    The range axis of a file may differ by a few tenths of a per cent (drivers use c = 3e8 m/s) and may begin below 0 m;
+    the axis of the recording is valid, and the radar's frame approximates it.
 
     Raises
     ------
     RecordingError
-        If there is no such preset, or it does not go with the recording.
+        If the preset is unknown, or not possible for the recording.
     """
     if not isinstance(preset, str | Path):
         raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
@@ -75,14 +75,14 @@ def label_measured(
     Parameters
     ----------
     path : Path
-        Its name becomes the source.
+        File; its name becomes the source.
     values : ndarray, shape (I, N)
         Complex baseband, V.
     radar : Radar
     slow_time_s, range_m : ndarray, shapes (I,), (N,)
-        Axes as the file has them.
+        Axes of the file.
     notes : sequence of str
-        What the file does not state.
+        Assumptions for values that the file does not state.
     attrs : mapping, optional
         Further attributes of the baseband.
 
@@ -114,14 +114,14 @@ def label_sweeps(
     Parameters
     ----------
     path : Path
-        Its name becomes the source.
+        File; its name becomes the source.
     samples : ndarray, shape (I, S)
-        Beat of every sweep, V; a real one shows an echo at half its amplitude, which is undone.
+        Beat signal of every sweep, V; a real signal has half the amplitude of an echo, which is corrected.
     radar : Radar
-        With the waveform ``fmcw`` and S samples a sweep: its frame and window decide on the range bins.
+        Radar with the waveform ``fmcw`` and S samples per sweep; its frame and window determine the range bins.
     slow_time_s : ndarray, shape (I,)
     conjugate : bool
-        True where the phase grows with distance.
+        True if the phase increases with distance.
     notes, attrs
         As of :func:`label_measured`.
     """
@@ -141,7 +141,7 @@ def label_sweeps(
 
 
 def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
-    """Refuse fewer than two pulses or one range bin."""
+    """Check for at least two pulses and one range bin."""
     n_pulses, n_bins = values.shape
     if n_pulses < 2 or n_bins < 1:
         raise RecordingError(f"{path}: holds {n_pulses} pulses of {n_bins} range bins; a recording has at least 2 by 1")
@@ -150,7 +150,7 @@ def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
 def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
     """Refuse values that are not finite.
 
-    The error has their count and the first place. NaN, infinity, and values beyond single precision.
+    These are NaN, infinity, and values beyond single precision. The error states their number and the first position.
     """
     faults, first = 0, (0, 0)
     for start in range(0, values.shape[0], CHECK_ROWS):
@@ -163,18 +163,18 @@ def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
     if faults:
         raise RecordingError(
             f"{path}: {faults} of {values.size} values are NaN, infinite or above 3.4e38, the first at pulse "
-            f"{first[0]}, range bin {first[1]} (both from 0); replace or cut them out"
+            f"{first[0]}, range bin {first[1]} (both from 0); replace or remove them"
         )
 
 
 CW_FRAME_M = (0.0, 10.0)
-"""Ranges that the one bin of a continuous-wave recording stands for; it measures no range."""
+"""Nominal range interval, m, of the single bin of a continuous-wave recording, which does not measure range."""
 
 
 def make_radar(path: Path, **facts: Any) -> Radar:
     """Make a radar from facts of a file.
 
-    A parameter that is not allowed is a :class:`RecordingError` that names the file.
+    A parameter that is not allowed raises a :class:`RecordingError` that names the file.
     """
     try:
         return validate(Radar, facts, where="radar")
@@ -185,15 +185,15 @@ def make_radar(path: Path, **facts: Any) -> Radar:
 def make_cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
     """Make a continuous-wave radar with one range bin.
 
-    It has one sample per pulse; the bin stands for the whole frame.
+    It has one sample per pulse; the bin represents the whole frame.
 
     Parameters
     ----------
     path : Path
-        For messages.
+        File, for messages.
     name : str
     carrier_hz, prf_hz : float
-        Carrier; complex samples per second.
+        Carrier, and complex samples per second.
     **facts
         Further parameters of :class:`~doppelgait.radar.parameters.Radar`.
     """

@@ -1,6 +1,6 @@
 """Parameters of a radar, and the interface of its waveform.
 
-Both are here because each needs the other; the link budget and the waveforms themselves are built on this module.
+Both are in one module because they depend on each other; the link budget and the waveforms use this module.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from doppelgait.radar.antenna import Antenna
 from doppelgait.radar.presets import change_preset
 
 GAUSSIAN_WIDTH = {3: math.sqrt(math.log(2)) / math.pi, 10: math.sqrt(math.log(10)) / math.pi}
-"""Two-sided bandwidth times sigma of a Gaussian pulse, by the level in dB below the peak (E-11)."""
+"""Product of two-sided bandwidth and sigma of a Gaussian pulse, by the level in dB below the peak (E-11)."""
 
 PULSE_SIGMA_S = (1e-11, 1e-6)
-"""Shortest and longest Gaussian pulse (standard deviation of its envelope)."""
+"""Limits of the standard deviation of a Gaussian pulse's envelope, s."""
 MAX_RANGE_BINS = 100_000
 MAX_CORRELATED_BINS = 16
 
@@ -61,25 +61,25 @@ OPTIONAL = {
     "integration_share": 0.0,
     "fold_echoes": True,
 }
-"""Parameters of a radar that not every waveform uses, and the values that count as unset."""
+"""Parameters of a radar that only some waveforms use, with the values that count as unset."""
 
 
 class Waveform(FrozenModel):
     """Waveform of a radar: synthesis of samples, and their compression.
 
-    It turns scatterers into receiver samples, and those into range bins.
+    It converts scatterers to receiver samples, and receiver samples to range bins.
 
-    A waveform is a subclass with the default of ``kind``, parameters of its own as further fields where it has any,
-    and at least :meth:`synthesise` and :meth:`resolution_m`; ``plugin("waveform")`` registers it. Everything else has
-    the default of a pulse with receiver samples along fast time that are the range bins (E-15). Methods take the radar
-    that has this ``waveform``.
+    A waveform is a subclass with a default of ``kind``, fields for its own parameters, and at least the methods
+    :meth:`synthesise` and :meth:`resolution_m`; ``plugin("waveform")`` registers it. The other methods have the
+    defaults of a pulse whose receiver samples along fast time are the range bins (E-15). The argument ``radar`` of the
+    methods is the radar with this ``waveform``.
 
     Attributes
     ----------
     needs, takes : tuple of str
-        Parameters of the radar among ``OPTIONAL`` that are required, and those that are allowed.
+        Required and allowed parameters of the radar among ``OPTIONAL``.
     ranged : bool
-        Whether the range bins measure range; False for a radar that sees all ranges in its one bin.
+        True if the range bins measure range; False for a radar with all ranges in one bin.
 
     Examples
     --------
@@ -98,11 +98,11 @@ class Waveform(FrozenModel):
     kind: str
 
     def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Fill in radar parameters that may be left out."""
+        """Add the defaults of optional radar parameters."""
         return table
 
     def check(self, radar: Radar) -> None:
-        """Refuse a radar that this waveform cannot have (``ValueError``)."""
+        """Check that the radar is valid for this waveform (``ValueError``)."""
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Return noise-free receiver samples, V, shape (I, S)."""
@@ -125,7 +125,7 @@ class Waveform(FrozenModel):
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Return noise-free range bins, V, shape (I, N).
 
-        They are the samples of :meth:`synthesise`, compressed; a waveform may know a shorter way.
+        They are the samples of :meth:`synthesise` after compression; a waveform may use a faster method.
         """
         return self.compress(self.synthesise(scatterers, radar), radar)
 
@@ -134,9 +134,9 @@ class Waveform(FrozenModel):
         raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")
 
     def reach_m(self, radar: Radar) -> float:
-        """Return how far an echo ends beyond its range.
+        """Return the half length of an echo in range.
 
-        4 widths, where a Gaussian echo is at -190 dB.
+        It is 4 widths, where a Gaussian echo is at -190 dB.
         """
         return 4.0 * self.resolution_m(radar)
 
@@ -147,7 +147,7 @@ class Waveform(FrozenModel):
     def n_range_bins(self, radar: Radar) -> int:
         """Return the number of range bins of one frame (E-15).
 
-        N = ceil(r_span / bin spacing).
+        It is N = ceil(r_span / bin spacing).
         """
         return math.ceil((radar.range_stop_m - radar.range_start_m) / self.bin_spacing_m(radar) - 1e-9)
 
@@ -168,36 +168,36 @@ class Waveform(FrozenModel):
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the noise bandwidth of one receiver sample.
 
-        The radar may state its own; else it is the sampling rate, as of white noise.
+        It is the value of the radar, if it states one, otherwise the sampling rate (white noise).
         """
         return radar.sample_rate_hz
 
     def noise_gain(self, radar: Radar) -> float:
         """Return the noise power ratio of bin to sample.
 
-        For white noise in the receiver samples.
+        It is valid for white noise in the receiver samples.
         """
         return 1.0
 
     def independent_bins(self, radar: Radar) -> float:
         """Return the independent noise values per range bin.
 
-        1 where neighbouring bins share no noise, else 1 / (1 + 2 sum rho_l^2) of the correlation rho_l between noise
-        l bins apart: the spread of a mean noise power over many bins is that of this many values.
+        It is 1 if the noise of neighbouring bins is independent, otherwise 1 / (1 + 2 sum rho_l^2) with the noise
+        correlation rho_l at a lag of l bins. It determines the spread of the mean noise power over many bins.
         """
         return 1.0 / (1.0 + 2.0 * math.fsum(rho**2 for rho in radar.noise_correlation))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
         """Return the range at which echoes fold back to 0.
 
-        inf for none; here where the next pulse leaves, c / (2 pulse rate).
+        It is inf without folding; the default is c / (2 pulse rate).
         """
         return SPEED_OF_LIGHT_MPS / (2.0 * (radar.pulse_rate_hz or radar.prf_hz))
 
     def coupling_s(self, radar: Radar) -> float:
         """Return the apparent range shift per radial velocity.
 
-        -f_c T_c / B of a frequency sweep, else 0.
+        It is -f_c T_c / B for a frequency sweep, otherwise 0.
         """
         return 0.0
 
@@ -207,11 +207,11 @@ class Waveform(FrozenModel):
 
     @property
     def samples_are_bins(self) -> bool:
-        """True where the receiver samples are the range bins."""
+        """True if the receiver samples are the range bins."""
         return type(self).compress is Waveform.compress
 
     def check_parameters(self, radar: Radar) -> None:
-        """Refuse missing or unused parameters of the waveform (``ValueError``)."""
+        """Check for missing or unused parameters of the waveform (``ValueError``)."""
         missing = [name for name in self.needs if getattr(radar, name) == OPTIONAL[name]]
         if missing:
             raise ValueError(f"waveform {self.kind!r} needs {' and '.join(missing)}")
@@ -219,8 +219,8 @@ class Waveform(FrozenModel):
         idle = [name for name, unset in OPTIONAL.items() if name not in own and getattr(radar, name) != unset]
         if idle:
             raise ValueError(
-                f"{' and '.join(idle)} mean{'s' if len(idle) == 1 else ''} nothing to waveform {self.kind!r}; leave "
-                f"out what it has no use for (it takes {', '.join(sorted(own)) or 'none of these'})"
+                f"{' and '.join(idle)} {'is' if len(idle) == 1 else 'are'} not used by waveform {self.kind!r}; remove "
+                f"unused parameters (it uses {', '.join(sorted(own)) or 'none of these'})"
             )
 
 
@@ -233,10 +233,7 @@ WAVEFORMS: Group[type[Waveform]] = Group(
 
 
 def _parse_waveform(value: Any) -> Any:
-    """Return the waveform of a name or a table.
-
-    The table has a ``kind``.
-    """
+    """Return the waveform of a name, or of a table with a ``kind``."""
     if isinstance(value, str) and value not in WAVEFORMS:
         raise ValueError(f"known are {', '.join(WAVEFORMS)}")
     try:
@@ -263,38 +260,38 @@ class Radar(FrozenModel):
     name : str
         Name shown to the user; it has no effect.
     waveform : Waveform or str or mapping
-        ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse behind a matched filter), ``fmcw``
-        (de-chirped), ``stepped`` (stepped frequency), ``cw`` or one of an installed package; what each needs is in
-        :mod:`doppelgait.radar.waveforms`. The name is short for ``{ kind = "NAME" }``; further keys are parameters of
-        the waveform's own.
+        ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse with a matched filter), ``fmcw``
+        (de-chirped), ``stepped`` (stepped frequency), ``cw``, or the waveform of an installed package; their parameters
+        are listed in :mod:`doppelgait.radar.waveforms`. The name is short for ``{ kind = "NAME" }``; further keys are
+        parameters of the waveform.
     carrier_hz : float
-        Centre frequency f_c of what is transmitted.
+        Centre frequency f_c of the transmitted signal.
     prf_hz : float
-        Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
+        Frame rate f_p: slow-time samples per second. A frame of a swept-threshold chip contains many pulses.
     burst_pulses : int, optional
-        For sensors that measure in bursts: frames of a burst, at the rate prf_hz. None: frames without pauses. For
-        impairments that vary over slow time, time stands still in the pauses.
+        Number of frames in a burst, at the rate prf_hz, for sensors that measure in bursts. None: frames without
+        pauses. Impairments that vary over slow time do not change during the pauses.
     burst_period_s : float, optional
-        Time from the start of a burst to that of the next.
+        Time from the start of one burst to the start of the next.
     sample_rate_hz : float
         Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
-        cw radar has one sample per frame; there it has no effect and is prf_hz when left out.
+        cw radar has one sample per frame; the rate then has no effect and is prf_hz by default.
     decimation : int
-        Baseband samples kept: every D-th (impulse, rectangular, lfm).
+        Decimation factor D of the baseband samples (impulse, rectangular, lfm).
     range_start_m : float
         Lower limit r_min of the frame.
     range_stop_m : float
         Upper limit r_max of the frame.
     bandwidth_hz : float
-        Two-sided bandwidth B. Gaussian pulse: measured at ``bandwidth_level_db`` below the peak. lfm, fmcw and stepped:
-        the band swept in sweep_s.
+        Two-sided bandwidth B. Gaussian pulse: bandwidth at ``bandwidth_level_db`` below the peak. lfm, fmcw and
+        stepped: bandwidth swept in sweep_s.
     bandwidth_level_db : {3, 10}
         Level below the peak at which the bandwidth of a Gaussian pulse is measured.
     pulse_sigma_s : float
         impulse: standard deviation tau of the pulse's amplitude envelope, instead of the bandwidth.
     sweep_s : float
-        Duration: of the pulse (rectangular, lfm), of the part of a chirp that is sampled (fmcw), of all steps
-        (stepped). fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps a frame.
+        Duration of the pulse (rectangular, lfm), of the sampled part of a chirp (fmcw), or of all steps (stepped).
+        fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps per frame.
     range_window : {"none", "hann", "hamming", "blackman"}
         Window before the transform to range (fmcw, stepped).
     volts_per_unit : float, optional
@@ -309,35 +306,36 @@ class Radar(FrozenModel):
         Pattern of the antennas relative to the peak (:mod:`doppelgait.radar.antenna`); the same in all directions by
         default.
     receiver_gain_db : float
-        Receiver gain G_rx; multiplies signal and noise alike.
+        Receiver gain G_rx, which multiplies signal and noise.
     noise_figure_db : float
         Noise figure F of the receiver.
     noise_bandwidth_hz : float, optional
         Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB bandwidth (impulse), 1 / sweep_s
         (rectangular, lfm), sample_rate_hz (fmcw, stepped) or prf_hz (cw).
     noise_correlation : tuple of float
-        Correlation rho_1, rho_2, ... (E-18c) between the noise of bins 1, 2, ... apart, as the receiver's filter makes
-        it; of waveforms with samples that are the range bins. Empty: white. At most 16 values, and no noise may have a
-        negative spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
+        Noise correlation rho_1, rho_2, ... (E-18c) at lags of 1, 2, ... bins, caused by the receiver's filter, for
+        waveforms with samples that are the range bins. Empty: white. At most 16 values; the spectrum must not be
+        negative: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
     pulse_rate_hz : float
-        Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels) of them, times integration_share
-        where that is not 0.
+        Pulses (sweeps) per second; a frame averages pulse_rate / (prf * sweep_levels) pulses, times integration_share
+        if that is not 0.
     sweep_levels : int
         Number of levels of the threshold sweep; 1 without one.
     threshold_step_v : float, optional
-        impulse with a threshold sweep: spacing d of the thresholds, V at the receiver output. The receiver then counts
-        comparisons, with the noise of a counter (E-18b); without, it averages samples.
+        Spacing d of the thresholds of an impulse radar with a threshold sweep, V at the receiver output. The receiver
+        then counts comparisons, with the noise of a counter (E-18b); otherwise it averages samples.
     integration_share : float
-        Share of the frame time over which the samples of one frame are summed, 0 to 1: a moving echo loses
-        sinc(f_d T_i), T_i = integration_share / prf_hz (E-13b), and pulses outside it are not averaged. 0 where a frame
-        is one short look, and where the waveform models the motion within a frame (fmcw, stepped).
+        Share of the frame time over which the samples of one frame are summed, 0 to 1: the amplitude of a moving echo
+        is multiplied by sinc(f_d T_i), T_i = integration_share / prf_hz (E-13b), and pulses outside this time are not
+        averaged. 0 if the integration time of a frame is negligible, and for waveforms that model the motion within a
+        frame (fmcw, stepped).
     fold_echoes : bool
-        Pulsed radars: show echoes from beyond c / (2 pulse rate) in the frame of a later pulse (E-10b). False for a
-        hypothetical radar that assigns every echo to its pulse. Sweeps fold in any case.
+        For pulsed radars: echoes from beyond c / (2 pulse rate) appear in the frame of a later pulse (E-10b). False for
+        a hypothetical radar that assigns every echo to its pulse. Sweeps always fold.
     transmit_phase_rad : float
         Phase theta of the transmitted pulse.
     hypothetical : bool
-        True for settings that no real device has.
+        True for parameters of no real device.
 
     Examples
     --------
@@ -383,7 +381,7 @@ class Radar(FrozenModel):
     transmit_phase_rad: float = 0.0
     hypothetical: bool = False
 
-    if TYPE_CHECKING:  # a type checker would take no short form, such as the name of a waveform
+    if TYPE_CHECKING:  # otherwise a type checker rejects short forms, such as the name of a waveform
 
         def __init__(self, **parameters: Any) -> None: ...
 
@@ -427,11 +425,11 @@ class Radar(FrozenModel):
         if self.threshold_step_v is not None and self.sweep_levels == 1:
             raise ValueError(
                 f"threshold_step_v {self.threshold_step_v:g} is the spacing of a threshold sweep, but sweep_levels is "
-                "1: give the number of thresholds, or leave out threshold_step_v for a receiver that averages"
+                "1: set the number of thresholds, or remove threshold_step_v for a receiver that averages"
             )
         check_correlation(self.noise_correlation)
         if (self.burst_pulses is None) != (self.burst_period_s is None):
-            raise ValueError("burst_pulses and burst_period_s go together: give both, or neither for unbroken frames")
+            raise ValueError("burst_pulses and burst_period_s belong together: set both, or neither without bursts")
         if self.burst_pulses and self.burst_period_s and self.burst_period_s * self.prf_hz < self.burst_pulses - 1e-6:
             raise ValueError(
                 f"burst_period_s {self.burst_period_s:g} is shorter than a burst of {self.burst_pulses} frames at "
@@ -441,7 +439,7 @@ class Radar(FrozenModel):
 
     @model_serializer(mode="wrap")
     def _dump(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out unset bursts: files of unbroken frames stay unchanged."""
+        """Omit unset bursts, so that files without bursts do not change."""
         table: dict[str, Any] = handler(self)
         return {k: v for k, v in table.items() if v is not None or k not in ("burst_pulses", "burst_period_s")}
 
@@ -454,8 +452,8 @@ class Radar(FrozenModel):
         Parameters
         ----------
         preset_name : str or Path
-            A name of ``doppelgait radar list``, or a path that ends in ``.toml``. What such a file says about
-            ``environment`` and ``impairments`` is no parameter of the radar; :func:`read_full_preset` returns it.
+            A name of ``doppelgait radar list``, or a path that ends in ``.toml``. The keys ``environment`` and
+            ``impairments`` of the file are not parameters of the radar; :func:`read_full_preset` returns them.
         **changes
             Parameters that replace the preset's.
 
@@ -501,7 +499,7 @@ class Radar(FrozenModel):
     def pulse_times_s(self, observation_s: float) -> npt.NDArray[np.float64]:
         """Return the times of the frames in an observation, ascending.
 
-        Of a sensor in bursts there are whole bursts only.
+        For a sensor with bursts, only complete bursts are included.
         """
         if self.burst_pulses is None or self.burst_period_s is None:
             return self.frame_time_s(np.arange(duration_to_pulses(observation_s, self.prf_hz)))
@@ -511,7 +509,7 @@ class Radar(FrozenModel):
     def frame_time_s(self, number: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return frame times by frame number from 0.
 
-        t_i = i / f_p; in bursts of M every T_b, t_i = floor(i / M) T_b + (i mod M) / f_p.
+        It is t_i = i / f_p; for bursts of M frames with the period T_b, t_i = floor(i / M) T_b + (i mod M) / f_p.
         """
         if self.burst_pulses is None or self.burst_period_s is None:
             return np.asarray(number) / self.prf_hz
@@ -521,7 +519,7 @@ class Radar(FrozenModel):
     def pulse_bandwidth_hz(self, level_db: Literal[3, 10]) -> float:
         """Return the two-sided bandwidth of an impulse radar's pulse (E-11).
 
-        At 3 or 10 dB below its peak.
+        The level is 3 or 10 dB below the peak.
         """
         return GAUSSIAN_WIDTH[level_db] / self.sigma_s
 
@@ -529,7 +527,7 @@ class Radar(FrozenModel):
     def range_resolution_m(self) -> float:
         """Half-power width in range of one echo.
 
-        Of a cw radar it is the span of the frame.
+        For a cw radar it is the span of the frame.
         """
         return self.waveform.resolution_m(self)
 
@@ -537,7 +535,7 @@ class Radar(FrozenModel):
     def bin_spacing_m(self) -> float:
         """Spacing of the range bins (E-15).
 
-        D c / (2 f_s), or c / (2 B) where they come out of a transform.
+        It is D c / (2 f_s), or c / (2 B) for range bins from a transform.
         """
         return self.waveform.bin_spacing_m(self)
 
@@ -549,7 +547,7 @@ class Radar(FrozenModel):
     def range_axis_m(self) -> npt.NDArray[np.float64]:
         """Return the range of every bin, ascending (E-15).
 
-        Of a cw radar it is the middle of the frame.
+        For a cw radar it is the middle of the frame.
         """
         steps = np.arange(self.n_range_bins)
         return np.asarray(self.waveform.first_bin_m(self) + self.bin_spacing_m * steps, dtype=np.float64)
@@ -563,7 +561,7 @@ class Radar(FrozenModel):
     def averages_per_frame(self) -> int:
         """Number of pulses averaged into one frame, N_eff (E-18).
 
-        floor(pulse rate * share / (f_p levels)), share = ``integration_share`` or 1; 1 without a pulse rate.
+        It is floor(pulse rate * share / (f_p levels)), with share = ``integration_share`` or 1; 1 without a pulse rate.
         """
         if self.pulse_rate_hz is None:
             return 1
@@ -573,7 +571,7 @@ class Radar(FrozenModel):
     def folds_pulses(self) -> bool:
         """True if earlier pulses' echoes appear (E-10b).
 
-        False for sweeps, because their samples fold by themselves, and without range.
+        False for sweeps, whose samples fold anyway, and for waveforms without range.
         """
         return self.fold_echoes and self.waveform.samples_are_bins and self.waveform.ranged
 
@@ -581,7 +579,7 @@ class Radar(FrozenModel):
     def receiver_bandwidth_hz(self) -> float:
         """Noise bandwidth B_n of a receiver sample.
 
-        The radar's own, else that of the waveform.
+        It is the value of the radar, if set, otherwise that of the waveform.
         """
         return (
             self.noise_bandwidth_hz if self.noise_bandwidth_hz is not None else self.waveform.noise_bandwidth_hz(self)
@@ -589,24 +587,24 @@ class Radar(FrozenModel):
 
 
 def check_correlation(noise_correlation: tuple[float, ...]) -> None:
-    """Refuse a correlation over bins that no noise can have.
+    """Check that a correlation over bins is possible for noise.
 
-    Its spectrum 1 + 2 sum rho_l cos(l w) would be negative somewhere (``ValueError``).
+    The spectrum 1 + 2 sum rho_l cos(l w) must not be negative (``ValueError``).
     """
     least = _find_least_density(noise_correlation)
     if least < -1e-9:
         raise ValueError(
-            f"noise_correlation {list(noise_correlation)} is that of no noise: its spectrum 1 + 2 sum rho_l cos(l w) "
-            f"falls to {least:.3g}, below 0; lower the values, or give more of them (a correlation that is cut off too "
-            "early does this)"
+            f"noise_correlation {list(noise_correlation)} is impossible: its spectrum 1 + 2 sum rho_l cos(l w) has "
+            f"the minimum {least:.3g}, below 0; lower the values, or add further values (a truncated correlation can "
+            "have a negative spectrum)"
         )
 
 
 def find_possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
-    """Return an estimated correlation, shrunk until some noise has it.
+    """Return an estimated correlation, shrunk to a possible one.
 
-    Estimates err, and are cut off where they are lost in chance. All values are multiplied by what lifts the least
-    spectral density to 0, and rounded to four decimals. At most the first 16 are kept.
+    Estimates have errors, and are truncated where they are not significant. All values are multiplied by the factor
+    that raises the minimum spectral density to 0, and rounded to four decimals. At most 16 values are kept.
     """
     found = np.asarray(tuple(estimate)[:MAX_CORRELATED_BINS], dtype=np.float64)
     while True:
@@ -626,16 +624,16 @@ def _find_least_density(noise_correlation: tuple[float, ...]) -> float:
 
 
 def check_band(radar: Radar, bandwidth_hz: float) -> None:
-    """Refuse a band that reaches below 0 Hz."""
+    """Check that the band does not extend below 0 Hz."""
     if radar.carrier_hz < bandwidth_hz / 2.0:
         raise ValueError(
-            f"carrier_hz {radar.carrier_hz:g} is below half of bandwidth_hz {bandwidth_hz:g}: the band would reach "
-            "below 0 Hz; carrier_hz is the middle of the band"
+            f"carrier_hz {radar.carrier_hz:g} is below half of bandwidth_hz {bandwidth_hz:g}: the band would extend "
+            "below 0 Hz; carrier_hz is the centre of the band"
         )
 
 
 def check_sweep_fits(radar: Radar, duration_s: float) -> None:
-    """Refuse a sweep or pulse longer than the frame time."""
+    """Check that a sweep or pulse is not longer than the frame time."""
     if duration_s * radar.prf_hz > 1.0 + 1e-9:
         raise ValueError(
             f"sweep_s {duration_s:g} is longer than a frame at prf_hz {radar.prf_hz:g}, {1 / radar.prf_hz:.4g} s; "

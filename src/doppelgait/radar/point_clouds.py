@@ -1,8 +1,8 @@
 """Point clouds with track numbers from TI's tracking demos.
 
-Such a log holds no samples, so that nothing of the analysis runs on it; its tracks have places and speeds, to compare
-with those of a recording or a simulation. Read are CSV files with a line per point, and the JSON files that the
-Industrial Visualizer of TI's Radar Toolbox saves.
+Such a log has no samples, so that it cannot be analysed; its tracks have positions and speeds, which can be compared
+with those of a recording or a simulation. Supported files are CSV files with one line per point, and the JSON files
+that the Industrial Visualizer of TI's Radar Toolbox saves.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ COLUMNS = {
     "snr": ("snr", "snr_db"),
     "track": ("track", "track_id", "trackid", "trackindex", "tid", "target", "target_id"),
 }
-"""Names that a column of a CSV file may have, in small letters."""
+"""Accepted names of the columns of a CSV file, in lower case."""
 NEEDED = ("x_m", "y_m", "doppler_mps", "track")
 NO_TRACK = 250
-"""Numbers from here on mean no track: 253 weak, 254 outside the room, 255 noise (TI's "3D people tracking" guide)."""
+"""Minimum number without a track: 253 weak, 254 outside the room, 255 noise (TI's "3D people tracking" guide)."""
 LEAST_FRAMES = 5
 NEW_TRACK_S = 1.0
-"""Longer gaps end a track; some 15 frames of the usual rate, assumed."""
+"""Maximum gap within a track, s: about 15 frames at the usual rate (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ class PointTrack:
     Parameters
     ----------
     track : int
-        Its number in the log.
+        Track number in the log.
     times_s : ndarray, shape (T,)
     range_m, velocity_mps : ndarray, shape (T,)
-        Medians of its points: distance from the sensor, radial velocity, approaching positive.
+        Medians over the points: distance from the sensor, and radial velocity (positive approaching).
     position_m : ndarray, shape (T, 3)
-        Medians of its points, in the sensor's frame.
+        Medians over the points, in the sensor's frame.
     spread_mps : float
-        From the 10 % to the 90 % quantile of the points' velocities, each less the median of its frame.
+        Difference of the 90 % and 10 % quantiles of the points' velocities relative to the median of their frame.
     n_points : int
     """
 
@@ -84,20 +84,20 @@ def read_points(
         ``.csv`` with a first line that names the columns (x, y, doppler or velocity, track; optional z, snr, time in s,
         frame), or ``.json`` of the Industrial Visualizer.
     frame_period_s : float, optional
-        Time from frame to frame, where the log counts frames only.
+        Time from frame to frame, for logs with frame numbers only.
     approaching_positive : bool
-        False for TI's sign, in which a body that goes away has positive Doppler.
+        False for TI's sign convention, in which a receding body has positive Doppler.
 
     Returns
     -------
     DataFrame
-        One row a point: ``time_s``, ``x_m``, ``y_m``, ``z_m``, ``velocity_mps`` (approaching positive), ``snr`` (NaN
-        where not stated), ``track`` (-1 for none); times from that of the first frame.
+        One row per point: ``time_s`` (from the first frame), ``x_m``, ``y_m``, ``z_m``, ``velocity_mps`` (positive
+        approaching), ``snr`` (NaN if not stated), ``track`` (-1 for none).
 
     Raises
     ------
     RecordingError
-        If the file cannot be read, a column is missing, a value is no number, or times are missing or fall.
+        If the file cannot be read, a column is missing, a value is not a number, or times are missing or decrease.
     """
     import pandas as pd
 
@@ -114,7 +114,7 @@ def read_points(
     if "time_s" not in table:
         if frame_period_s is None or "frame" not in table:
             raise RecordingError(
-                f"{file}: has no time of its points; give frame_period_s where it has a column frame, or a column time"
+                f"{file}: has no times; set frame_period_s if it has a column frame, or add a column time"
             )
         table["time_s"] = table["frame"] * frame_period_s
     for name in (*NEEDED, "time_s"):
@@ -122,7 +122,7 @@ def read_points(
             raise RecordingError(f"{file}: point {bad[0] + 1} has no {name}")
     if (np.diff(table["time_s"]) < 0).any():
         place = int(np.flatnonzero(np.diff(table["time_s"]) < 0)[0]) + 2
-        raise RecordingError(f"{file}: point {place} is earlier than the one before; sort them by time")
+        raise RecordingError(f"{file}: point {place} is earlier than the previous one; sort the points by time")
     for name in ("z_m", "snr"):
         if name not in table:
             table[name] = 0.0 if name == "z_m" else math.nan
@@ -144,7 +144,7 @@ def _read_csv(file: Path) -> dict[str, Any]:
     found = {key: next((names[one] for one in known if one in names), None) for key, known in COLUMNS.items()}
     if missing := [key for key in NEEDED if found[key] is None]:
         raise RecordingError(
-            f"{file}: has no column for {', '.join(missing)}; it names {', '.join(map(str, raw.columns))}. Known names "
+            f"{file}: has no column for {', '.join(missing)}; it has {', '.join(map(str, raw.columns))}. Known names "
             f"of {missing[0]} are {', '.join(COLUMNS[missing[0]])}"
         )
     columns = {}
@@ -168,8 +168,9 @@ def _read_csv(file: Path) -> dict[str, Any]:
 def _read_json(file: Path) -> list[dict[str, float]]:
     """Read the frames of the Industrial Visualizer.
 
-    A point is x, y, z, Doppler, SNR, noise and track; a time is in ms. The list ``trackIndexes`` of a frame has the
-    tracks of the points of the frame before (TI's "3D people tracking" guide) and counts before those of the points.
+    A point is x, y, z, Doppler, SNR, noise and track; times are in ms. The list ``trackIndexes`` of a frame has the
+    tracks of the previous frame's points (TI's "3D people tracking" guide), and takes precedence over those of the
+    points.
     """
     rows: list[dict[str, float]] = []
     where, before = "the file", slice(0, 0)
@@ -201,12 +202,12 @@ def _read_json(file: Path) -> list[dict[str, float]]:
 def collect_tracks(points: pd.DataFrame) -> list[PointTrack]:
     """Collect a log's tracks with five frames or more.
 
-    A number that returns after :data:`NEW_TRACK_S` is another body's: sensors use numbers again.
+    A number that reappears after :data:`NEW_TRACK_S` belongs to another body, because sensors reuse numbers.
 
     Parameters
     ----------
     points : DataFrame
-        As of :func:`read_points`.
+        Points from :func:`read_points`.
     """
     tracks = []
     seen = points[points["track"] >= 0].sort_values("time_s", kind="stable")
@@ -238,9 +239,9 @@ def tabulate_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
     -------
     DataFrame
         ``track``, ``start_s``, ``stop_s``, ``frames``, ``points``, ``range_start_m``, ``range_stop_m``;
-        ``torso_velocity_mps``, the median over frames; ``range_rate_mps``, minus the slope of the range, which must
-        agree with it (else Doppler is folded or has the other sign); ``ground_speed_mps``, of a straight line through
-        the places on the floor, NaN where these turn; ``velocity_spread_mps``.
+        ``torso_velocity_mps``, the median over frames; ``range_rate_mps``, the negative slope of the range, which must
+        agree with it (otherwise Doppler is aliased or has the opposite sign); ``ground_speed_mps``, the speed of a
+        straight line through the positions on the floor, NaN for a curved track; ``velocity_spread_mps``.
     """
     import pandas as pd
 
@@ -271,20 +272,20 @@ def tabulate_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
 def interpolate_ranges(
     tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_gap_s: float = 0.5
 ) -> FloatArray:
-    """Interpolate the ranges of tracks, for the score of tracks.
+    """Interpolate the ranges of tracks, for their evaluation.
 
     Parameters
     ----------
     tracks : sequence of PointTrack
     times_s : array_like, shape (T,)
-        In the time of the log.
+        Times on the time axis of the log.
     longest_gap_s : float
-        Longest time without points that is interpolated.
+        Maximum time without points that is interpolated.
 
     Returns
     -------
     ndarray, shape (T, number of tracks)
-        NaN where a track is absent: what :func:`doppelgait.testing.tracking.compare_tracks` takes.
+        Ranges, m, NaN where a track is absent, for :func:`doppelgait.testing.tracking.compare_tracks`.
     """
     times = np.asarray(times_s, dtype=np.float64)
     found = np.full((times.size, len(tracks)), np.nan)

@@ -25,14 +25,14 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class TargetTruth:
-    """Truth of a simulation about one target.
+    """Simulation truth of one target.
 
     Parameters
     ----------
     label : str
         Class, ``""`` when unknown.
     scatterers : Dataset (slow_time, scatterer)
-        Its rows of the scatterer table: range, radial velocity, aspect, radar cross section.
+        The target's rows of the scatterer table: range, radial velocity, aspect, radar cross section.
     centre_range_m, centre_velocity_mps, centre_aspect_rad : ndarray, shape (I,)
         Body centre: range, radial velocity (positive approaching), aspect angle psi.
     ground_speed_mps : float
@@ -44,8 +44,8 @@ class TargetTruth:
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
         Means over the observation, NaN when unknown (E-07).
     body : DataArray (time, marker, space), optional
-        Where the points of the body are, for plots: at most 60 positions a second, in the frame of the scene, whose
-        floor is at z = 0.
+        Positions of the body's points, for plots: at most 60 positions per second, in the frame of the scene (floor at
+        z = 0).
 
     Examples
     --------
@@ -75,13 +75,13 @@ class TargetTruth:
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
         """Return the true Doppler shift of every scatterer (E-05).
 
-        2 v_r / lambda, shape (I, L).
+        It is 2 v_r / lambda, shape (I, L).
         """
         values = velocity_to_doppler_hz(self.scatterers["radial_velocity"].values, wavelength_m)
         return np.asarray(values, dtype=np.float64)
 
     def during(self, pulses: slice, start_s: float, stop_s: float) -> TargetTruth:
-        """Return the truth at some pulses, with unchanged means."""
+        """Return the truth at a range of pulses, with unchanged means."""
         arrays = {name: getattr(self, name)[pulses] for name in CENTRE_ARRAYS}
         body = self.body
         if body is not None:
@@ -92,9 +92,9 @@ class TargetTruth:
 
 
 CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
-"""Values of a target's truth at every pulse."""
+"""Fields of a target's truth with one value per pulse."""
 SLACK_S = 1e-9
-"""Times of pulses may be off by rounding."""
+"""Tolerance for the rounding of pulse times, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,23 +111,23 @@ class Recording:
     range_m : ndarray, shape (range bins,)
         Ranges of the bins.
     facts : mapping
-        Further facts on the samples that a file states, for example ``burst_pulses``.
+        Further facts about the samples in a file, for example ``burst_pulses``.
     truth : sequence of TargetTruth
         Empty for measured recordings.
     noise_power_v2 : float
-        Mean square of the receiver noise that was added; NaN when unknown.
+        Mean square of the added receiver noise; NaN if unknown.
     snr_frame_db : float
-        Measured on separately kept signal and noise; inf without noise, NaN when unknown.
+        SNR of a frame, computed from separate signal and noise; inf without noise, NaN if unknown.
     seed : int, optional
-        Seed of the run that made it.
+        Seed of the simulation.
     source : str
-        File name, or how it was made.
+        File name, or origin of the recording.
     notes : sequence of str
-        What its file does not state and was therefore assumed or taken from options; empty for simulated recordings.
+        Values that the file does not state and that were assumed or set by options; empty for simulated recordings.
     radar_position_m : (float, float, float), optional
-        Place of the radar in the frame of the scene; None for measured recordings.
+        Position of the radar in the frame of the scene; None for measured recordings.
     radar_azimuth_deg, radar_tilt_deg : float
-        Where its antenna looks: from +x towards +y, and up from the horizontal.
+        Direction of the antenna: from +x towards +y, and up from the horizontal.
 
     See Also
     --------
@@ -168,12 +168,12 @@ class Recording:
     def from_baseband(cls, baseband: xr.DataArray, radar: Radar, **facts: Any) -> Recording:
         """Make a recording from a labelled complex array.
 
-        The array is (slow_time, range), in V, such as a measurement.
+        The array has the dimensions (slow_time, range), in V, for example from a measurement.
 
         Parameters
         ----------
         baseband : DataArray (slow_time, range)
-            Its attributes besides the units are kept as ``facts``.
+            Array; its attributes except the units are kept as ``facts``.
         radar : Radar
         **facts
             Further parameters of :class:`Recording`.
@@ -181,7 +181,7 @@ class Recording:
         Raises
         ------
         AnalysisError
-            If the array is no baseband.
+            If the array is not a baseband.
         """
         check_signal(baseband, BASEBAND)
         further = {name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")}
@@ -205,14 +205,14 @@ class Recording:
         Parameters
         ----------
         start_s, stop_s : float
-            The part has the pulses with start_s <= time < stop_s; the rest of the recording is ignored where they lie
-            outside it. Of a recording with ``burst_pulses`` in its ``facts``, only whole bursts are taken.
+            The part has the pulses with start_s <= time < stop_s; these limits may be outside the recording. If the
+            ``facts`` have ``burst_pulses``, only complete bursts are included.
 
         Returns
         -------
         Recording
-            The times of its pulses are those of the recording. The truth is cut as well, but its means over the
-            observation (ground speed, frequencies) stay those of the whole, and the SNR of the part is not known.
+            Part with unchanged pulse times. The truth is restricted to the part, but its means over the observation
+            (ground speed, frequencies) are those of the whole recording, and the SNR of the part is unknown.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class Recording:
         """
         where = f"{self.source or 'recording'}: between {start_s:g} and {stop_s:g} s"
         if not start_s < stop_s:
-            raise ConfigError(f"{where}: give two rising times in s, for example 2 and 6")
+            raise ConfigError(f"{where}: the times must rise, for example 2 and 6 s")
         first, stop = (int(np.searchsorted(self.slow_time_s, time_s - SLACK_S)) for time_s in (start_s, stop_s))
         burst = int(self.facts.get("burst_pulses", 1))
         first, stop = -(-first // burst) * burst, stop // burst * burst if stop < self.n_pulses else stop
@@ -250,8 +250,9 @@ class Recording:
     def baseband(self) -> xr.DataArray:
         """Samples as a labelled, read-only complex64 array, V.
 
-        (slow_time, range); it is made on first access. The values of a long recording in a file are read at every
-        access (``samples.in_memory``): take a part, ``baseband.isel(slow_time=slice(0, 1000))``.
+        The array has the dimensions (slow_time, range) and is made on first access. The values of a long recording in a
+        file are read at every access (``samples.in_memory``): select a part,
+        ``baseband.isel(slow_time=slice(0, 1000))``.
         """
         matrix: Any = lazy_rows(self.samples.shape, self.samples.rows)
         if self.samples.in_memory:
@@ -282,9 +283,9 @@ class Recording:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to plot; axes of a new figure by default.
+            Axes for the plot; axes of a new figure by default.
         **settings
-            As for :func:`doppelgait.viz.range_time`.
+            Parameters of :func:`doppelgait.viz.range_time`.
 
         Returns
         -------
@@ -304,9 +305,9 @@ class Recording:
 
     @property
     def observation_s(self) -> float:
-        """Time T_o from the first pulse to the last's end.
+        """Observation time T_o from the first pulse to the end of the last.
 
-        With the pauses between bursts.
+        It includes the pauses between bursts.
         """
         return float(self.slow_time_s[-1] - self.slow_time_s[0]) + 1.0 / self.radar.prf_hz
 
@@ -314,14 +315,14 @@ class Recording:
     def independent_bin_share(self) -> float:
         """Independent noise values per range bin.
 
-        Less than 1 where a window over the sweep joins bins.
+        It is below 1 if a window over the sweep correlates bins.
         """
         share = self.facts.get("independent_bin_share")
         return self.radar.waveform.independent_bins(self.radar) if share is None else float(share)
 
 
 PULSES_OFF = 0.05
-"""Share by which the pulse rate and the times of the pulses may differ."""
+"""Maximum relative difference of the pulse rate and the times of the pulses."""
 RANGES_M = (-1e3, 1e6)
 TIMES_S = (-1e12, 1e12)
 LONGEST_S = 366 * 86_400.0
@@ -329,9 +330,9 @@ FASTEST_MPS = 1e4
 
 
 def check_plausible(recording: Recording, where: str) -> None:
-    """Refuse axes or facts that no radar can have.
+    """Check that axes and facts are plausible for a radar.
 
-    Its samples are checked by the readers, which know their place in the file.
+    The readers check the samples, because they have the position in the file.
 
     Parameters
     ----------
@@ -342,7 +343,7 @@ def check_plausible(recording: Recording, where: str) -> None:
     Raises
     ------
     RecordingError
-        Naming the key, its value and what is allowed.
+        If a value is not plausible; the message names the key, its value and the allowed values.
     """
     times_s, range_m = recording.slow_time_s, recording.range_m
     for key, values, (low, high) in (("slow_time_s", times_s, TIMES_S), ("range_m", range_m, RANGES_M)):
@@ -396,16 +397,16 @@ def _refuse(where: str, key: str, value: str, allowed: str) -> None:
 def make_baseband_facts(radar: Radar) -> dict[str, str | float]:
     """Return the attributes of a baseband array.
 
-    They are its radar as JSON, and independent noise values per range bin if below 1.
+    These are the radar as JSON, and the independent noise values per range bin if below 1.
     """
     share = radar.waveform.independent_bins(radar)
     return {"radar": format_canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 
 def list_further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
-    """Return the baseband's facts without an own place in files.
+    """Return the baseband's facts without a field of their own in files.
 
-    For example the pulses of a burst.
+    An example is the number of pulses in a burst.
     """
     facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in baseband.attrs.items()}
     return {k: v for k, v in facts.items() if k not in ("units", "radar") and isinstance(v, str | int | float)}

@@ -47,9 +47,9 @@ __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 FORMAT = "doppelgait-recording"
 FORMAT_VERSION = 1
 STORED_BYTES = 1 << 26
-"""Samples of more bytes stay in the file until they are asked for."""
+"""Maximum size of samples that are read at once, bytes; larger ones are read from the file on demand."""
 BLOCK = 256
-"""Frames that are streamed from a recording at a time."""
+"""Number of frames per block when a recording is streamed."""
 
 UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
 TRUTH_FACTS = (
@@ -57,7 +57,7 @@ TRUTH_FACTS = (
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
 POSE = {"radar_position_m": (3,), "radar_azimuth_deg": (), "radar_tilt_deg": ()}
-"""Shapes of the attributes that place the radar."""
+"""Shapes of the attributes for position and direction of the radar."""
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
 OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
@@ -69,7 +69,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     Raises
     ------
     OutputError
-        If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
+        If the file cannot be written (no folder, no permission, disk full); an existing file then does not change.
 
     See Also
     --------
@@ -146,7 +146,7 @@ def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: st
 def sniff_hdf5(path: Path) -> bool:
     """Return whether a file is a doppelgait recording.
 
-    HDF5 so damaged that it has no format counts too.
+    A damaged HDF5 file without the attribute ``format`` counts, too.
     """
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
@@ -165,7 +165,7 @@ def read_hdf5(path: Path) -> Recording:
     Raises
     ------
     RecordingError
-        If the file is missing, is not such a recording, is damaged, or takes values from another file.
+        If the file is missing, damaged or not a doppelgait recording, or has links to another file.
     """
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
@@ -181,7 +181,7 @@ def read_hdf5(path: Path) -> Recording:
             found = file["baseband"]
             stored = len(found.shape) == 2 and found.dtype.kind == "c" and 8 * found.size > STORED_BYTES
             rows = StoredRows(path, "baseband", "c8", _read_stamp(path)) if stored else None
-            with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: refused with its place
+            with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision raise an error later
                 values = found if stored else found[:].astype(np.complex64)
             if values.ndim == 2:
                 check_finite(path, values)
@@ -221,7 +221,7 @@ def read_hdf5(path: Path) -> Recording:
 
 
 def _read_own_radar(file: Any) -> Radar:
-    """Check that a file is doppelgait's; return its radar."""
+    """Check the format of a file and return its radar."""
     if file.attrs.get("format") != FORMAT:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
     if int(file.attrs["format_version"]) > FORMAT_VERSION:
@@ -264,10 +264,10 @@ class StoredRows:
     stamp: tuple[int, int, int]
 
     def __call__(self, first: int, stop: int) -> Any:
-        """Return rows from the first to before the second number."""
+        """Return the rows from ``first`` to before ``stop``."""
         try:
             if _read_stamp(self.path) != self.stamp:
-                raise ValueError("it was changed since it was opened")
+                raise ValueError("it was changed after it was opened")
             with open_hdf5(self.path, members=False) as file:
                 return np.asarray(file[self.name][first:stop], dtype=self.dtype)
         except FAULTS as error:
@@ -282,7 +282,7 @@ def _read_stamp(path: Path) -> tuple[int, int, int]:
 def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
     """Read the truth of one target.
 
-    With a ``path``, what there is of every pulse and scatterer stays in that file.
+    With a ``path``, values per pulse and scatterer remain in that file and are read on demand.
     """
     parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))
     shape = (len(slow_time_s), len(parts))
@@ -308,7 +308,7 @@ def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) ->
     stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}
     facts: dict[str, Any] = {k: str(v) if isinstance(v, str | bytes) else float(v) for k, v in stored.items()}
     centre = {name: _read_numbers(group, name) for name in CENTRE_ARRAYS}
-    body = None  # recordings of versions that kept none
+    body = None  # recordings of earlier versions have no body
     if "body_position_m" in group:
         markers, parts = (np.array(parse_json(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
         coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}

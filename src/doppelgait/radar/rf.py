@@ -1,6 +1,7 @@
 """Full-rate RF samples and digital down-conversion (E-16, E-17).
 
-Slow, and only for checking: :func:`doppelgait.radar.simulate.synthesise` gives the same baseband in closed form.
+This is slow and for validation only: :func:`doppelgait.radar.simulate.synthesise` gives the same baseband in closed
+form.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
     scatterers : Dataset (slow_time, scatterer)
     radar : Radar
     margin : int
-        Samples before and after the frame, so that a filter has settled inside it.
+        Samples before and after the frame, so that filter transients are outside it.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
 def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
     """Return the taps of a symmetric Kaiser low-pass (E-17).
 
-    It passes the pulse and stops the image at twice the carrier.
+    It passes the pulse and rejects the image at twice the carrier.
     """
     from scipy.signal import firwin
 
@@ -71,14 +72,14 @@ def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
 def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
     """Convert real RF frames to complex baseband (E-17).
 
-    Mix with exp(-j 2 pi f_c t), low-pass, keep every D-th sample.
+    The steps are: mix with exp(-j 2 pi f_c t), low-pass, decimate by D.
 
     Parameters
     ----------
     frames : ndarray, shape (I, n_full + 2 margin)
     radar : Radar
     margin : int
-        As in :func:`sample_rf_frames`; at least half the filter's length.
+        Margin of :func:`sample_rf_frames`, at least half the filter's length.
     """
     from scipy.signal import oaconvolve
 
@@ -93,9 +94,9 @@ def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) 
 def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     """Synthesise the baseband by RF sampling and down-conversion.
 
-    It is noise-free and the oracle of the closed form.
+    It is noise-free and serves as the reference for the closed form.
 
-    Parameters and result as :func:`doppelgait.radar.simulate.synthesise`, complex128.
+    Parameters and result are those of :func:`doppelgait.radar.simulate.synthesise`, in complex128.
 
     See Also
     --------

@@ -47,15 +47,15 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        Needs ``range``, ``rcs`` and ``path_gain``, and ``radial_velocity`` for a waveform that sweeps; ``path_phase``
-        may be there. Any source will do.
+        Table with ``range``, ``rcs`` and ``path_gain``, ``radial_velocity`` for waveforms with a sweep, and optionally
+        ``path_phase``. It may have any source.
     radar : Radar
 
     Returns
     -------
     DataArray (slow_time, range)
-        complex64, V at the receiver output. Superposition of all scatterers; migration from frame to frame kept, and
-        within a frame what the waveform says (E-18, :mod:`doppelgait.radar.waveforms`).
+        Superposition of all scatterers, complex64, V at the receiver output. Range migration from frame to frame is
+        included; motion within a frame depends on the waveform (E-18, :mod:`doppelgait.radar.waveforms`).
 
     See Also
     --------
@@ -86,8 +86,8 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
     Returns
     -------
     ndarray, shape (I, S)
-        complex64, V. Of impulse, rectangular and lfm radars the range bins themselves, of fmcw the samples of every
-        sweep, of stepped the frequency steps, of cw one sample per frame.
+        complex64, V. The samples are the range bins for impulse, rectangular and lfm, the samples of every sweep for
+        fmcw, the frequency steps for stepped, and one sample per frame for cw.
 
     See Also
     --------
@@ -108,7 +108,7 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
 def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
     """Synthesise receiver samples in their fastest layout.
 
-    As :func:`synthesise_samples`; :func:`doppelgait.pipeline.simulate` calls it.
+    The values are those of :func:`synthesise_samples`; :func:`doppelgait.pipeline.simulate` calls this function.
     """
     return radar.waveform.synthesise_planes(fold_scatterers(scatterers, radar), radar)
 
@@ -116,7 +116,7 @@ def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
 def synthesise_bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
     """Synthesise noise-free range bins of all scatterers.
 
-    As :func:`synthesise`, without labels.
+    The values are those of :func:`synthesise`, without labels.
     """
     return Samples.own(radar.waveform.synthesise_bins(fold_scatterers(scatterers, radar), radar))
 
@@ -124,7 +124,7 @@ def synthesise_bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
 def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
     """Compress receiver samples to range bins.
 
-    Window and transform for fmcw and stepped, else the samples themselves.
+    For fmcw and stepped this is a window and a transform; for other waveforms the samples do not change.
 
     Parameters
     ----------
@@ -135,13 +135,13 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
     Returns
     -------
     ndarray, shape (I, N)
-        complex64, V. A point echo keeps its amplitude; noise of mean square s^2 per sample has s^2 times the
-        waveform's ``noise_gain`` per bin.
+        complex64, V. The amplitude of a point echo does not change; noise with the mean square s^2 per sample has s^2
+        times the waveform's ``noise_gain`` per bin.
 
     Raises
     ------
     AnalysisError
-        If there are not as many samples in a row as the radar takes.
+        If the number of samples per row is not that of the radar.
 
     See Also
     --------
@@ -161,7 +161,7 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
     if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
         raise AnalysisError(
             f"receiver samples have the shape {samples.shape}; a radar of waveform {radar.waveform.kind!r} with these "
-            f"parameters takes {waveform.n_samples(radar)} samples a frame, shape (frames, samples)"
+            f"parameters has {waveform.n_samples(radar)} samples per frame, shape (frames, samples)"
         )
     return waveform.compress(samples, radar)
 
@@ -180,10 +180,10 @@ def draw_key(rng: np.random.Generator) -> np.uint64:
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
     """Add Gaussian receiver noise to a baseband (E-18).
 
-    It is complex, of mean square ``noise_power_v2`` in every bin, correlated over range as the baseband's radar says
-    (``noise_correlation``); white where it names none.
+    The noise is complex with the mean square ``noise_power_v2`` in every bin. Its correlation over range is the
+    ``noise_correlation`` of the baseband's radar; without one it is white.
 
-    Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
+    A single 64-bit key is drawn from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
 
     See Also
     --------
@@ -212,7 +212,7 @@ def add_receiver_noise(
 ) -> npt.NDArray[np.complex64]:
     """Return samples or range bins with noise.
 
-    As :func:`add_noise`, with the correlation of ``factor``; a new array.
+    The noise is that of :func:`add_noise`, with the correlation of ``factor``; the result is a new array.
     """
     from doppelgait.core.kernels.noise import add_noise_matrix
 
@@ -224,7 +224,7 @@ def add_receiver_noise(
 def compress_samples(samples: Samples, radar: Radar) -> Samples:
     """Compress receiver samples to range bins.
 
-    As :func:`compress`; the samples themselves where they are the range bins.
+    The values are those of :func:`compress`; samples that are the range bins are returned unchanged.
     """
     return samples if radar.waveform.samples_are_bins else Samples.own(compress(samples.matrix, radar))
 
@@ -250,12 +250,12 @@ def strongest_powers_v2(bins: Samples) -> npt.NDArray[np.float32]:
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
     """Return the noise level to add, V^2.
 
-    Thermal (E-18), or the level of the wanted SNR_frame in dB; inf gives 0.
+    It is the thermal level (E-18), or the level for an SNR_frame in dB; inf gives 0.
 
     Raises
     ------
     ConfigError
-        If an SNR is wanted but there is no signal: every target lies outside the frame.
+        If an SNR is set but there is no signal, because every target is outside the frame.
     """
     if snr_db is None:
         return noise_power_v2(radar)
@@ -263,7 +263,7 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
         raise ConfigError(f"snr_db is {snr_db}; it must be a number of dB, or inf for no noise")
     if not signal_v2 > 0:
         raise ConfigError(
-            f"snr_db = {snr_db:g} cannot be set: no echo falls into the frame of {radar.range_start_m:g} to "
+            f"snr_db = {snr_db:g} is not possible: no echo is in the frame of {radar.range_start_m:g} to "
             f"{radar.range_stop_m:g} m; move the targets or change the frame"
         )
     return float(signal_v2 / 10.0 ** (snr_db / 10.0))
@@ -272,7 +272,7 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
 def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
     """Return SNR_frame in dB.
 
-    inf without noise, -inf where no echo falls into the frame.
+    It is inf without noise, and -inf without an echo in the frame.
     """
     if not noise_v2 > 0:
         return math.inf
@@ -282,9 +282,9 @@ def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
 def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
     """Return the lowest frame rate without Doppler aliasing (E-06).
 
-    2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
+    It is 2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
 
-    For reproducing the report only: chosen per recording it reveals the speed to every feature.
+    Use it only to reproduce the report: a rate per recording reveals the speed to every feature.
 
     Examples
     --------
@@ -303,17 +303,17 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     """Warn of scatterers that the radar cannot show.
 
-    The warnings name the values.
+    The warnings state the values.
 
-    Sparse range bins (further apart than twice the half-power width of an echo), aliasing in Doppler (E-06), and
-    targets outside the frame (E-15) or beyond the range at which echoes fold. Scatterers that belong to no target
-    (number -1) may lie anywhere. A carrier too low for its band is refused where the radar is made. Range migration
+    The causes are sparse range bins (spacing above twice the half-power width of an echo), aliasing in Doppler (E-06),
+    and targets outside the frame (E-15) or beyond the range at which echoes fold. Scatterers that belong to no target
+    (number -1) may be at any range. A carrier too low for its band is refused when the radar is made. Range migration
     needs no warning: from frame to frame it is simulated, and within a sweep a scatterer that does not alias moves by
     less than a quarter wavelength and its range-Doppler coupling, f_c v T_c / B, stays below c / (4 B), half a cell.
     """
     if radar.n_range_bins > 1 and radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
         warn_caller(
-            f"sparse range bins: they are {radar.bin_spacing_m:.3g} m apart, but an echo is only "
+            f"sparse range bins: their spacing is {radar.bin_spacing_m:.3g} m, but an echo is only "
             f"{radar.range_resolution_m:.3g} m wide, so that targets between two bins vanish; lower radar.decimation "
             f"({radar.decimation}) or raise radar.sample_rate_hz"
         )

@@ -1,7 +1,7 @@
 """Live frames from files, standard input and sockets.
 
-A thread receives; the consumer iterates. Between them is a queue of bounded length, so that memory and latency are
-bounded however slow the consumer is.
+A thread receives frames, and the consumer iterates over them. A queue of bounded length between them limits memory and
+latency, even for a slow consumer.
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ from doppelgait.radar.xethru.records import META_NAME, find_data_type_by_file, p
 LOCAL = "127.0.0.1"
 CHUNK_BYTES = 1 << 16
 POLL_S = 0.05
-"""Time between looks at a file that does not grow, and at whether the stream was closed."""
+"""Polling interval, s, of a file that does not grow, and of the closed state of a stream."""
 MAX_QUEUE_BYTES = 1 << 28
 MAX_RF_VALUES = 1_000_000
-"""Values that a record may declare."""
+"""Maximum number of values that a record may declare."""
 FAR_S = 1.0
-"""A sender's clock that is this far ahead of its frame counter has jumped."""
+"""Minimum difference, s, of the sender's clock and the frame counter that counts as a jump of the clock."""
 EXPECTED = ("carrier_hz", "prf_hz", "bin_spacing_m")
 EXPECTED_TOLERANCE = 5e-3
-"""Drivers count ranges with c = 3e8 m/s and measure their frame rates."""
+"""Relative tolerance to an expected radar; drivers use c = 3e8 m/s for ranges and measure their frame rates."""
 
 
 @dataclass
 class Counts:
-    """Frames of a stream by what became of them.
+    """Numbers of received, missing and faulty frames of a stream.
 
     Parameters
     ----------
     received : int
-        Whole frames, those dropped later included.
+        Complete frames, including those that are dropped later.
     missing : int
-        Frames that the counter passed over: lost before they came here.
+        Frames that the counter skipped, that is, frames lost before reception.
     dropped : int
-        The oldest of the queue, where the consumer was too slow.
+        Oldest frames of the queue, dropped because the consumer was too slow.
     malformed : int
-        Records cut off or damaged.
+        Incomplete or damaged records.
     jumps : int
         Jumps of the sender's clock, and restarts of its counter.
     refused : int
@@ -79,12 +79,12 @@ class Stream:
     """Iterate over frames as they arrive.
 
     A frame is (time in s, complex64 row in V). :func:`open_stream` makes the stream; as a context manager it closes its
-    file or socket. The time is that of the frame counter, so that it is even, with a gap where frames are missing.
+    file or socket. The time follows from the frame counter: it is evenly spaced, with gaps for missing frames.
 
     Attributes
     ----------
     source : str
-        What is read; of a socket with the port that was taken.
+        Name of the source; for a socket it includes the chosen port.
     counts : Counts
 
     Examples
@@ -118,7 +118,7 @@ class Stream:
         Raises
         ------
         RecordingError
-            If the stream ends without one, or is of another radar than expected.
+            If the stream ends without a header, or its radar is not the expected one.
         """
         return self._wait_for_header().radar
 
@@ -133,7 +133,7 @@ class Stream:
                 self._changed.wait(POLL_S)
             if self._header is None:
                 fault = "".join(f"; {text}" for text in self._unsaid)
-                raise RecordingError(self._error or f"{self.source}: ended before a header came{fault}")
+                raise RecordingError(self._error or f"{self.source}: ended without a header{fault}")
             return self._header
 
     def __iter__(self) -> Self:
@@ -173,14 +173,14 @@ class Stream:
         self.close()
 
     def pass_message(self, kind: str, text: str) -> None:
-        """Pass a message to the consumer, once of every kind."""
+        """Pass a message to the consumer, once per kind."""
         with self._changed:
             if kind not in self._said:
                 self._said[kind] = text
                 self._unsaid.append(text)
 
     def report_killed(self) -> None:
-        """Say that the sender stopped, unless the consumer did."""
+        """Report that the sender stopped, unless the consumer closed the stream."""
         if not self.closing.is_set():
             self.pass_message(
                 "killed", f"the sender stopped without an end record after {self.counts.received:,} frames"
@@ -193,10 +193,10 @@ class Stream:
         return self.expected.difference(header, keys=EXPECTED, tolerance=EXPECTED_TOLERANCE) if self.expected else ""
 
     def receive(self, items: Iterator[Header | Frame], holds: bool) -> None:
-        """Move what a source yields into the queue.
+        """Move the frames of a source into the queue.
 
-        The receiving thread runs this.
-        A source that ``holds`` waits where the queue is full; of others the oldest frames are dropped.
+        The receiving thread runs this method.
+        A source that ``holds`` waits while the queue is full; for other sources the oldest frames are dropped.
         """
         error = ""
         try:
@@ -261,11 +261,11 @@ class _Clock:
         self._last: tuple[int, float] | None = None
 
     def start_with(self, frame: Frame) -> bool:
-        """Return whether frames, or whole bursts, have begun."""
+        """Return whether frames, or complete bursts, have started."""
         return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
-        """Return time, frames missing before, and what jumped."""
+        """Return the time, the number of missing frames, and a jump as text."""
         if frame.counter is None:
             return frame.clock_s, 0, ""
         last, self._last = self._last, (frame.counter, frame.clock_s)
@@ -276,12 +276,12 @@ class _Clock:
             return self._time_s, 0, ""
         step, jump = frame.counter - last[0], ""
         if not 0 < step <= LARGEST_GAP:
-            jump = f"the frame counter goes from {last[0]:,} to {frame.counter:,}; time continues by one frame"
+            jump = f"the frame counter jumps from {last[0]:,} to {frame.counter:,}; time continues by one frame"
             self._ahead_s = self._time_s + 1.0 / self._radar.prf_hz - by_counter_s
             step = 1
         elif not 0 < frame.clock_s - last[1] <= by_counter_s + self._ahead_s - self._time_s + FAR_S:
             jump = (
-                f"the sender's clock goes from {last[1]:.9g} to {frame.clock_s:.9g} s at frame {frame.counter:,}; "
+                f"the sender's clock jumps from {last[1]:.9g} to {frame.clock_s:.9g} s at frame {frame.counter:,}; "
                 "the frame counter is used"
             )
         self._time_s = by_counter_s + self._ahead_s
@@ -301,20 +301,20 @@ def open_stream(
     Parameters
     ----------
     source : str or path-like
-        ``-`` (standard input), ``tcp://HOST:PORT`` or ``udp://HOST:PORT`` (listens there; without HOST on 127.0.0.1,
-        port 0 takes a free one), each with frames in the format of :mod:`doppelgait.radar.frames`; a file with such
-        frames or a XeThru data file (``.dat``, or its folder), which may still grow; or any recording that is read.
+        ``-`` (standard input), ``tcp://HOST:PORT`` or ``udp://HOST:PORT`` (listens on this address; 127.0.0.1 without
+        HOST, a free port for port 0), each with frames in the format of :mod:`doppelgait.radar.frames`; a file with
+        such frames or a XeThru data file (``.dat``, or its folder), which may still grow; or any readable recording.
     expect : Radar, optional
-        Frames of a radar with another carrier, frame rate or bin spacing are refused.
+        Expected radar. Frames with another carrier, frame rate or bin spacing are refused.
     timeout_s : float
-        A file that has not grown, and a sender that has sent nothing, for so long is taken as stopped; 0 reads a file
-        to its present end. The first sender is waited for without limit.
+        Time without new data after which a file or sender counts as stopped; 0 reads a file to its present end. The
+        wait for the first sender is not limited.
     queue_s : float
-        Time of radar that the queue holds. When it is full, files and standard input wait; of sockets the oldest
-        frames are dropped and counted.
+        Duration of the frames that the queue holds. If it is full, files and standard input wait; for sockets the
+        oldest frames are dropped and counted.
     **options
-        Of recordings, as :func:`doppelgait.radar.read_recording` takes them; XeThru files with records that state no
-        frame rate need ``prf_hz``.
+        Options for recordings, as of :func:`doppelgait.radar.read_recording`; XeThru files without a frame rate in
+        their records need ``prf_hz``.
 
     Returns
     -------
@@ -331,9 +331,9 @@ def open_stream(
     Raises
     ------
     RecordingError
-        If there is no such file, or the socket cannot be opened. Damaged and missing frames, jumps of the clock and
+        If the file does not exist, or the socket cannot be opened. Damaged and missing frames, jumps of the clock and
         dropped frames are counted and cause one :class:`DoppelgaitWarning` of each kind; frames of another radar raise
-        a :class:`RecordingError` from the iteration.
+        a :class:`RecordingError` during the iteration.
     ConfigError
         If the source or a time is not allowed.
     """
@@ -391,7 +391,7 @@ def _is_xethru_data(path: Path) -> bool:
 
 
 def _check_xethru_options(path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the XeThru options that a stream takes."""
+    """Check the XeThru options of a stream."""
     allowed = set(inspect.signature(read_xethru_recording).parameters) - {"path", "data_type"}
     if unknown := sorted(set(options) - allowed):
         raise ConfigError(f"{path}: has no option {', '.join(unknown)}; allowed are {', '.join(sorted(allowed))}")
@@ -445,7 +445,7 @@ def _file_bytes(path: Path, stream: Stream) -> Iterator[bytes]:
 
 
 def _listen(text: str, name: str) -> socket.socket:
-    """Bind a socket; to this machine alone unless set otherwise."""
+    """Bind a socket, by default to the loopback interface only."""
     try:
         parts = urlsplit(text)
         port = parts.port
@@ -502,7 +502,7 @@ def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
 def _receive_udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
     """Yield the frames of one sender of datagrams.
 
-    Another one with the same header takes its place.
+    A new sender with the same header replaces it.
     """
     parser, sender, heard = FrameParser(stream.source), None, math.inf
     with listener:

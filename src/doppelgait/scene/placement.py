@@ -169,7 +169,7 @@ def make_scaled_motion(target: Target) -> Motion:
 
 
 def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
-    """Scale a motion to the target's height and place it on its path.
+    """Scale a motion to the target's height, on its path.
 
     A motion on a path is then in the frame of the scene.
     """

@@ -2,8 +2,8 @@
 
 The total is 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; 0.37 to 1.9 m^2 were measured for a
 person of 91 kg at 4.8 and 9.4 GHz). It is the same at every carrier: averages of people at 23-28 and 76-81 GHz are
-close to each other (Fortuny-Guasch and Chareau 2013), and 3GPP uses 0.73 m^2 in all bands (TR 38.901, release 19). The same
-law applies to people and animals, so that the power does not reveal the class.
+close to each other (Fortuny-Guasch and Chareau 2013), and 3GPP uses 0.73 m^2 in all bands (TR 38.901, release 19).
+The same law applies to people and animals, so that the power does not reveal the class.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Fit sensor models to recordings.
 
-One recording of an empty room gives a sensor, several recordings give a kind of sensors with its spread.
+One recording of an empty room is fitted to a sensor; several recordings are fitted to a sensor kind with its spread.
 """
 
 from doppelgait.radar.fit.kind import format_kind_preset, kind_rows

@@ -15,11 +15,11 @@ FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 MEDIAN_FRAMES = 9
-"""Length of the running median that a burst must stand out of: bursts up to four frames."""
+"""Length of the running median, frames; bursts of up to four frames stand out of it."""
 FALSE_ALARMS = 1e-3
-"""Cells of noise alone expected over the threshold in a whole recording."""
+"""Expected number of noise cells above the threshold in a whole recording."""
 BUSY_SHARE = 0.03
-"""A bin over the threshold in more frames than this has a target in it, not interference."""
+"""Maximum share of frames in which interference exceeds the threshold in a bin; above it, the bin has a target."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class FrameFaults:
     Parameters
     ----------
     dropped : ndarray of bool, shape (I,)
-        Frames that repeat the one before exactly, or are all zero.
+        Frames that repeat the previous frame exactly, or are all zero.
     blank : int
-        How many of them are zero.
+        Number of these frames that are zero.
     lost : int
-        Frames missing from the time axis: gaps of at least one and a half frame times.
+        Number of frames missing from the time axis, from gaps of at least one and a half frame times.
     probability : Estimate
         Share of dropped and lost frames.
     mean_length : float
@@ -50,10 +50,10 @@ class FrameFaults:
 def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
     """Find dropped and lost frames.
 
-    Dropped ones repeat exactly or are zero (noise never repeats); lost ones are gaps of the time axis.
+    A dropped frame repeats exactly or is zero (noise never repeats); a lost frame is a gap of the time axis.
 
-    The uncertainty of the probability is binomial, with one more success and failure than seen (Laplace), times the
-    root of the mean run length, as frames are not lost one by one.
+    The uncertainty of the probability is binomial with one additional success and failure (Laplace), multiplied by the
+    square root of the mean run length, because frames are lost in runs.
     """
     blank = ~samples_v.any(axis=1)
     repeated = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
@@ -77,11 +77,11 @@ class Bursts:
     frames : ndarray of bool, shape (I,)
         Frames hit.
     level_db : float
-        rms level of the cells hit, dB re 1 V; NaN without any.
+        rms level of the cells hit, dB re 1 V; NaN without bursts.
     mean_length : float
-        Mean number of frames in a row; 0 without any.
+        Mean number of frames in a row; 0 without bursts.
     share : float
-        Mean share of the bins hit in those frames; 0 without any.
+        Mean share of the bins hit in these frames; 0 without bursts.
     """
 
     frames: Mask
@@ -93,20 +93,20 @@ class Bursts:
 def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
     """Find frames with interference.
 
-    They have cells far over the noise after a running median that takes out what moves slowly.
+    Such frames have cells far above the noise after a running median has removed slow motion.
 
-    A cell is hit above ln(cells / 1e-3) times the noise power, that is once in 1000 recordings of noise alone; where a
-    bin is more restless than noise, above that many times its own median power. The first and last four frames, where
-    the running median is lopsided, are not looked at.
+    The threshold is ln(cells / 1e-3) times the noise power, which noise alone exceeds once in 1000 recordings. In a bin
+    with more variation than noise, the threshold is that multiple of its own median power. The first and last four
+    frames are not used, because the running median is asymmetric there.
 
     Parameters
     ----------
     rest_v : ndarray, shape (I, N)
-        What the static part leaves.
+        Residual after removal of the static part.
     noise_power_v2 : float
         Noise power of a cell.
     quiet : ndarray of bool, shape (N,)
-        Bins without targets; only these are looked at.
+        Bins without targets; only these are used.
     """
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():

@@ -1,4 +1,4 @@
-"""Gain and noise figure that give the measured levels."""
+"""Fit gain and noise figure to the measured levels."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from doppelgait.radar.link import echo_amplitude_v, find_noise_slope, noise_powe
 from doppelgait.radar.parameters import Radar
 
 PERSON_M2 = 0.8
-"""Radar cross section of a person, of which the level of the echoes gives the gain."""
+"""Radar cross section of a person, from which the gain follows by the level of the echoes."""
 
 
 def rescale_radar(radar: Radar, scale_db: float) -> Radar:
     """Return a radar with volts scaled up.
 
-    Echoes, noise and the step of a counter go together, so that the SNR stays. ``volts_per_unit`` stays, too: it is how
-    the recording's unit was read, and the other levels are in the volts that this gave.
+    Echoes, noise and the step of a counter are scaled together, so that the SNR does not change. ``volts_per_unit``
+    does not change either: it converted the unit of the recording, and the other levels are in these volts.
     """
     changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
     if radar.threshold_step_v is not None:
@@ -39,8 +39,8 @@ def fit_gain(
 ) -> Radar:  # fmt: skip
     """Return a radar with fitted gain and noise figure.
 
-    Their spread is put into ``pooled``. The figure is what the noise needs in the radar of each recording; its
-    spread is without that of the gain where the direct path shows it, and without what unequal channels add.
+    The spread of both is added to ``pooled``. The noise figure is the one that gives the noise of each recording in its
+    radar. Its spread excludes the spread of the gain, if the direct path shows it, and the effect of unequal channels.
     """
     if "noise_level_db" not in pooled:
         return radar
@@ -67,7 +67,7 @@ def fit_gain(
             if by_gain and direct is not None:
                 own_db = one.estimates["direct_path_db"].value - direct.mean.value
                 own_sd = one.estimates["direct_path_db"].sd
-            own = rescale_radar(own, gain_db)  # units differ in gain, behind which a counter's step stays
+            own = rescale_radar(own, gain_db)  # units differ in gain, but not in the step of a counter
             own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
             figure = find_noise_figure(own, Estimate(level.value - added_db, level.sd))
             found.append(Estimate(figure.value, math.hypot(figure.sd, own_sd)))
@@ -76,13 +76,13 @@ def fit_gain(
     figure = figures()
     low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
     if people_at_m is None and not low_db <= figure.mean.value <= high_db:
-        # no receiver has that: the scale of the file against volts is unknown, so that the gain takes the difference
+        # such a noise figure is impossible: the scale of the file to volts is unknown, so that the gain is changed
         plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
         gain_db = (figure.mean.value - plausible_db) * find_noise_slope(radar)
         figure = figures()
     if by_gain and direct is not None:
         pooled["gain_db"] = direct
-        # how far the mean gain of these units is from that of their kind, no level shows
+        # no level shows the difference between the mean gain of these units and that of their kind
         mean = Estimate(figure.mean.value, math.hypot(figure.mean.sd, direct.mean.sd))
         figure = replace(figure, mean=mean)
     pooled["noise_figure_db"] = figure
@@ -94,7 +94,7 @@ def fit_gain(
 def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
     """Return True if noise and echo images differ.
 
-    In gain or phase of Q against I; it then arises behind the mixer.
+    They differ in gain or phase of Q relative to I if the noise arises behind the mixer.
     """
     for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
         if name not in pooled:
@@ -108,7 +108,7 @@ def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
 def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
     """Return the noise figure for a measured level.
 
-    Found by bisection: behind a threshold counter the level is not proportional to it.
+    It is found by bisection, because the level behind a threshold counter is not proportional to it.
     """
     from scipy.optimize import brentq
 

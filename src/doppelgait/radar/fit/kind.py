@@ -22,7 +22,7 @@ UNITS = {
     "dc_level_db": "dB re 1 V", "dc_i_v": "V", "dc_q_v": "V",
     "drop_probability": "of all frames",
 }  # fmt: skip
-"""Unit of a pooled quantity by its name."""
+"""Unit of each pooled quantity by its name."""
 
 
 MOST_KNOTS = 16
@@ -55,9 +55,9 @@ def _name_line(kind: SensorKind, number: int) -> str:
 def format_kind_preset(kind: SensorKind) -> str:
     """Return the text of a preset with distributions.
 
-    A plan draws each of them once per example.
+    A plan draws each distribution once per example.
 
-    Every value has a comment on what it rests on; what the recordings cannot show is listed at the top.
+    Every value has a comment with its source; quantities that the recordings do not show are listed at the top.
 
     Raises
     ------
@@ -75,12 +75,12 @@ def format_kind_preset(kind: SensorKind) -> str:
     lines = [
         f"# {clean_comment(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
         f"{clean_comment(names)}{f' and {more} more' if more > 0 else ''}.",
-        "# A number with +- carries one standard deviation. A distribution is the spread between recordings, without",
-        "# that of the measurement; a plan draws it for every example, elsewhere its middle counts.",
+        "# A number after +- is one standard deviation. A distribution is the spread between recordings without",
+        "# the measurement error; a plan draws from it for every example, otherwise its centre is used.",
         "# Levels are dB re 1 V at the receiver output.",
-        "# Receiver noise arises behind the mixer: the thermal_noise below stands in place of the radar's own."
+        "# Receiver noise arises behind the mixer: the thermal_noise below replaces the noise of the radar."
         if is_noise_separate(kind.pooled)
-        else "# Receiver noise is in the radar: add no thermal_noise on top.",
+        else "# Receiver noise is in the radar: do not add thermal_noise.",
         *(f"# Refused: {clean_comment(name)}: {clean_comment(why)}." for name, why in kind.refused.items()),
         *(f"# Left out: {clean_comment(why)}." for why in kind.left_out),
         "",
@@ -115,7 +115,7 @@ def format_kind_preset(kind: SensorKind) -> str:
 def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
     """Return a number, or a distribution of known spread.
 
-    Normal; uniform of the same spread where a value must not fall below ``lowest``.
+    The distribution is normal, or uniform with the same spread if a value must not fall below ``lowest``.
     """
     value = round(middle, digits) if lowest is None else float(f"{middle:.4g}")
     if not pooled.spread_is_known:
@@ -151,7 +151,8 @@ def _iterate_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dic
         table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
         yield {"kind": "phase_noise", **table}, {k: _format_comment(found[k], unit) for k, unit in names.items()}
     if apart:
-        # echoes pass both, the noise behind the mixer the second alone: I stays, and both together make Q of the echoes
+        # echoes pass both, the noise behind the mixer passes the second only: I is unchanged, and both together give
+        # the Q of the echoes
         g, phi, own_g, own_phi = (
             10.0 ** (found[name].mean.value / 20.0) if name.endswith("_db") else math.radians(found[name].mean.value)
             for name in ("iq_gain_db", "iq_phase_deg", "noise_iq_gain_db", "noise_iq_phase_deg")
@@ -168,7 +169,7 @@ def _iterate_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dic
         level_db = level.mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
         yield (
             {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)},
-            {"level_db": _format_comment(level, "dB") + "; in place of the radar's own: it arises behind the mixer"},
+            {"level_db": _format_comment(level, "dB") + "; replaces the radar's own: it arises behind the mixer"},
         )
         yield from _iterate_noise(kind)
         table = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
@@ -202,11 +203,11 @@ def _iterate_impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dic
 
 
 def _iterate_noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
-    """Yield what is added to the samples besides white noise."""
+    """Yield the impairments that add to the samples, except white noise."""
     noise_db = kind.pooled["noise_level_db"].mean.value if "noise_level_db" in kind.pooled else math.nan
     table: dict[str, Any]
     if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
-        # what is there besides the white floor, in power
+        # power above the white floor
         table = {"kind": "coloured_noise", "levels": _subtract_level(_make_doppler_knots(kind), noise_db, 0.0)}
         text = "fitted: noise over the white floor, by Doppler; constant outside, 20 dB below the floor where refused"
         yield table, {"levels": text}
@@ -224,7 +225,7 @@ def _iterate_noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str,
 def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
     """Return knots of noise over the floor, by Doppler.
 
-    Where frequencies were refused it is that floor, 0 dB; an impairment holds its outer knots to either side.
+    At refused frequencies it is that floor, 0 dB; an impairment extends its outer knots to both sides.
     """
     step_hz, runs = kind.doppler_step_hz, [[kind.doppler[0]]]
     for before, here in pairwise(kind.doppler):
@@ -245,7 +246,7 @@ def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
 def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
     """Return knots of the power over a lowest level.
 
-    They are dB re a reference, at least 20 dB below it.
+    They are in dB relative to a reference, with a minimum of -20 dB.
     """
     excess = [(x, max(10.0 ** (level_db / 10.0) - 10.0 ** (lowest_db / 10.0), 0.01)) for x, level_db in knots]
     return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
@@ -267,7 +268,7 @@ def _find_constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | 
     if size_v < MATTERS * math.hypot(in_phase.mean.sd, quadrature.mean.sd) and spread_v == 0.0:
         return None
     why = f"fitted: I {in_phase.mean.value:.3g}, Q {quadrature.mean.value:.3g} V, each with the spread {spread_v:.2g} V"
-    if size_v < 2.0 * spread_v:  # no phase of its own: static echoes of the room more than a constant
+    if size_v < 2.0 * spread_v:  # without a common phase it is static echoes of the room rather than a constant
         level_db = 20.0 * math.log10(math.hypot(size_v, spread_v))
         return {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": why}
     size: Any = round(20.0 * math.log10(size_v), 2)

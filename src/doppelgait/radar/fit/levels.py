@@ -14,13 +14,13 @@ ComplexArray = npt.NDArray[np.complex128]
 FloatArray = npt.NDArray[np.float64]
 
 LAGS = 8
-"""Bins over which the noise may be correlated; on-chip filters reach two or three."""
+"""Maximum lag of the noise correlation, bins; on-chip filters extend over two or three."""
 MAX_LEVERAGE = 0.5
-"""Bins that lose more of their noise to the common factor are not used."""
+"""Maximum share of a bin's noise in the common factor; bins above it are not used."""
 MEDIAN_SPREAD = 1.2533
-"""sd of a median over sd of a mean, Gaussian values: sqrt(pi / 2)."""
+"""Ratio of the standard deviations of a median and a mean of Gaussian values, sqrt(pi / 2)."""
 FLAT_DB = 1.0
-"""Change over the frame up to which the floor is called flat."""
+"""Maximum change of a flat noise floor over the frame, dB."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,17 @@ class NoiseFloor:
     Parameters
     ----------
     power_v2 : Estimate
-        Mean square per bin and frame, median over the bins, V^2.
+        Mean square per bin and frame, V^2: the median over the bins.
     by_bin_v2 : ndarray, shape (N,)
-        The same per bin; NaN where static echoes hide it.
+        Mean square of each bin, V^2; NaN where static echoes hide it.
     slope_db_per_m : Estimate
         Change of the level with range.
     flat : bool
-        False where the level changes by more than 1 dB and three standard deviations over the frame.
+        False if the level changes over the frame by more than 1 dB and three standard deviations.
     correlation : ndarray, shape (L,)
-        rho_l between bins l apart, complex; rho_0 = 1.
+        Complex correlation rho_l at a lag of l bins; rho_0 = 1.
     independent_bins : float
-        Bins of independent noise with the same spread of a mean power.
+        Number of independent bins that would give the same spread of the mean power.
     """
 
     power_v2: Estimate
@@ -54,16 +54,16 @@ class NoiseFloor:
 def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
     """Estimate the mean square of the noise.
 
-    It comes from frame-to-frame differences of what the static part leaves.
+    The estimate uses frame-to-frame differences of the residual after removal of the static part.
 
-    Each bin gives sum |d|^2 / (2 n), corrected for the share taken out with the common factor; the level is the median
-    over bins, divided by the median of the gamma law that such a sum follows. Static echoes, slow drift, phase jitter
-    and targets in less than about a third of the bins do not enter.
+    For each bin it is sum |d|^2 / (2 n), corrected for the share removed with the common factor. The level is the
+    median over bins, divided by the median of the gamma distribution of such a sum. Static echoes, slow drift, phase
+    jitter, and targets in fewer than about a third of the bins have no effect.
 
     Parameters
     ----------
     static : StaticPart
-        Of good frames only.
+        Static part of the good frames only.
     range_m : ndarray, shape (N,)
         Range of the bins.
     """
@@ -87,9 +87,9 @@ def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFlo
 
 
 def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
-    """Estimate the noise correlation rho_l of bins l apart.
+    """Estimate the noise correlation rho_l at a lag of l bins.
 
-    It is the median over the bins; lags within chance of 0 are 0.
+    It is the median over the bins; insignificant values are set to 0.
     """
     size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
     unit = steps / size
@@ -108,7 +108,7 @@ def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
 def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
     """Fit the level's slope in dB over range.
 
-    Theil-Sen slope; its standard deviation is from the median absolute deviation.
+    It is the Theil-Sen slope; its standard deviation follows from the median absolute deviation.
     """
     from scipy.stats import theilslopes
 
@@ -127,9 +127,9 @@ def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> t
 
 MAX_KNOTS = 20
 CELLS_PER_KNOT = 4.0
-"""Independent cells that one knot rests on, so that it is known to about 2 dB."""
+"""Independent cells per knot, for an uncertainty of about 2 dB."""
 KNOT_EXPONENT = 1.5
-"""Knots stand denser near the radar, where the direct path falls steeply."""
+"""Exponent of the knot spacing; knots are denser near the radar, where the direct path decreases steeply."""
 
 
 @dataclass(frozen=True)
@@ -139,11 +139,11 @@ class ClutterProfile:
     Parameters
     ----------
     range_m : ndarray, shape (M,)
-        Knots.
+        Ranges of the knots.
     level_db : ndarray, shape (M,)
-        rms of |y| there, dB re 1 V.
+        rms of |y| at the knots, dB re 1 V.
     sd_db : ndarray, shape (M,)
-        Standard uncertainty as the level of an ensemble of rooms, of which this room is one.
+        Standard uncertainty of the level for an ensemble of rooms, of which this room is one sample.
     """
 
     range_m: FloatArray
@@ -163,10 +163,11 @@ def fit_clutter_profile(
 ) -> ClutterProfile:
     """Fit the most likely clutter profile to static powers.
 
-    Each cell is taken as complex Gaussian.
+    Each cell is assumed to be complex Gaussian.
 
     Powers are then exponential with mean mu(R); log mu is piecewise linear between knots and fitted by Fisher scoring.
-    Unlike a smoothed mean it neither smears the steep near end nor falls low, as a mean of dB values does by 2.5 dB.
+    Unlike a smoothed mean, the fit does not smear the steep near end; unlike a mean of dB values, it has no bias of
+    -2.5 dB.
 
     Parameters
     ----------
@@ -175,9 +176,9 @@ def fit_clutter_profile(
     range_m : ndarray, shape (N,)
         Range of the bins.
     noise_power_v2 : float
-        Noise power left in ``echo_v`` (that of a frame over the number of frames); taken off.
+        Noise power in ``echo_v`` (that of a frame divided by the number of frames), which is subtracted.
     resolution_m : float
-        Half-power width of an echo; neighbouring bins within it are not independent.
+        Half-power width of an echo; bins within this distance are not independent.
     """
     spacing = float(np.mean(np.diff(range_m)))
     sigma = resolution_m / (2.0 * math.sqrt(math.log(2.0)))
@@ -207,11 +208,11 @@ class Leakage:
     Parameters
     ----------
     range_m : float
-        Range of the strongest bin below 1 m; NaN for frames that start farther away.
+        Range of the strongest bin below 1 m; NaN for frames that start beyond it.
     level_db : Estimate
-        Its level, dB re 1 V.
+        Level of this bin, dB re 1 V.
     constant_v : Estimate
-        Size of the complex constant that all bins share (direct current, or an echo that is none), V.
+        Modulus of the complex constant of all bins (a DC offset rather than an echo), V.
     """
 
     range_m: float
@@ -220,7 +221,7 @@ class Leakage:
 
 
 NEAR_M = 1.0
-"""Up to here a static echo counts as leakage from transmitter to receiver."""
+"""Maximum range, m, of a static echo that counts as leakage from transmitter to receiver."""
 
 
 def estimate_leakage(
@@ -233,7 +234,7 @@ def estimate_leakage(
     echo_v : ndarray, shape (N,)
     range_m : ndarray, shape (N,)
     noise_power_v2 : float
-        Noise power left in ``echo_v``.
+        Noise power in ``echo_v``.
     per_cell : float
         Bins per independent cell.
     """

@@ -1,7 +1,8 @@
 """Measurement of a sensor in one recording.
 
-Only what is certain to be the sensor's counts: the upper half of the Doppler band in windows where it is noise and
-nothing else, low quantiles elsewhere. What a recording cannot show is refused with the reason.
+The estimates use only values that certainly belong to the sensor: the upper half of the Doppler band in windows where
+it contains only noise, and low quantiles elsewhere. Quantities that a recording does not show are refused with the
+reason.
 """
 
 from __future__ import annotations
@@ -32,28 +33,28 @@ FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 WINDOW = 64
-"""Pulses of a window of an unbroken recording; a burst is a window."""
+"""Pulses of a window of a continuous recording; in a recording of bursts, each burst is a window."""
 MIN_WINDOWS = 4
 MIN_PULSES = 8
 QUANTILE = 0.25
-"""Share of windows that may be believed to have nothing moving at a range and Doppler."""
+"""Share of windows that are assumed to have no motion at a range and Doppler."""
 AT_QUANTILE = -math.log(1.0 - QUANTILE)
-"""That quantile of the power of noise, over its mean."""
+"""Ratio of this quantile of the noise power to its mean."""
 WHITE_RATIO = 1.5
-"""Upper over lower quartile of the power, over that of noise (4.82), from which cells are not noise alone."""
+"""Minimum ratio of upper to lower power quartile, relative to noise (4.82), of cells that contain more than noise."""
 HANN_SHARE = 2.0
-"""Neighbouring Doppler cells share noise through the Hann window: about so many are worth one."""
+"""Number of Doppler cells per independent one; the Hann window correlates the noise of neighbouring cells."""
 SLOW_CELLS = 3
-"""Doppler cells around 0 that the window smears a static echo over."""
+"""Number of Doppler cells around 0 over which the window smears a static echo."""
 LINE_SIGMAS, LINE_DB = 5.0, 3.0
-"""A line stands out of its neighbours by so many standard deviations, and by so much."""
+"""Minimum excess of a line over its neighbours, in standard deviations and in dB."""
 COHERENT = 0.4
-"""Share of its power that a line keeps when the whole recording is one window."""
+"""Minimum share of its power that a line keeps if the whole recording is one window."""
 MOVING_DB = 15.0
-"""A window serves for the I/Q image where something moves with so much power over the noise."""
+"""Minimum power over the noise, dB, of motion in a window that is used for the I/Q image."""
 
 ONE_WAY = 0.5
-"""... and its power ahead and behind differ by so much of their sum (5 dB)."""
+"""Minimum difference of approaching and receding power in such a window, relative to their sum (5 dB)."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Line:
     level_db : Estimate
         Amplitude, dB re 1 V.
     half_width_hz : float
-        How far the frequency may be off.
+        Half width of the uncertainty interval of the frequency.
     """
 
     frequency_hz: float
@@ -76,7 +77,7 @@ class Line:
 
 @dataclass(frozen=True)
 class SensorMeasurement:
-    """Sensor as one recording shows it.
+    """Sensor properties measured in one recording.
 
     Parameters
     ----------
@@ -84,29 +85,29 @@ class SensorMeasurement:
     estimates : dict
         Scalars by name, each with its uncertainty; the unit is in the name.
     refused : dict
-        Reason by the name of what the recording cannot show.
+        Reasons, by the names of the quantities that the recording does not show.
     doppler_hz, doppler_db : ndarray, shape (F,)
-        Noise density over the size of the Doppler frequency, as the level of white noise, dB re 1 V; NaN where
-        something moved in too many windows.
+        Noise density over the absolute Doppler frequency, as the level of white noise, dB re 1 V; NaN where there was
+        motion in too many windows.
     doppler_sd_db : ndarray, shape (F,)
     range_db, range_sd_db : ndarray, shape (N,)
-        Noise per bin over the mean of all, dB; empty for fewer than eight bins.
+        Noise per bin relative to the mean over all bins, dB; empty for fewer than eight bins.
     correlation : ndarray, shape (L,)
-        Noise correlation between bins l apart; empty where refused.
+        Noise correlation at a lag of l bins; empty if refused.
     correlation_sd : float
     clutter : ClutterProfile or None
     lines : tuple of Line
     n_faulty, n_frames : int
-        Frames dropped or lost, of all; 0 of 0 where refused.
+        Number of dropped or lost frames, and of all frames; both 0 if refused.
     run_length : float
     full_scale_v, step_v : float
-        Of the converter; NaN where they do not show.
+        Full scale and step of the converter; NaN if they are not visible in the samples.
     clipped : float
         Share of the samples at full scale.
     echo_db : float
-        Level of what moves: median over the windows of the strongest bin, dB re 1 V; NaN where nothing does.
+        Level of moving echoes, dB re 1 V: the median over the windows of the strongest bin; NaN without motion.
     uses : tuple of str
-        What the recording was used for.
+        Quantities for which the recording was used.
     """
 
     recording: Recording
@@ -132,17 +133,17 @@ class SensorMeasurement:
 
 
 def measure_recording(recording: Recording) -> SensorMeasurement:
-    """Measure the sensor in one recording, whatever was before it.
+    """Measure the sensor in one recording, with or without targets.
 
     Parameters
     ----------
     recording : Recording
-        At least 4 windows of at least 8 pulses; any number of range bins, bursts or unbroken.
+        At least 4 windows of at least 8 pulses, with any number of range bins, in bursts or continuous.
 
     Raises
     ------
     AnalysisError
-        If it is shorter, or all zero.
+        If the recording is shorter, or all zero.
     """
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
     n_pulses, n_bins = samples.shape
@@ -151,8 +152,8 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     window = int(burst) if burst else min(WINDOW, short)
     if window < MIN_PULSES or n_pulses < MIN_WINDOWS * window or not samples.any():
         raise AnalysisError(
-            f"{recording.source}: {n_pulses} pulses{f' in bursts of {window}' if burst else ''} are too few to show "
-            f"anything of the sensor, or all are zero: at least {MIN_WINDOWS} windows of {MIN_PULSES} pulses are needed"
+            f"{recording.source}: {n_pulses} pulses{f' in bursts of {window}' if burst else ''} are too few to measure "
+            f"the sensor, or all are zero: at least {MIN_WINDOWS} windows of {MIN_PULSES} pulses are needed"
         )
     step_v, full_scale_v, at_limit = find_converter(samples)
     estimates: dict[str, Estimate] = {}
@@ -163,7 +164,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     rest, taken = _remove_common_phase(samples, bad)
     count = n_pulses // window
     good = ~bad[: count * window].reshape(count, window).any(axis=1)
-    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: better biased than nothing, and the line says so
+    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: a biased estimate is kept, with this reason
         refused["noise"] = f"fewer than {MIN_WINDOWS} windows without clipped, blank or repeated samples"
         good = np.ones(count, dtype=bool)
     part = rest[: count * window].reshape(count, window, n_bins)[good]
@@ -186,7 +187,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         estimates |= _estimate_channel_noise(spectrum[quiet], f_hz, upper)
         if n_bins >= MIN_BINS:
             range_db = power_to_db(_measure_bin_levels(calm)[1]) - noise.value
-            range_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was taken from these
+            range_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was estimated from these bins
             range_sd_db = np.full(n_bins, DB_PER_NEPER * math.sqrt(HANN_SHARE / (calm.shape[0] * calm.shape[1])) * 1.5)
             correlation, correlation_sd = _measure_correlation(spectrum[quiet][:, upper])
         else:
@@ -213,7 +214,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
     faults = (0, 0, 1.0)
     if room is not None:
         estimates |= _list_room_estimates(room, refused)
-        if "iq_gain_db" in estimates:  # an image makes the phase turn faster or slower, by where the static echo points
+        if "iq_gain_db" in estimates:  # an image changes the phase rate, depending on the phase of the static echo
             gain = 10.0 ** (estimates["iq_gain_db"].value / 20.0)
             turn = gain * np.exp(1j * np.radians(estimates["iq_phase_deg"].value))
             share = math.sqrt(2.0) * float(abs((1.0 - turn.conjugate()) / (1.0 + turn)))
@@ -246,7 +247,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
 def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Return Doppler axis, power and spectrum of centred windows.
 
-    The window is Hann's; white noise has the power of one of its samples in every cell.
+    The window is a Hann window; white noise has the power of one sample in every cell.
 
     Parameters
     ----------
@@ -269,7 +270,8 @@ def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArra
 def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
     """Return a converter's step, full scale and clipping.
 
-    Steps show as values on a lattice, full scale as many equal values at both ends. NaN where they do not show.
+    The step is found from values on a lattice, the full scale from many equal values at both ends. Both are NaN if
+    they are not visible.
     """
     parts = np.concatenate([samples.real.ravel(), samples.imag.ravel()])
     found, counts = np.unique(parts, return_counts=True)
@@ -281,7 +283,7 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
     if np.abs(gaps / step_v - np.round(gaps / step_v)).max() > 0.02 or found[-1] / step_v > 2**24:
         return math.nan, math.nan, unclipped
     inner = max(float(np.median(counts)), 1.0)
-    ends = [counts[:2].sum() > 20 * inner, counts[-2:].sum() > 20 * inner]  # an end may be one step apart in I and Q
+    ends = [counts[:2].sum() > 20 * inner, counts[-2:].sum() > 20 * inner]  # the ends of I and Q may differ by one step
     if not all(ends) or found[0] >= 0 or found[-1] <= 0:
         return step_v, math.nan, unclipped
     full_v = float(max(-found[0], found[-1]))
@@ -290,9 +292,9 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
 
 
 def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
-    """Fit static echoes, phase and faults of unbroken frames.
+    """Fit static echoes, phase and faults of continuous frames.
 
-    Of bursts the first pulse of each is such a frame.
+    In a recording of bursts, the first pulse of each burst is such a frame.
     """
     what = "clutter and phase noise"
     if recording.n_range_bins < MIN_BINS:
@@ -346,11 +348,10 @@ def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, 
 
 
 def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
-    """Take off static echoes times one factor per frame.
+    """Subtract static echoes times one factor per frame.
 
-    Nothing is taken off where they are too weak or too few.
-
-    Returns also the share of each bin's noise that this takes.
+    Nothing is subtracted if the echoes are too weak or the bins too few.
+    The share of each bin's noise that is subtracted is returned, too.
     """
     nothing = np.zeros(samples.shape[1])
     if samples.shape[1] < MIN_BINS or (~bad).sum() < MIN_FRAMES:
@@ -368,21 +369,21 @@ def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray
 def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
     """Return the windows with noise alone in the upper half-band.
 
-    Noise is identified by the spread of its powers, not by its level. Where bins are many, a window counts by the half
-    of its bins that is most like noise.
+    Noise is identified by the spread of its powers, not by its level. If there are many bins, a window is judged by the
+    half of its bins that is most similar to noise.
     """
     cells = power[:, upper]
     low, high = np.quantile(cells, (0.25, 0.75), axis=1)
     ratio = high / np.maximum(low, np.finfo(float).tiny) / (math.log(4.0) / math.log(4.0 / 3.0))
-    # few cells scatter: the limit is that of noise plus twice its spread, about 2.6 / sqrt(independent cells)
+    # few cells scatter: the limit is that of noise plus twice the spread, 2.6 / sqrt(independent cells)
     limit = WHITE_RATIO + 2.6 * math.sqrt(HANN_SHARE / upper.sum())
     return np.asarray(np.median(ratio, axis=1) < limit)
 
 
 def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
-    """Return noise power, and that of every bin.
+    """Return the noise power, overall and of every bin.
 
-    Both are from low quantiles of quiet cells.
+    Both are estimated from low quantiles of quiet cells.
     """
     by_bin = np.quantile(cells.reshape(-1, cells.shape[2]), QUANTILE, axis=0) / AT_QUANTILE
     return float(np.median(by_bin)), by_bin
@@ -391,7 +392,7 @@ def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
 def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
     """Return an estimate with its jackknife uncertainty.
 
-    Groups of windows in order are left out.
+    Groups of consecutive windows are omitted in turn.
     """
     groups = np.array_split(np.arange(count), min(most, count))
     left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups])
@@ -401,13 +402,13 @@ def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], co
 
 
 def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
-    """Return correlation between bins l apart, and its uncertainty.
+    """Return the correlation at a lag of l bins, and its uncertainty.
 
-    Median over the bins of the mean over quiet cells.
+    It is the median over the bins of the mean over quiet cells.
     """
     n_bins = spectrum.shape[2]
     size = np.abs(spectrum)
-    # a cell far over the others has an echo in it
+    # a cell far above the others contains an echo
     cells = np.where(size > 4.0 * np.median(size, axis=(0, 1)), 0.0, spectrum)
     unit = cells / np.sqrt(np.mean(np.abs(cells) ** 2, axis=(0, 1)))
     lags = min(lags, n_bins // 2)
@@ -420,21 +421,21 @@ def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[Complex
 
 
 def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return noise level over the size of the frequency.
+    """Return the noise level over the absolute frequency.
 
-    NaN where something moved.
+    It is NaN where there was motion.
     """
     size_hz = np.unique(np.abs(f_hz))
     level, sd = np.full(size_hz.size, np.nan), np.full(size_hz.size, np.nan)
     expected = math.log(4.0) / math.log(4.0 / 3.0)
-    for place, frequency in enumerate(size_hz[2:], start=2):  # the mean of a window takes from the first
+    for place, frequency in enumerate(size_hz[2:], start=2):  # subtraction of the window's mean reduces the first
         cells = power[:, np.abs(f_hz) == frequency].reshape(-1, power.shape[2])
         low, high = np.quantile(cells, (0.25, 0.75), axis=0)
         calm = high / np.maximum(low, np.finfo(float).tiny) < expected * (WHITE_RATIO + 4.0 / math.sqrt(len(cells)))
         sides = [
             np.quantile(power[:, f_hz == side], 0.25, axis=0)[0] for side in (frequency, -frequency) if side in f_hz
         ]
-        if len(sides) == 2:  # noise is as strong ahead as behind, what moves is not
+        if len(sides) == 2:  # noise has equal power at both signs of Doppler, motion does not
             apart = np.abs(np.log(np.maximum(sides[0], 1e-300) / np.maximum(sides[1], 1e-300)))
             calm &= apart < 4.0 * 2.0 * math.sqrt(2.0 / len(power))
         if calm.mean() < 0.5 or (power.shape[2] < MIN_BINS and not calm.all()):
@@ -447,7 +448,7 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
 def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
     """Find lines in Doppler.
 
-    They stand out of their neighbours in three quarters of all windows and bins.
+    They exceed their neighbours in three quarters of all windows and bins.
     """
     n_pulses, n_bins = rest.shape
     if not recording.facts.get("burst_pulses"):
@@ -462,12 +463,12 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
     low /= AT_QUANTILE
     around = np.concatenate([np.arange(-6, -1), np.arange(2, 7)])
     floor = np.median(low[(np.arange(window)[:, None] + around) % window], axis=1)
-    # bins share noise by the chip's filter, and a target makes neighbours unequal: a third of the cells counts
+    # the chip's filter correlates bins, and a target makes neighbours unequal: only a third of the cells counts
     needed = 1.0 + LINE_SIGMAS * 2.0 / math.sqrt(part.shape[0] * max(n_bins / 3.0, 1.0))
     stands = (low > floor * max(needed, float(db_to_power(LINE_DB)))) & (np.minimum(
         np.arange(window), window - np.arange(window)
     ) > SLOW_CELLS)  # fmt: skip
-    # a line and noise scatter no more than noise does; what moves is stronger in some windows and bins
+    # a line with noise scatters no more than noise; motion is stronger in some windows and bins
     lower, upper = np.quantile(power.transpose(1, 0, 2).reshape(window, -1), (0.25, 0.75), axis=1)
     stands &= upper < lower * WHITE_RATIO * math.log(4.0) / math.log(4.0 / 3.0)
     stands &= (low >= np.roll(low, 1)) & (low > np.roll(low, -1))
@@ -480,13 +481,13 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
         logs = np.log(low[[place - 1, place, (place + 1) % window]])
         shift = float(0.5 * (logs[0] - logs[2]) / (logs[0] - 2 * logs[1] + logs[2]))
         middle = power[:, place].ravel()
-        top = float(np.exp(-0.25 * (logs[0] - logs[2]) * shift))  # between two cells
+        top = float(np.exp(-0.25 * (logs[0] - logs[2]) * shift))  # maximum between two cells
         peak = max(float(np.median(middle)) - floor[place], 0.1 * floor[place]) * top
         level = Estimate(
             float(power_to_db(peak / gain)), DB_PER_NEPER * float(np.std(np.log(middle))) / math.sqrt(len(part))
         )
         step_hz = recording.radar.prf_hz / window
-        if whole is not None:  # a clock keeps its phase over the whole recording, a body at a steady speed does not
+        if whole is not None:  # a clock is coherent over the whole recording, a body at a steady speed is not
             near = np.abs(whole_hz - f_hz[place]) <= step_hz
             if np.median(whole[0, near], axis=1).max() < COHERENT * peak * count:
                 continue
@@ -499,8 +500,8 @@ def _estimate_image(
 ) -> dict[str, Estimate]:  # fmt: skip
     r"""Estimate the quadrature channel's errors from moving echoes.
 
-    An echo y of any Doppler is circular, E y^2 = 0; behind the channels E I^2, E Q^2 and E I Q are in the ratio
-    1 : g^2 : g sin(phi). A target with fewer than three Doppler periods in a window is left out.
+    An echo y at any Doppler is circular, E y^2 = 0; behind the channels E I^2, E Q^2 and E I Q are in the ratio
+    1 : g^2 : g sin(phi). A target with fewer than three Doppler periods in a window is not used.
     """
     if f_hz.size < WINDOW / 2:
         refused["I/Q image"] = f"windows of {f_hz.size} pulses are too short for the direction of motion"
@@ -512,7 +513,7 @@ def _estimate_image(
     mirrored = np.roll(part[:, ::-1], 1, axis=1)
     square = np.sum(part * mirrored, axis=1)
     whole = np.sum(np.abs(part) ** 2, axis=1)
-    # a static echo with a trembling phase has equal side lines, which are not circular: only what moves one way counts
+    # phase noise gives a static echo equal sidebands, which are not circular: only motion in one direction counts
     one_way = np.abs(np.sum(np.abs(part) ** 2 * np.sign(f_hz), axis=1)) > ONE_WAY * whole
     if one_way.sum() < MIN_WINDOWS:
         refused["I/Q image"] = "nothing moved one way, fast and strongly enough to show an image"
@@ -524,7 +525,7 @@ def _estimate_image(
 
     gain = _estimate_by_jackknife(lambda chosen: estimate(chosen)[0], len(ratio))
     phase = _estimate_by_jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
-    # the jackknife of a median is rough: at least what the scatter of the windows gives
+    # the jackknife of a median is inaccurate: the minimum is the scatter of the windows
     scatter = 1.4826 * float(np.median(np.abs(ratio - complex(np.median(ratio.real), np.median(ratio.imag)))))
     least = 1.2533 * scatter / math.sqrt(2.0 * len(ratio))
     if least > 0.2:
@@ -550,15 +551,15 @@ def convert_ratio(ratio: complex) -> tuple[float, float]:
 def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
     """Estimate gain and phase of Q for noise alone.
 
-    Amplifiers behind the mixer have noise of their own, which knows nothing of the mixer's error.
+    Noise of amplifiers behind the mixer is not affected by the mixer's error.
     """
-    both = upper & (f_hz != f_hz.min())  # half the pulse rate has no partner
+    both = upper & (f_hz != f_hz.min())  # half the pulse rate has no opposite frequency
     mirrored = np.roll(spectrum[:, ::-1], 1, axis=1)
     square = np.sum((spectrum * mirrored)[:, both], axis=(1, 2))
     whole = np.sum(np.abs(spectrum[:, both]) ** 2, axis=(1, 2))
 
     def ratio(chosen: npt.NDArray[np.intp]) -> complex:
-        # every window counts alike, loud ones may hold a little of an echo
+        # every window has the same weight, because windows of high power may contain part of an echo
         return complex(np.mean(square[chosen] / whole[chosen]))
 
     return {
@@ -570,7 +571,7 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
 def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
     """Estimate the constant of a radar with few bins.
 
-    It is the median of I and of Q.
+    It is the median of I and the median of Q.
     """
 
     def value(chosen: npt.NDArray[np.intp]) -> complex:

@@ -1,6 +1,6 @@
 """Sensor models fitted to recordings of an empty room.
 
-Every number has its uncertainty; warnings are flags.
+Every number has an uncertainty; flags are warnings.
 """
 
 from __future__ import annotations
@@ -44,23 +44,23 @@ Mask = npt.NDArray[np.bool_]
 MIN_FRAMES = 32
 MIN_BINS = 8
 MOVING_DB = 4.0
-"""Slow-time variance over the noise floor from which a bin holds a target; static rooms stay within 1.5 dB."""
+"""Minimum slow-time variance over the noise floor, dB, of a bin with a target; static rooms stay within 1.5 dB."""
 MOVING_BINS = 3
-"""Neighbouring bins that must show it."""
+"""Minimum number of neighbouring bins with this variance."""
 MAX_PHASE_VARIANCE = 0.05
-"""Above this (rad^2 per frame) the static echoes are too weak for a common phase."""
+"""Maximum phase variance, rad^2 per frame; above it the static echoes are too weak for a common phase."""
 
 
 @dataclass(frozen=True)
 class MovingInterval:
-    """A range interval in which something moved.
+    """A range interval with motion.
 
     Parameters
     ----------
     start_m, stop_m : float
         First and last bin.
     excess_db : float
-        Largest slow-time variance there over the noise floor.
+        Maximum slow-time variance in the interval relative to the noise floor.
     """
 
     start_m: float
@@ -77,30 +77,30 @@ class SensorFit:
     source : str
         File the recording came from.
     radar : Radar
-        As recorded; its noise figure and gain are the assumed ones.
+        Radar of the recording; its noise figure and gain are assumed.
     range_m : ndarray, shape (N,)
         Range of the bins.
     n_frames, n_used : int
-        Frames, and frames left after taking out dropped ones and interference.
+        Number of frames, and of frames without dropped ones and interference.
     duration_s : float
     noise : NoiseFloor
         Noise per bin and frame.
     noise_level_db : Estimate
-        Its level, dB re 1 V.
+        Noise level, dB re 1 V.
     noise_figure_db : Estimate
-        Noise figure that gives this level with the radar's bandwidth, gain and averages (E-18) ...
+        Noise figure that gives this level with the radar's bandwidth, gain and averages (E-18).
     receiver_gain_db : Estimate
-        ... or the receiver gain that does with its own noise figure.
+        Receiver gain that gives this level with the radar's noise figure.
     echo_v : ndarray, shape (N,)
         Static echo per bin, V.
     clutter : ClutterProfile
-        Its mean level over range.
+        Mean level of the static echo over range.
     leakage : Leakage
         Direct path and constant.
     time_s, factor : ndarray, shape (n_used,)
-        Times of the frames used and their common factor: phase and gain against the static echo.
+        Times of the frames used and their common factor: phase and gain relative to the static echo.
     phase, gain : SeriesFit or None
-        Common phase, rad, and gain, dB; None where static echoes are too weak to show them.
+        Common phase, rad, and gain, dB; None if static echoes are too weak to show them.
     faults : FrameFaults
         Dropped frames.
     bursts : Bursts
@@ -108,7 +108,7 @@ class SensorFit:
     moving : tuple of MovingInterval
         Empty for an empty room.
     flags : tuple of str
-        What to know before the numbers are used.
+        Warnings about the numbers.
     """
 
     source: str
@@ -137,7 +137,7 @@ class SensorFit:
     def level_of_unit_db(self) -> float | None:
         """Level of one file unit, dB re 1 V.
 
-        None where the radar does not state it.
+        It is None if the radar does not state it.
         """
         unit = self.radar.volts_per_unit
         return None if unit is None else 20.0 * math.log10(unit)
@@ -148,9 +148,9 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
 
     The model has noise, clutter, phase drift and faults.
 
-    The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, with the phase
-    as its angle and the gain of that frame as its size, plus white Gaussian noise (E-18) that may be correlated between
-    neighbouring bins. Targets, interference and dropped frames are found first and left out.
+    The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor z per frame (its angle is the
+    phase of the frame, its modulus the gain) plus white Gaussian noise (E-18), which may be correlated between
+    neighbouring bins. Targets, interference and dropped frames are detected first and excluded.
 
     Parameters
     ----------
@@ -166,13 +166,13 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     Raises
     ------
     AnalysisError
-        If the recording is too short, has too few range bins, holds values that are not finite, or nothing but zeros.
+        If the recording is too short, has too few range bins, contains values that are not finite, or only zeros.
     """
     time_s, range_m = recording.slow_time_s, recording.range_m
     if "burst_pulses" in recording.baseband.attrs:
         raise AnalysisError(
-            f"{recording.source}: comes in bursts; their pauses would count as lost frames; a model is fitted to "
-            "unbroken recordings only: record without pauses"
+            f"{recording.source}: is a recording in bursts, and the pauses would count as lost frames; a model is "
+            "fitted to continuous recordings only: record without pauses"
         )
     chosen = np.ones(time_s.size, dtype=bool)
     chosen &= time_s >= (-np.inf if start_s is None else start_s)
@@ -184,7 +184,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
             f"model: at least {MIN_FRAMES} frames (some hundred are better) and {MIN_BINS} bins are needed"
         )
     if not np.isfinite(samples).all():
-        raise AnalysisError(f"{_name(recording)}: holds values that are not finite; cut them out with start_s, stop_s")
+        raise AnalysisError(f"{_name(recording)}: has values that are not finite; exclude them with start_s, stop_s")
     if not samples.any():
         raise AnalysisError(f"{_name(recording)}: every sample is zero; was the radar recording?")
     time_s, range_m = np.asarray(time_s[chosen], dtype=np.float64), np.asarray(range_m, dtype=np.float64)
@@ -193,7 +193,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     if int(good.sum()) < MIN_FRAMES:
         raise AnalysisError(
             f"{_name(recording)}: only {int(good.sum())} of {len(samples)} frames are neither zero nor a copy of the "
-            f"one before; at least {MIN_FRAMES} are needed: record longer, or check the recorder"
+            f"previous one; at least {MIN_FRAMES} are needed: record longer, or check the recorder"
         )
     hit, noise, static, moving = _separate(samples[good], range_m)
     used = np.flatnonzero(good)[~hit.frames]
@@ -234,7 +234,7 @@ def _separate(
 ) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[MovingInterval, ...]]:
     """Separate interference, noise, static part and targets.
 
-    In two passes, as each hides the others at first.
+    Two passes are needed, because each of them hides the others in the first.
     """
     quiet = np.ones(range_m.size, dtype=bool)
     kept = np.ones(len(samples), dtype=bool)
@@ -247,7 +247,7 @@ def _separate(
         hit = find_bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
         kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
     static, noise = _fit_static_and_noise(samples[kept], range_m, quiet)
-    if not np.array_equal(kept, ~hit.frames):  # too few frames would be left: all are used
+    if not np.array_equal(kept, ~hit.frames):  # too few frames would remain: all are used
         hit = replace(hit, frames=~kept)
     return hit, noise, static, _remove_targets(static.rest_v, noise, range_m)[1]
 
@@ -280,7 +280,7 @@ def _remove_targets(
 
 
 BUSY_SHARE = 1.0 / 3.0
-"""Share of bins with targets from which the median no longer gives the noise."""
+"""Maximum share of bins with targets; above it the median over bins is not the noise."""
 PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
 SHORT_S = 10.0
 
@@ -348,7 +348,7 @@ def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
 def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
     """Return a fit as JSON values.
 
-    None stands for what is unknown.
+    Unknown values are None.
     """
     unit_db = fit.level_of_unit_db
     return {

@@ -1,6 +1,7 @@
-"""Pool what several recordings show of a kind of sensor.
+"""Pool the measurements of several recordings of one sensor kind.
 
-Every quantity has a mean and a spread between recordings: what the uncertainties of single values do not explain.
+Every quantity has a mean and a spread between recordings: the variation that the uncertainties of single values do not
+explain.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from doppelgait.radar.recording import Recording
 FloatArray = npt.NDArray[np.float64]
 
 SAME = 0.05
-"""Carrier, and bin spacing where it matters, of recordings of one kind agree within this share."""
+"""Maximum relative difference of carrier and bin spacing between recordings of one kind."""
 SHAPE_DB = 1.0
-"""A floor over Doppler or range is put into the model from this deviation on, and three standard deviations."""
+"""Minimum deviation, dB, of a noise floor over Doppler or range in the model, with three standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -40,37 +41,37 @@ class PooledLine:
 
 @dataclass(frozen=True)
 class SensorKind:
-    """Sensors of a kind as distributions.
+    """Distributions of the sensors of one kind.
 
     Parameters
     ----------
     radar : Radar
-        Of the longest recording, or that it was fitted with.
+        Radar of the longest recording, or the radar that was passed to the fit.
     recordings : tuple of Measured
-        What each recording shows.
+        Measurements of each recording.
     pooled : dict
         Scalars by name.
     refused : dict
-        Reason by the name of what no recording shows.
+        Reasons, by the names of the quantities that no recording shows.
     left_out : tuple of str
-        Recordings that were not used, with the reason.
+        Recordings that were not used, with the reasons.
     clutter : tuple of (range_m, Pooled)
         Level at the knots, dB re 1 V.
     doppler : tuple of (frequency_hz, Estimate)
-        Noise level over the white floor's, dB; without the frequencies at which something moved.
+        Noise level relative to the white floor, dB, without the frequencies at which there was motion.
     doppler_step_hz : float
-        Distance of neighbouring frequencies.
+        Spacing of the frequencies.
     range_db : tuple of (range_m, change_db)
-        Noise level over the mean of all ranges; empty where it is flat.
+        Noise level relative to the mean over all ranges; empty if it is flat.
     correlation : tuple of float
-        Noise correlation between bins 1, 2, ... apart.
+        Noise correlation at lags of 1, 2, ... bins.
     lines : tuple of PooledLine
     run_length : float
         Mean number of frames lost in a row.
     bits : int
-        Of the converter; 0 where it does not show.
+        Number of bits of the converter; 0 if unknown.
     full_scale_v : float
-        NaN where it was never reached.
+        Full scale of the converter; NaN if it was never reached.
     clipped : float
         Mean share of samples at full scale.
     """
@@ -93,9 +94,9 @@ class SensorKind:
 
 
 def _find_difference(radar: Radar, other: Radar) -> str:
-    """Name the quantity in which two radars differ, or nothing.
+    """Return the difference of two radars as text, or "".
 
-    The noise of a frame depends on how many pulses it averages, so that frame rates must agree.
+    The noise of a frame depends on the number of averaged pulses, so that frame rates must agree.
     """
     if abs(radar.carrier_hz / other.carrier_hz - 1.0) > SAME:
         return f"carrier {radar.carrier_hz / 1e9:.4g} GHz instead of the {other.carrier_hz / 1e9:.4g} GHz"
@@ -112,13 +113,13 @@ def fit_kind(
     Parameters
     ----------
     recordings : iterable of Recording
-        Unlabelled: empty rooms or daily life. Of one carrier and frame rate; the others
-        are left out.
+        Unlabelled recordings of empty rooms or daily life, with one carrier and frame rate; others are not used.
     radar : Radar, optional
-        Source of what no recording states: power, antenna gains, pulse. The longest recording's by default.
+        Source of the parameters that no recording states: power, antenna gains, pulse. By default the radar of the
+        longest recording.
     people_at_m : float, optional
-        Median range of the people in the recordings: the receiver gain is set so that 0.8 m^2 there has the level of
-        the echoes. Without it the gain stays as it is.
+        Median range of the people in the recordings: the receiver gain is set so that 0.8 m^2 at this range has the
+        level of the echoes. By default the gain is not changed.
 
     Raises
     ------
@@ -196,7 +197,7 @@ def _group_by_name(measured: Sequence[SensorMeasurement]) -> dict[str, list[Esti
 
 
 def _list_reasons(same: Sequence[SensorMeasurement], pooled: Mapping[str, PooledQuantity]) -> dict[str, str]:
-    """Return why a quantity is in few or no recordings."""
+    """Return the reasons why few or no recordings show a quantity."""
     found: dict[str, list[str]] = {}
     for one in same:
         for name, reason in one.refused.items():
@@ -216,8 +217,8 @@ def _pool_drops(same: Sequence[SensorMeasurement]) -> tuple[PooledQuantity | Non
     runs = sum(m.n_faulty / m.run_length for m in counted)
     length = faulty / runs if runs else 1.0
     share = (faulty + 0.5) / (frames + 1.0)
-    # runs of mean length L scatter 2 L - 1 times as much as single frames; one share for all, as that of a recording
-    # without any is not known exactly
+    # runs of mean length L scatter 2 L - 1 times as much as single frames; the share is common to all recordings,
+    # because that of a recording without dropped frames is not known exactly
     each = share * (1.0 - share) * (2.0 * length - 1.0)
     return pool(Estimate(m.n_faulty / m.n_frames, math.sqrt(each / m.n_frames)) for m in counted), length
 
@@ -245,7 +246,7 @@ def _pool_doppler(
 ) -> tuple[tuple[tuple[float, Estimate], ...], float]:
     """Return noise over the floor by Doppler, and cell width.
 
-    Recordings with other windows than the fastest are left out.
+    Only recordings with the windows of the fastest one are used.
     """
     usable = [m for m in same if "noise_level_db" in m.estimates]
     if not usable:
@@ -258,12 +259,12 @@ def _pool_doppler(
     between_db = 0.0 if math.isnan(white.spread) else white.spread
     found, missing = [], []
     for place, frequency in enumerate(axis_of.tolist()):
-        if place < 2:  # the mean of a window takes from these
+        if place < 2:  # subtraction of the window's mean reduces these
             continue
         level = np.array([m.doppler_db[place] - m.estimates["noise_level_db"].value for m in on_axis])
         sd = np.array([m.doppler_sd_db[place] for m in on_axis])
         calm = np.isfinite(level)
-        # noise is the same in all recordings but for the spread of the floor; what moves is not
+        # noise is the same in all recordings except for the spread of the floor; motion is not
         spread = 1.4826 * float(np.median(np.abs(level[calm] - np.median(level[calm])))) if calm.any() else math.inf
         expected = math.hypot(float(np.median(sd[calm])), between_db) if calm.any() else 0.0
         if calm.mean() < 0.5 or (calm.sum() >= 4 and spread > 1.5 * expected + 0.5):
@@ -271,7 +272,7 @@ def _pool_doppler(
             continue
         middle_sd = 1.2533 * max(spread if calm.sum() >= 4 else 0.0, float(np.median(sd[calm]))) / math.sqrt(calm.sum())
         found.append((frequency, Estimate(float(np.median(level[calm])), middle_sd)))
-    # next to what moves its window still smears a little of it
+    # the window smears motion into neighbouring cells
     step_hz = float(axis_of[1])
     found = [
         (f, e)
@@ -287,9 +288,9 @@ def _pool_doppler(
 
 
 def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, float], ...]:
-    """Return the noise over range where it is not flat.
+    """Return the noise over range, or nothing if it is flat.
 
-    Bins count in groups.
+    Bins are averaged in groups.
     """
     usable = [m for m in spaced if m.range_db.size]
     if not usable:
@@ -328,7 +329,7 @@ def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...]:
 def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
     """Return lines that at least half of the recordings share.
 
-    And two of them: what moves is elsewhere in each.
+    At least two recordings must share a line, because motion differs between recordings.
     """
     found: list[PooledLine] = []
     for one in same:
@@ -350,9 +351,9 @@ MAINS_HZ = (50.0, 60.0)
 
 
 def find_mains_harmonic(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
-    """Return the mains harmonic that a line may be.
+    """Return the mains harmonic at the frequency of a line, or "".
 
-    It is seen as sampled; empty for none.
+    Aliasing by the frame rate is included.
     """
     for mains_hz in MAINS_HZ:
         for multiple in range(1, 9):

@@ -12,10 +12,10 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.radar.fit.static import Estimate
 
 MIN_FOR_SPREAD = 3
-"""Recordings below which no spread is stated."""
+"""Minimum number of recordings for a spread."""
 LEVEL = 0.95
 MATTERS = 3.0
-"""Standard deviations from 0 at which a fault is put into the model."""
+"""Minimum distance from 0, in standard deviations, of a fault in the model."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class PooledQuantity:
     ----------
     mean : Estimate
     spread, low, high : float
-        Standard deviation between recordings without that of the measurement, and its 95 % interval; NaN for fewer
-        than three recordings.
+        Standard deviation between recordings without the measurement error, and its 95 % interval; NaN for fewer than
+        three recordings.
     count : int
-        Recordings it rests on.
+        Number of recordings.
     """
 
     mean: Estimate
@@ -40,9 +40,9 @@ class PooledQuantity:
 
     @property
     def spread_is_known(self) -> bool:
-        """True where recordings differ by more than their uncertainties.
+        """True if recordings differ by more than their uncertainties.
 
-        At 2.5 %.
+        The significance level is 2.5 %.
         """
         return self.count >= MIN_FOR_SPREAD and self.low > 0.0
 
@@ -53,12 +53,12 @@ def pool(estimates: Iterable[Estimate]) -> PooledQuantity:
     Mean and spread :math:`\tau` of :math:`x_k = \mu + \tau u_k + s_k e_k` by Paule and Mandel (J. Res. NBS 87, 1982,
     377): :math:`Q(\tau^2) = \sum_k (x_k - \mu)^2 / (s_k^2 + \tau^2)` equals K - 1; the limits of :math:`\tau` are where
     it equals the quantiles of chi squared (Viechtbauer, Stat. Med. 26, 2007, 37). The uncertainty of the mean is that
-    of the weighted mean, at least as large as the scatter says.
+    of the weighted mean, or the one from the scatter if that is larger.
 
     Raises
     ------
     AnalysisError
-        Without any finite estimate.
+        If no estimate is finite.
     """
     from scipy.optimize import brentq
     from scipy.stats import chi2

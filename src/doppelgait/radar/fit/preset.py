@@ -17,7 +17,7 @@ from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
 from doppelgait.radar.parameters import Radar, find_possible_correlation
 
 SIGNIFICANT = 3.0
-"""Standard deviations from 0 at which a drift, a walk or a constant is put into the preset."""
+"""Minimum distance from 0, in standard deviations, of a drift, a walk or a constant in the preset."""
 
 
 def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
@@ -25,13 +25,13 @@ def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
 
     Frame rate and range axis are those of the recording.
 
-    The noise figure is changed where that is plausible (0 to 30 dB), else the receiver gain.
+    The noise figure is changed if the result is plausible (0 to 30 dB), otherwise the receiver gain.
 
     Parameters
     ----------
     fit : SensorFit
     radar : Radar, optional
-        Where to take the other parameters from; the recording's by default.
+        Source of the other parameters; by default the radar of the recording.
     """
     base = fit.radar if radar is None else radar
     start_m = max(float(fit.range_m[0]), 0.0)
@@ -50,7 +50,7 @@ def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
 
 def _choose_noise_correlation(fit: SensorFit) -> tuple[float, ...]:
     found = [float(rho.real) for rho in fit.noise.correlation[1:]]
-    while found and found[-1] == 0.0:  # lost in chance
+    while found and found[-1] == 0.0:  # not significant
         found.pop()
     return find_possible_correlation(found)
 
@@ -71,15 +71,15 @@ def _choose_noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:
 def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     """Return the text of a calibrated preset.
 
-    It loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
+    ``Radar.preset("FILE.toml")`` loads it; its ``[[impairments]]`` are for a scene.
 
-    Every value has a comment that says where it comes from.
+    Every value has a comment with its source.
 
     Parameters
     ----------
     fit : SensorFit
     radar : Radar, optional
-        Source of the parameters that a recording does not state; the recording's by default.
+        Source of the parameters that a recording does not state; by default the radar of the recording.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def format_calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
         make_impairment(table)
     lines = [
         f"# {clean_comment(f'Sensor model fitted from {_format_origin(fit)}.')}",
-        "# Values with +- carry one standard deviation. Levels are dB re 1 V at the receiver output.",
-        "# Receiver noise is in the radar's own parameters: add no thermal_noise on top.",
+        "# A number after +- is one standard deviation. Levels are dB re 1 V at the receiver output.",
+        "# Receiver noise is in the radar's own parameters: do not add thermal_noise.",
     ]
     if fit.gain is not None and _is_significant(fit.gain.white):
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
@@ -143,7 +143,7 @@ def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
 def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
     """Yield impairment tables with comments in their order.
 
-    Echoes of the room, their phase, then the recorder's faults.
+    The order is: echoes of the room, their phase, then faults of the recorder.
     """
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
     sd_db = float(fit.clutter.sd_db.max())
@@ -230,7 +230,7 @@ def format_setting(key: str, value: Any, comment: str) -> str:
 def clean_comment(comment: str) -> str:
     """Remove line breaks and control characters from a comment.
 
-    They would end it or are not allowed in TOML.
+    They would end the comment, or are not allowed in TOML.
     """
     return " ".join("".join(c if c.isprintable() else " " for c in comment).split())
 
@@ -238,7 +238,7 @@ def clean_comment(comment: str) -> str:
 def _format_toml(value: Any) -> str:
     """Return a value in TOML.
 
-    JSON's text is TOML's for text, numbers, truth values and lists of them.
+    For strings, numbers, booleans and lists of them, the JSON text is valid TOML.
     """
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{name} = {_format_toml(inner)}" for name, inner in value.items()) + " }"

@@ -19,14 +19,14 @@ DB_PER_NEPER = 10.0 / math.log(10.0)
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted value.
+    """A fitted value with its uncertainty.
 
     Parameters
     ----------
     value : float
-        In the unit that the name of the field or row holding it says.
+        Value in the unit of its field or row name.
     sd : float
-        Standard uncertainty (one standard deviation), same unit; inf where the recording does not show it.
+        Standard uncertainty (one standard deviation) in the same unit; inf if the recording does not show the value.
     """
 
     value: float
@@ -38,17 +38,17 @@ class Estimate:
 
 
 def level_db(power: Estimate) -> Estimate:
-    """Level 10 log10 of a power, with uncertainty."""
+    """Return the level 10 log10 of a power, with uncertainty."""
     if not power.value > 0:
         return Estimate(-math.inf, math.inf)
     return Estimate(10.0 * math.log10(power.value), DB_PER_NEPER * power.sd / power.value)
 
 
 def take_root(power: float, sd: float) -> Estimate:
-    """Square root of a variance that may be negative.
+    """Return the square root of a variance that may be negative.
 
-    The uncertainty is sqrt(r^2 + sd) - r with r the root: sd / (2 r) where the variance is well measured, sqrt(sd)
-    where it is not distinguished from 0.
+    With the root r, the uncertainty is sqrt(r^2 + sd) - r: sd / (2 r) for a well measured variance, and sqrt(sd) for
+    one that does not differ significantly from 0.
     """
     value = math.sqrt(max(power, 0.0))
     return Estimate(value, math.sqrt(value * value + sd) - value)
@@ -66,13 +66,14 @@ class StaticPart:
     Parameters
     ----------
     echo_v : ndarray, shape (N,)
-        Static echo c per bin, V: the time mean after the common phase is taken out.
+        Static echo c per bin, V: the time mean after removal of the common phase.
     reference_v : ndarray, shape (N,)
-        The same where the common factor was taken from, 0 elsewhere.
+        Static echo of the bins that determine the common factor, 0 in the other bins.
     factor : ndarray, shape (I,)
-        Common factor z per frame: its angle is the phase of the frame, its size the gain; mean size about 1.
+        Common factor z per frame: its angle is the phase of the frame, its modulus the gain; the mean modulus is
+        about 1.
     rest_v : ndarray, shape (I, N)
-        What is left: noise and targets, V.
+        Residual: noise and targets, V.
     """
 
     echo_v: ComplexArray
@@ -84,16 +85,16 @@ class StaticPart:
 def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
     """Fit static echo and common factor by least squares.
 
-    The factor is the strongest eigenvector of the bins' covariance; one average follows.
+    The factor is the eigenvector of the largest eigenvalue of the bins' covariance, followed by one average.
 
-    A time mean alone would lose level when the phase wanders; the eigenvector does not.
+    A time mean alone would lose level if the phase drifts; the eigenvector does not.
 
     Parameters
     ----------
     samples_v : ndarray, shape (I, N)
         Frames.
     bins : ndarray of bool, shape (N,), optional
-        Bins to take the common factor from; all by default. Leave out those with targets.
+        Bins that determine the common factor; all by default. Exclude bins with targets.
     """
     from scipy.linalg import eigh
 
@@ -102,7 +103,7 @@ def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> Sta
     last = part.shape[1] - 1
     shape = eigh(part.conj().T @ part, subset_by_index=(last, last))[1][:, 0].conj()
     shares = part @ shape.conj()
-    turn = np.exp(1j * (np.angle(np.sum(shares)) - np.angle(shares)))  # phases count from that of the mean frame
+    turn = np.exp(1j * (np.angle(np.sum(shares)) - np.angle(shares)))  # phases are relative to the mean frame
     echo = np.mean(samples_v * turn[:, None], axis=0)
     reference = np.where(chosen, echo, 0.0)
     energy = _compute_energy(reference)
@@ -111,9 +112,9 @@ def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> Sta
 
 
 def split_still_part(samples_v: ComplexArray) -> StaticPart:
-    """Return time mean and rest.
+    """Split samples into time mean and residual.
 
-    For echoes too weak to show a common phase.
+    This is for echoes that are too weak to show a common phase.
     """
     echo = np.mean(samples_v, axis=0)
     return StaticPart(echo, np.zeros_like(echo), np.ones(len(samples_v), dtype=complex), samples_v - echo)
@@ -126,7 +127,7 @@ def _compute_energy(values_v: ComplexArray) -> float:
 def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
     """Multiply the noise correlation matrix by a vector.
 
-    The matrix R has the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
+    The matrix R is Toeplitz with the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
     """
     both = np.concatenate([correlation[:0:-1].conj(), correlation])
     summed = np.convolve(values_v, both, mode="full")
@@ -137,9 +138,9 @@ def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> C
 def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
     """Return each bin's noise share lost with the common factor.
 
-    Shape (N,).
-
-    For r = w - c (a^H w) / S, a the reference and S its energy: 2 Re(c_n* (R a)_n) / S - |c_n|^2 a^H R a / S^2.
+    The result has the shape (N,).
+    For r = w - c (a^H w) / S, with the reference a and its energy S, the share is
+    2 Re(c_n* (R a)_n) / S - |c_n|^2 a^H R a / S^2.
     """
     echo, reference = static.echo_v, static.reference_v
     energy = _compute_energy(reference)
@@ -154,7 +155,7 @@ def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArra
 def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
     """Return the variance that noise adds to the common factor.
 
-    It is that of the phase (rad^2) and of the relative gain of a frame: a^H R a sigma^2 / (2 S^2).
+    The phase (rad^2) and the relative gain of a frame both have this variance: a^H R a sigma^2 / (2 S^2).
     """
     reference = static.reference_v
     energy = _compute_energy(reference)
@@ -165,25 +166,25 @@ def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, no
 
 
 SMALLEST_SHARE = 1e-9
-"""Least variance of a part relative to that of the differences; below it the part is taken as absent."""
+"""Minimum variance of a component relative to the variance of the differences; below it the component is absent."""
 NEAR_BOUND = 1.0
-"""So near that bound, in logarithms, counts as at it."""
+"""Maximum distance from this bound, in natural logarithms, at which a variance counts as at the bound."""
 
 
 @dataclass(frozen=True)
 class SeriesFit:
     """Drift, random walk and white jitter of a series.
 
-    u is the unit of the series.
+    The unit of the series is written as u.
 
     Parameters
     ----------
     drift_per_s : Estimate
-        Slope, u/s. Its uncertainty contains the walk.
+        Slope, u/s. Its uncertainty includes the random walk.
     walk_per_root_s : Estimate
         Standard deviation of the random walk after one second, u/sqrt(s).
     white : Estimate
-        Standard deviation from frame to frame without the measurement's own, u.
+        Standard deviation from frame to frame without the measurement noise, u.
     """
 
     drift_per_s: Estimate
@@ -194,21 +195,21 @@ class SeriesFit:
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
     """Fit drift, random walk and white jitter to a series.
 
-    The drift is b, the walk q, the white variance s^2 of x(t) = a + b t + W(t) + e.
+    The model is x(t) = a + b t + W(t) + e with the drift b, the variance rate q of the walk W and the white variance
 
-    The differences of x have the covariance q dt I + s^2 T, T tridiagonal with 2 and -1; its eigenvectors are sines
-    and its eigenvalues are q dt + s^2 (2 - 2 cos(pi k / (n + 1))): after a sine transform the likelihood is exact and
-    costs one pass. It is the restricted one, which allows for the fitted drift (Patterson and Thompson, Biometrika 58,
-    1971, 545). Uncertainties are the inverse of Fisher's information.
+    s^2. The differences of x have the covariance q dt I + s^2 T, where T is tridiagonal with 2 and -1. Its eigenvectors
+    are sines and its eigenvalues are q dt + s^2 (2 - 2 cos(pi k / (n + 1))): after a sine transform the likelihood is
+    exact and needs one pass. The restricted likelihood is used, which allows for the fitted drift (Patterson and
+    Thompson, Biometrika 58, 1971, 545). Uncertainties are the inverse of Fisher's information.
 
     Parameters
     ----------
     values : ndarray, shape (I,)
         The series, at least 8 values.
     time_s : ndarray, shape (I,)
-        Rising times; where a frame was left out the walk over the gap counts as one mean step.
+        Rising times; if a frame is missing, the walk over the gap counts as one mean step.
     measurement_variance : float
-        White variance that the measurement adds; taken off.
+        White variance of the measurement, which is subtracted.
     """
     from scipy.fft import dst
     from scipy.optimize import minimize
@@ -238,7 +239,7 @@ def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: 
     parts = scale * np.where(best.x <= bounds[0][0] + NEAR_BOUND, 0.0, np.exp(best.x))
     variance = scale * (np.exp(best.x[0]) + np.exp(best.x[1]) * white_shape)
     sd_walk, sd_white = _compute_fisher_sd(variance, white_shape)
-    # at the upper end of the interval: a walk that came out low would else claim to be known too well
+    # at the upper end of the interval: the uncertainty of a walk that is estimated too low would be too small
     sd_walk, _ = _compute_fisher_sd(variance + sd_walk, white_shape)
     drift = Estimate(slope_of(variance), float(1.0 / np.sqrt(np.sum(ramp**2 / variance))))
     step_s = float(np.mean(steps_s))

@@ -24,10 +24,10 @@ Times = npt.NDArray[np.float64]
 
 
 class Apply(Protocol):
-    """An impairment: the receiver samples after it.
+    """An impairment: a function that returns the changed receiver samples.
 
-    It may change the samples in place (``samples += ...``) and return them, return new ones, or a complex array of
-    shape (pulses, samples). All that is random comes from ``rng``.
+    It may change the samples in place (``samples += ...``) and return them, or return new samples or a complex array of
+    shape (pulses, samples). All random numbers must be drawn from ``rng``.
     """
 
     def __call__(self, samples: Samples, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Any:
@@ -37,7 +37,7 @@ class Apply(Protocol):
 class ShiftTimes(Protocol):
     """Fact ``shift_times`` of an impairment that moves pulses in time.
 
-    It acts before the scene is observed.
+    It is applied before the scene is observed.
     """
 
     def __call__(self, times_s: Times, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Times:
@@ -64,7 +64,7 @@ else:
 def make_impairment(table: Mapping[str, Any] | FrozenModel) -> FrozenModel:
     """Make an impairment from a ``[[impairments]]`` table.
 
-    One that is a model already is returned unchanged.
+    A model is returned unchanged.
 
     Raises
     ------
@@ -79,28 +79,29 @@ def apply_impairments(
 ) -> Samples:
     """Apply all impairments to receiver samples in the order listed.
 
-    The n-th acts with the n-th child of ``rng``, so that its random numbers do not depend on those before it.
+    The n-th impairment uses the n-th child of ``rng``, so that its random numbers do not depend on the others.
 
     Parameters
     ----------
     samples : Samples or ndarray, shape (I, S), complex
-        Samples of the receiver, V; a row is a pulse, frame or sweep. Samples may be changed in place, an array is not.
+        Samples of the receiver, V; a row is a pulse, frame or sweep. ``Samples`` may be changed in place, an array is
+        not changed.
     specs : sequence of models
-        Impairments as :func:`make_impairment` gives them.
+        Impairments made by :func:`make_impairment`.
     radar : Radar
     rng : Generator
 
     Returns
     -------
     Samples
-        ``samples`` themselves if the list is empty.
+        Impaired samples; ``samples`` themselves if the list is empty.
 
     Raises
     ------
     AnalysisError
-        If an array is not complex of two dimensions, or an impairment returns other than a sample for every sample.
+        If an array is not complex with two dimensions, or an impairment changes the number of samples.
     ConfigError
-        If an impairment does not suit this radar or recording.
+        If an impairment is not possible for this radar or recording.
     """
     current = samples if isinstance(samples, Samples) else Samples(samples)
     for spec, own_rng in zip(specs, rng.spawn(len(specs)), strict=True):
@@ -114,7 +115,7 @@ def apply_impairments(
         except (AnalysisError, ValueError) as error:  # ValueError: of rows of several lengths
             raise AnalysisError(f"{owner}: {error}") from None
         if changed.shape != current.shape:
-            raise AnalysisError(f"{owner} makes samples of shape {changed.shape} of {current.shape}")
+            raise AnalysisError(f"{owner} returns samples of shape {changed.shape} instead of {current.shape}")
         current = changed
     return current
 
@@ -122,16 +123,16 @@ def apply_impairments(
 def shift_pulse_times(
     slow_time_s: npt.ArrayLike, specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
 ) -> Times:
-    """Return the times at which the pulses really leave.
+    """Return the true transmission times of the pulses.
 
-    The scene is observed at them; the recording keeps the nominal ones.
+    The scene is observed at these times; the recording has the nominal times.
 
     Parameters
     ----------
     slow_time_s : array_like, shape (I,)
         Nominal times, rising.
     specs : sequence of models
-        Impairments; those that do not move pulses are passed over.
+        Impairments; those that do not shift pulses are ignored.
     radar : Radar
     rng : Generator
         The n-th impairment draws from its n-th child.
@@ -139,12 +140,12 @@ def shift_pulse_times(
     Returns
     -------
     ndarray, shape (I,)
-        s, clipped to the first and last nominal time, between which the scene is known.
+        Times, s, clipped to the first and last nominal time, between which the scene is defined.
 
     Raises
     ------
     ConfigError
-        If the pulses would move so far that they change places.
+        If the shifts are so large that the order of pulses could change.
     """
     nominal_s = np.asarray(slow_time_s, dtype=np.float64)
     times_s = nominal_s
@@ -161,12 +162,12 @@ def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
     Raises
     ------
     ConfigError
-        If the radar does not say it.
+        If the radar does not state it.
     """
     if radar.volts_per_unit is None:
         raise ConfigError(
             f"{wanted_by} is in the sensor's own unit, but the radar {radar.name!r} has no volts_per_unit: set "
-            "radar.volts_per_unit, or give the level in dB re 1 V"
+            "radar.volts_per_unit, or state the level in dB re 1 V"
         )
     return radar.volts_per_unit
 
@@ -174,7 +175,7 @@ def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
 def convert_level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
     """Convert a level in dB to volts.
 
-    The level is re 1 V, or re one unit of the sensor's own files.
+    The reference of the level is 1 V, or one unit of the sensor's own files.
     """
     unit_v = find_volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
     return float(db_to_amplitude(level_db)) * unit_v
@@ -209,19 +210,19 @@ def make_static_samples(
 
 
 def check_width(samples: Samples, radar: Radar) -> None:
-    """Refuse samples of a wrong number per pulse (:class:`AnalysisError`)."""
+    """Check the number of samples per pulse (:class:`AnalysisError`)."""
     wanted = radar.waveform.n_samples(radar)
     if samples.shape[1] != wanted:
         raise AnalysisError(
-            f"a pulse of the radar {radar.name!r} has {wanted} samples, these have {samples.shape[1]}; take the radar "
-            "that they were made with"
+            f"a pulse of the radar {radar.name!r} has {wanted} samples, but these have {samples.shape[1]}; use the "
+            "radar that made them"
         )
 
 
 def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
     """Return the range of every sample, m.
 
-    Waveforms with samples that mix all ranges have only one, the middle of the frame.
+    If samples contain echoes from all ranges (fmcw, stepped), there is one value only, the middle of the frame.
     """
     if radar.waveform.samples_are_bins:
         return radar.range_axis_m()

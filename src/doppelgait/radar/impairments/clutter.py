@@ -24,9 +24,9 @@ from doppelgait.radar.link import echo_amplitude_v
 from doppelgait.radar.parameters import Radar
 
 CELLS_BEYOND = 3
-"""Resolution cells of clutter before and behind the frame with echoes that reach into it."""
+"""Number of resolution cells with clutter before and behind the frame, because their echoes extend into it."""
 SCATTERERS_PER_CELL = 4
-"""So many in a half-power width that their sum is a smooth complex Gaussian process in range."""
+"""Scatterers per half-power width, enough for their sum to be a smooth complex Gaussian process in range."""
 MAX_SCATTERERS = 200_000
 
 Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]
@@ -35,20 +35,20 @@ Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-
 class Leakage(FrozenModel):
     """Direct path from transmitter to receiver.
 
-    It is one echo that never moves, of the width the waveform has.
+    It is one static echo with the width of the waveform.
 
-    An X4 shows about 0.06 units at 0 m and a tail of 1.3e-2 units at 0.7 m: two such tables.
+    An X4 has about 0.06 units at 0 m and a tail of 1.3e-2 units at 0.7 m, which two such tables model.
 
     Parameters
     ----------
     delay_m : float
         Range at which the direct path appears: half its length.
     level_db : float, optional
-        Amplitude of the peak in range, dB re 1 V. Give this or ``isolation_db``.
+        Amplitude of the peak in range, dB re 1 V. Set either this or ``isolation_db``.
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     isolation_db : float, optional
-        Loss from the transmit power to the receiver's input; 34 dB if no level is set (what an X4 shows, assumed).
+        Loss from the transmit power to the receiver's input; 34 dB if no level is set (assumed, as for an X4).
     phase_deg : float
         Phase added to that of the direct path.
     """
@@ -75,7 +75,7 @@ DEFAULT_ISOLATION_DB = 34.0
 def leakage_v(spec: Leakage, radar: Radar) -> float:
     """Return the direct path's amplitude at the receiver output, V.
 
-    As stated, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20).
+    It is the stated level, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20).
     """
     if spec.level_db is not None:
         return convert_level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
@@ -95,17 +95,16 @@ def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.ran
 
 
 class StaticClutter(FrozenModel):
-    r"""The room: scatterers at rest at all ranges.
+    r"""Static scatterers of the room at all ranges.
 
-    They are sampled once for a recording.
-
-    Several scatterers stand in every resolution cell, each of random phase and exponential power, so that |y| is
-    Rayleigh distributed over realisations with the mean square
+    They are sampled once per recording.
+    Every resolution cell has several scatterers with random phase and exponential power, so that |y| is Rayleigh
+    distributed over realisations with the mean square
 
     .. math:: E|y(R)|^2 = \sum_k E a_k^2\, |p(R - R_k)|^2 \approx \overline{a^2}(R)\, \frac{1}{d} \int |p(r)|^2\,dr
 
-    (p: range response of one echo with peak 1; d: spacing of the scatterers). An empty room before an X4 showed -51 dB
-    (re one unit) at 0.85 m and -60 to -88 dB by 8 m.
+    (p: range response of one echo with peak 1; d: spacing of the scatterers). An X4 measured -51 dB (re one unit) at
+    0.85 m and -60 to -88 dB at up to 8 m in an empty room.
 
     Parameters
     ----------
@@ -114,7 +113,7 @@ class StaticClutter(FrozenModel):
     in_units : bool
         Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
     rcs_per_metre_m2 : float, optional
-        Instead of levels: mean radar cross section in a metre of range, m^2 (furniture: 0.03 to 0.3); the level follows
+        Mean radar cross section per metre of range, m^2, instead of levels (furniture: 0.03 to 0.3); the level follows
         from the radar equation.
     """
 
@@ -128,7 +127,7 @@ class StaticClutter(FrozenModel):
     def _check_rising(cls, levels: tuple[Level, ...] | None) -> tuple[Level, ...] | None:
         for (one_m, _), (other_m, _) in pairwise(levels or ()):
             if other_m <= one_m:
-                raise ValueError(f"ranges must rise from entry to entry, not go from {one_m:g} to {other_m:g} m")
+                raise ValueError(f"ranges must rise from entry to entry, but {other_m:g} m follows {one_m:g} m")
         return levels
 
     @model_validator(mode="after")
@@ -147,7 +146,7 @@ def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar
     range_m, spacing_m = make_clutter_ranges(radar)
     rms_v = clutter_rms_v(range_m, parameters, radar)
     amplitude_v = rms_v * np.sqrt(rng.standard_exponential(range_m.size) * spacing_m / echo_energy_m(radar))
-    # a place anywhere within a quarter wavelength to either side makes the phase uniform
+    # a random shift of up to a quarter wavelength in both directions makes the phase uniform
     range_m = range_m + rng.uniform(-0.25, 0.25, size=range_m.size) * radar.wavelength_m
     samples += make_static_samples(range_m[None], amplitude_v[None], radar)
     return samples
@@ -156,7 +155,7 @@ def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar
 def echo_energy_m(radar: Radar) -> float:
     """Return the energy of a compressed unit echo, m.
 
-    It is the integral over range of the power of an echo of peak 1, measured on one in mid-frame.
+    It is the integral over range of the power of an echo with peak 1, computed for an echo in the middle of the frame.
     """
     bin_m = radar.bin_spacing_m
     n_places = int(np.clip(math.ceil(4.0 * bin_m / radar.range_resolution_m), 8, 512))
@@ -169,7 +168,7 @@ def echo_energy_m(radar: Radar) -> float:
 def make_clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
     """Return the ranges and the spacing of clutter scatterers, m.
 
-    They begin before range 0 where the frame does not: without them its first cell would get half its power.
+    They may begin before range 0: otherwise a frame that starts at 0 would have half the power in its first cell.
     """
     cell_m = radar.range_resolution_m
     span_m = radar.range_stop_m - radar.range_start_m

@@ -17,7 +17,7 @@ from doppelgait.radar.impairments.apply import find_volts_per_unit
 from doppelgait.radar.parameters import Radar
 
 WARN_CLIPPED = 0.01
-"""Share of clipped values above which the user is warned."""
+"""Minimum share of clipped values for a warning."""
 
 
 class Adc(FrozenModel):
@@ -33,10 +33,10 @@ class Adc(FrozenModel):
     bits : int
         Bits of the converter, 2 to 24.
     full_scale_v : float, optional
-        Largest voltage of I or Q. Give this or ``backoff_db``.
+        Maximum voltage of I or Q. Set either this or ``backoff_db``.
     backoff_db : float, optional
-        How far the largest value of I or Q in the recording stays below full scale, as a gain control sets it; 12 dB
-        if neither is set. Negative values clip.
+        Distance of the maximum of I or Q in the recording from full scale, as set by a gain control; 12 dB if neither
+        is set. Negative values clip.
     """
 
     kind: Literal["adc"] = "adc"
@@ -58,7 +58,7 @@ DEFAULT_BACKOFF_DB = 12.0
 def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Generator) -> Samples:
     """Round the samples to the converter's levels.
 
-    More than 1 % of clipped values is a warning.
+    More than 1 % of clipped values causes a warning.
     """
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
     samples = samples.add_pending_noise()
@@ -82,22 +82,22 @@ X4_CLOCK_HZ = 243e6
 X4_DUTY = 0.95
 """Share of a frame's time in which the X4 sends (user guide)."""
 X4_BANDS = {7.29e9: (306, 0.78), 8.748e9: (316, 0.77)}
-"""By carrier: sum of the down-conversion filter's tap sizes, and what it makes of a unit RF sinusoid (X4 driver)."""
+"""Sum of the down-conversion filter's tap magnitudes and its gain for an RF sinusoid, by carrier (X4 driver)."""
 
 
 class X4Counts(FrozenModel):
     r"""Counters of the XeThru X4 chip.
 
-    It compares with a swept threshold and counts.
+    The chip compares the signal with a swept threshold and counts.
 
     One count is :math:`d / (1024\,i\,p)` units in RF (i iterations of p pulses per step d of the threshold DAC) and
     :math:`d / (1024\,i\,p\,\sum|h|)` units in I and Q after the chip's down-conversion filter h. RF stays within
-    +-L, L = (dac_max - dac_min + 1) / 2048 units. The envelope A of a larger RF sinusoid comes out as the fundamental
-    of the clipped one,
+    +-L, L = (dac_max - dac_min + 1) / 2048 units. The envelope A of a larger RF sinusoid becomes the fundamental of
+    the clipped sinusoid,
 
     .. math:: A' = \frac{2}{\pi} \left(A \arcsin\frac{L}{A} + L \sqrt{1 - L^2 / A^2}\right),
 
-    and its phase stays. Volts are turned to units by ``radar.volts_per_unit``.
+    and its phase does not change. ``radar.volts_per_unit`` converts volts to units.
 
     Parameters
     ----------
@@ -143,14 +143,14 @@ def x4_frame_rate_hz(spec: X4Counts) -> float:
 def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.Generator) -> Samples:
     """Convert samples to whole counts.
 
-    An impossible frame rate or more than 1 % of saturated samples is a warning.
+    An impossible frame rate or more than 1 % of saturated samples causes a warning.
     """
     unit_v = find_volts_per_unit(radar, wanted_by="x4_counts")
     band = [band for carrier_hz, band in X4_BANDS.items() if math.isclose(carrier_hz, radar.carrier_hz, rel_tol=0.01)]
     if not band:
         raise ConfigError(
-            f"x4_counts: radar.carrier_hz = {radar.carrier_hz:g} is not an X4's: it sends at 7.29e9 or 8.748e9 Hz; "
-            'take kind = "adc" for other radars'
+            f"x4_counts: radar.carrier_hz = {radar.carrier_hz:g} is not an X4's: it transmits at 7.29e9 or 8.748e9 Hz; "
+            'use kind = "adc" for other radars'
         )
     taps, baseband_gain = band[0]
     highest_hz = x4_frame_rate_hz(parameters)
@@ -161,7 +161,7 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
         )
     limit = baseband_gain * (parameters.dac_max - parameters.dac_min + 1) / 2048.0
     samples = samples.add_pending_noise()
-    if samples.find_largest_part() / unit_v > limit / math.sqrt(2.0):  # else no magnitude reaches the limit
+    if samples.find_largest_part() / unit_v > limit / math.sqrt(2.0):  # otherwise no magnitude reaches the limit
         values = samples.matrix / np.float32(unit_v)
         size = np.abs(values)
         over = size > limit

@@ -24,9 +24,9 @@ Change = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=
 class ColouredNoise(FrozenModel):
     r"""Gaussian noise with a shape over Doppler and range.
 
-    It comes in addition to the receiver's white noise.
+    It is added to the receiver's white noise.
 
-    Its density at the frequency :math:`f` in the bin at :math:`R` is that of white noise of the root mean square
+    Its density at the frequency :math:`f` in the bin at :math:`R` is that of white noise with the root mean square
     :math:`L(|f|)\,G(R)` in a range bin: :math:`S(f, R) = L^2(|f|)\,G^2(R) / f_p`, the flicker noise of a homodyne
     receiver for example. It is independent from sample to sample along range.
 
@@ -50,7 +50,7 @@ class ColouredNoise(FrozenModel):
     def _check_rising(cls, knots: tuple[Level, ...]) -> tuple[Level, ...]:
         for (one, _), (other, _) in pairwise(knots):
             if other <= one:
-                raise ValueError(f"the first numbers must rise from entry to entry, not go from {one:g} to {other:g}")
+                raise ValueError(f"the first numbers must rise from entry to entry, but {other:g} follows {one:g}")
         return knots
 
 
@@ -66,7 +66,7 @@ def add_coloured_noise(samples: Samples, parameters: ColouredNoise, radar: Radar
         check_width(samples, radar)
         knots_m, changes_db = np.array(parameters.range_db).T
         gain_v = gain_v * db_to_amplitude(np.interp(sample_range_m(radar), knots_m, changes_db))
-    length = fft.next_fast_len(2 * n_pulses)  # its Fourier series repeats: half of it is used
+    length = fft.next_fast_len(2 * n_pulses)  # its Fourier series is periodic: half of a period is used
     f_hz = np.abs(fft.fftfreq(length, 1.0 / radar.prf_hz))
     knots_hz, levels_db = np.array(parameters.levels).T
     shape = db_to_amplitude(np.interp(f_hz, knots_hz, levels_db)) * math.sqrt(length / 2.0)
@@ -79,7 +79,7 @@ def add_coloured_noise(samples: Samples, parameters: ColouredNoise, radar: Radar
 
 
 class Spur(FrozenModel):
-    """Line in Doppler, for example hum of the mains.
+    """Line in Doppler, for example mains hum.
 
     It has the same amplitude and phase in all samples of a pulse; the phase at the start is random.
 

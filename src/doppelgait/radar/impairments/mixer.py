@@ -17,40 +17,41 @@ from doppelgait.radar.impairments.apply import check_width, convert_level_to_vol
 from doppelgait.radar.parameters import Radar
 
 INTERPOLATION_ERROR = 1e-9
-"""Error allowed of the residual phase between the delays at which it is computed, over that phase."""
+"""Maximum relative interpolation error of the residual phase between its delay nodes."""
 
 
 class PhaseNoise(FrozenModel):
     r"""Phase noise of the oscillator.
 
-    It has a random phase of a whole frame, slow drift, and the phase noise after range correlation.
+    It is the sum of a random phase per frame, slow drift, and the phase noise after range correlation.
 
     Sample n of frame i becomes :math:`y_{i,n} e^{j(\varphi_i + \psi_{i,n})}`. One oscillator serves transmitter and
-    receiver, so that only the difference of its phase over the delay counts:
-    :math:`\psi(t) = \varphi_0(t) - \varphi_0(t - 2R/c)`, of which the spectral density is
+    receiver, so that only the change of its phase over the delay has an effect:
+    :math:`\psi(t) = \varphi_0(t) - \varphi_0(t - 2R/c)`, with the spectral density
 
     .. math:: S_\psi(f) = 4 \sin^2(2 \pi f R / c)\, S_{\varphi_0}(f), \qquad S_{\varphi_0}(f) = 2 \mathcal{L}(f)
 
     (one-sided; Budge and Burt 1993). The absolute phase noise never reaches the samples.
 
-    Start jitter of sd s is a common phase of sd :math:`2 \pi f_c s`. It also shifts the echo by c s / 2 in range; what
-    that leaves of a static echo is below what the phase leaves by :math:`0.61 \lambda / (4 \pi \sigma_R)` whatever s
-    (sigma_R: standard deviation of the pulse in range; -28 dB for the X4), and is left out.
+    Start jitter with standard deviation s is a common phase with standard deviation :math:`2 \pi f_c s`. It also
+    shifts the echo by c s / 2 in range. The residual of a static echo from this shift is smaller than the residual from
+    the phase by the factor :math:`0.61 \lambda / (4 \pi \sigma_R)` for all s (sigma_R: standard deviation of the pulse
+    in range; -28 dB for the X4), and is neglected.
 
     Parameters
     ----------
     white_rad : float
-        Standard deviation of the common phase, independent from frame to frame. 0.004 by default: two X4 before an
-        empty room showed 0.003 and 0.005 at 25 frames/s.
+        Standard deviation of the common phase, independent from frame to frame. The default is 0.004: 0.003 and 0.005
+        were measured with two X4 at 25 frames/s in an empty room.
     jitter_s : float
-        Start jitter of the frames as the receiver sees it, after averaging; adds to ``white_rad`` in power.
+        Start jitter of the frames at the receiver after averaging; it is added to ``white_rad`` in power.
     drift_rad_per_min : float
         Rate of a linear drift; 0.1 to 1 in size is usual.
     walk_rad_per_sqrt_min : float
         Random walk of the common phase: its standard deviation after one minute.
     density_dbc_per_hz : float, optional
-        Phase noise L of the oscillator at ``offset_hz``, single sideband; none by default. Offsets to f_p / 2 count:
-        those above average out within a frame.
+        Single-sideband phase noise L of the oscillator at ``offset_hz``; none by default. Only offsets up to f_p / 2
+        have an effect: higher ones average out within a frame.
     offset_hz : float
         Offset from the carrier at which the density applies.
     slope_db_per_decade : float
@@ -73,7 +74,7 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
 
     The phase depends on the frame and, with a density, on the range.
 
-    Where samples mix all ranges (fmcw, stepped), the density acts as it does in the middle of the frame.
+    If samples contain echoes from all ranges (fmcw, stepped), the phase noise is that of the middle of the frame.
     """
     phase_rad = common_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
     if parameters.density_dbc_per_hz is not None:
@@ -93,7 +94,7 @@ def common_phase_rad(
 ) -> npt.NDArray[np.float64]:
     """Return the phase shared by a frame's samples, rad.
 
-    White part, jitter, linear drift from 0 and random walk from 0.
+    It is the sum of white phase, jitter, and a linear drift and a random walk that start at 0.
     """
     sd_rad = math.hypot(spec.white_rad, 2.0 * math.pi * radar.carrier_hz * spec.jitter_s)
     minutes = np.arange(n_frames) / (60.0 * radar.prf_hz)
@@ -109,16 +110,17 @@ def residual_phase_rad(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     r"""Return the oscillator phase left after range correlation, rad.
 
-    It is that at reception less that at transmission. One oscillator phase serves all ranges: each gets it through the
-    filter :math:`1 - e^{-j 2 \pi f \tau}`, tau = 2R/c. Over tau the filter is very smooth, so that it is computed at a
-    few delays :math:`\tau_k` only; :math:`\psi(\tau) / \tau` in between is the polynomial through them (Chebyshev
-    nodes, error below 1e-9 of psi). The series is sampled over twice the recording, since it repeats.
+    It is the phase at reception minus the phase at transmission. One oscillator phase is common to all ranges; the
+    filter :math:`1 - e^{-j 2 \pi f \tau}`, tau = 2R/c, gives the phase of each range. The filter is very smooth over
+    tau, so that it is evaluated at a few delays :math:`\tau_k` only; between them :math:`\psi(\tau) / \tau` is the
+    interpolating polynomial (Chebyshev nodes, error below 1e-9 of psi). The series is sampled over twice the recording,
+    because it is periodic.
 
     Parameters
     ----------
     n_frames : int
     spec : PhaseNoise
-        With a density.
+        Phase noise with a density.
     radar : Radar
     rng : Generator
 
@@ -137,7 +139,7 @@ def residual_phase_rad(
     size = db_to_amplitude(level_db) * math.sqrt(2.0 * radar.prf_hz * length)  # S = 2 L, one-sided, rad^2/Hz
     parts = rng.standard_normal((2, f_hz.size))
     node_s, weights = make_delay_nodes(range_to_delay_s(sample_range_m(radar)), radar.prf_hz / 2.0)
-    seen = np.zeros((node_s.size, f_hz.size + 1), dtype=np.complex128)  # the mean is left out, the drift has it
+    seen = np.zeros((node_s.size, f_hz.size + 1), dtype=np.complex128)  # without the mean, which is part of the drift
     angle = np.pi * f_hz * node_s[:, None]
     sin, cos = np.sin(angle), np.cos(angle)
     size = size * sin  # 1 - exp(-2 j a) = 2 sin(a) (sin(a) + j cos(a))
@@ -178,7 +180,7 @@ def make_delay_nodes(
 class IqImbalance(FrozenModel):
     r"""Quadrature channel of unequal gain and phase.
 
-    It is not quite 90 degrees from the in-phase one.
+    Its phase differs from the in-phase channel by an angle other than 90 degrees.
 
     .. math:: y' = \mathrm{Re}\,y + j g\,\mathrm{Im}(y e^{j \varphi}) = \alpha y + \beta y^*, \qquad
         \alpha = \frac{1 + g e^{j \varphi}}{2}, \quad \beta = \frac{1 - g e^{-j \varphi}}{2}
@@ -200,7 +202,7 @@ class IqImbalance(FrozenModel):
 
 
 def compute_image_weights(spec: IqImbalance) -> tuple[complex, complex]:
-    """Weights alpha of the signal and beta of its image."""
+    """Return the weights alpha of the signal and beta of its image."""
     g, phi = float(db_to_amplitude(spec.gain_db)), math.radians(spec.phase_deg)
     turn = complex(math.cos(phi), math.sin(phi))
     return (1.0 + g * turn) / 2.0, (1.0 - g * turn.conjugate()) / 2.0
@@ -209,7 +211,7 @@ def compute_image_weights(spec: IqImbalance) -> tuple[complex, complex]:
 def image_ratio_db(spec: IqImbalance) -> float:
     """Return the power of the image over the signal, dB.
 
-    10 log10 (1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi).
+    It is 10 log10 ((1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi)).
     """
     signal, image = compute_image_weights(spec)
     return 20.0 * math.log10(abs(image) / abs(signal)) if image else -math.inf
@@ -224,7 +226,7 @@ def add_image(samples: Samples, parameters: IqImbalance, radar: Radar, rng: np.r
 class DcLeak(FrozenModel):
     """Constant in every sample, with a slow random walk.
 
-    A mixer makes it of its own oscillator.
+    It is the self-mixing product of the oscillator.
 
     Parameters
     ----------

@@ -19,14 +19,14 @@ from doppelgait.radar.parameters import Radar
 class ThermalNoise(FrozenModel):
     """Complex Gaussian noise of the receiver (E-18).
 
-    The level is the radar's own by default; the correlation over range is the radar's ``noise_correlation``.
+    By default it has the noise level of the radar; the correlation over range is the radar's ``noise_correlation``.
 
     Parameters
     ----------
     noise_figure_db : float, optional
-        Noise figure F to take instead of the radar's.
+        Noise figure F, instead of that of the radar.
     level_db : float, optional
-        Instead of F: root mean square of the complex noise in a range bin, dB re 1 V.
+        Root mean square of the complex noise in a range bin, dB re 1 V, instead of F.
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     """
@@ -46,9 +46,9 @@ class ThermalNoise(FrozenModel):
 
 
 def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
-    """Mean square of the noise in a receiver sample, V^2.
+    """Return the mean square of the noise in a receiver sample, V^2.
 
-    From E-18, or ``level_db`` in a range bin divided by what compression makes of white noise.
+    It follows from E-18, or from ``level_db`` in a range bin divided by the noise gain of compression.
     """
     if spec.level_db is not None:
         level_v = convert_level_to_volt(
@@ -64,7 +64,7 @@ def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
 def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add receiver noise to samples.
 
-    Its value in a sample of a pulse is a function of (key, pulse, sample) only.
+    The noise value of a sample is a function of (key, pulse, sample) only.
     """
     from doppelgait.core.kernels.noise import draw_key
 
@@ -78,16 +78,16 @@ Pulses = npt.NDArray[np.int64]
 class Interference(FrozenModel):
     """Bursts of another transmitter with its own clock.
 
-    Bursts begin at random (Poisson). In every pulse that a burst overlaps it hits one run of neighbouring samples at a
-    random place: range bins of a pulse radar, ADC samples of a sweep, where two chirps cross. The samples hit get
-    complex white Gaussian noise. Pulses that a burst does not overlap are untouched.
+    Bursts start at random times (Poisson). In every pulse that overlaps a burst, one run of neighbouring samples at a
+    random position is hit: range bins of a pulse radar, or ADC samples of a sweep, where two chirps cross. Complex
+    white Gaussian noise is added to these samples. Other pulses do not change.
 
     Parameters
     ----------
     rate_hz : float
-        Mean number of bursts in a second.
+        Mean number of bursts per second.
     duration_s : float
-        Length of a burst; one shorter than a pulse interval hits one pulse or two.
+        Duration of a burst; a burst shorter than a pulse interval hits one or two pulses.
     level_db : float
         Root mean square in a sample hit, dB re 1 V, after the averaging of a frame.
     in_units : bool
@@ -121,10 +121,10 @@ def add_interference(samples: Samples, parameters: Interference, radar: Radar, r
 def find_hit_pulses(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
     """Return the numbers of the pulses that bursts hit.
 
-    Rising; the interval i/f_p to (i+1)/f_p of such a pulse overlaps a burst.
+    The numbers rise; pulse i is hit if the interval from i/f_p to (i+1)/f_p overlaps a burst.
     """
     record_s = n_pulses / radar.prf_hz
-    n_bursts = rng.poisson(spec.rate_hz * (record_s + spec.duration_s))  # those that began before the record count too
+    n_bursts = rng.poisson(spec.rate_hz * (record_s + spec.duration_s))  # includes earlier bursts
     start_s = rng.uniform(-spec.duration_s, record_s, size=n_bursts)
     first = np.clip(np.floor(start_s * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
     last = np.clip(np.floor((start_s + spec.duration_s) * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)

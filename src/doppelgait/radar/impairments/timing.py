@@ -1,4 +1,4 @@
-"""Frames at the wrong time, and frames that never arrive."""
+"""Timing errors of frames, and lost frames."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from doppelgait.radar.impairments.apply import Times
 from doppelgait.radar.parameters import Radar
 
 LARGEST_JITTER = 0.1
-"""Largest jitter (standard deviation) over the pulse interval: the order of two pulses changes once in 1e12."""
+"""Maximum ratio of jitter (standard deviation) to pulse interval; two pulses then change order once in 1e12."""
 
 
 class FrameJitter(FrozenModel):
     """Independent timing errors of the pulses.
 
-    A frame that a host requests leaves early or late.
+    They occur if a host requests each frame.
 
-    Acts where the scene is observed (:func:`doppelgait.radar.impairments.shift_pulse_times`), and not on the samples.
+    The jitter changes the times at which the scene is observed
+    (:func:`doppelgait.radar.impairments.shift_pulse_times`), not the samples.
 
     Parameters
     ----------
@@ -39,13 +40,13 @@ class FrameJitter(FrozenModel):
 def add_jitter(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Times:
     """Add independent normal errors to the pulse times.
 
-    Too large a jitter is a :class:`ConfigError`.
+    Jitter above the limit raises a :class:`ConfigError`.
     """
     largest_s = LARGEST_JITTER / radar.prf_hz
     if parameters.sd_s > largest_s:
         raise ConfigError(
-            f"frame_jitter: sd_s = {parameters.sd_s:g} is not allowed with prf_hz = {radar.prf_hz:g}: pulses would "
-            f"change places; at most a tenth of the pulse interval, {largest_s:.3g} s"
+            f"frame_jitter: sd_s = {parameters.sd_s:g} is not allowed with prf_hz = {radar.prf_hz:g}: pulses could "
+            f"change order; the maximum is a tenth of the pulse interval, {largest_s:.3g} s"
         )
     return times_s + rng.normal(0.0, parameters.sd_s, size=times_s.shape)
 
@@ -54,7 +55,7 @@ def add_jitter(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.ra
 def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Samples:
     """Return the samples unchanged.
 
-    The jitter is in the times at which the scene was observed.
+    The jitter is already in the times at which the scene was observed.
     """
     return samples
 
@@ -62,19 +63,20 @@ def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: n
 class DroppedFrames(FrozenModel):
     """Frames lost between sensor and recorder, alone or in bursts.
 
-    A two-state chain (Gilbert 1960): lost runs are geometric of mean ``mean_length``, and so long between them that
-    the share ``probability`` is lost in the mean.
+    The model is a two-state Markov chain (Gilbert 1960): the length of lost runs is geometric with the mean
+    ``mean_length``, and the expected share of lost frames is ``probability``.
 
     Parameters
     ----------
     probability : float, optional
-        Share of frames lost, at most mean_length / (1 + mean_length). Give this or ``frames``.
+        Share of lost frames, at most mean_length / (1 + mean_length). Set either this or ``frames``.
     frames : list of int, optional
-        The frames lost, counted from 0.
+        Numbers of the lost frames, counted from 0.
     mean_length : float
         Mean number of frames lost in a row, 1 or more.
     fill : {"repeat", "zero"}
-        What the recorder stores instead: the last frame that arrived (at the start, the first one that does), or 0.
+        Content that the recorder stores instead: the last received frame (at the start, the first received frame), or
+        0.
     """
 
     kind: Literal["dropped_frames"] = "dropped_frames"
@@ -105,7 +107,7 @@ class DroppedFrames(FrozenModel):
 def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: np.random.Generator) -> Samples:
     """Fill lost frames as the recorder does.
 
-    A listed frame beyond the end is a :class:`ConfigError`.
+    A listed frame beyond the end raises a :class:`ConfigError`.
     """
     lost = sample_lost_frames(samples.shape[0], parameters, rng=rng)
     if not lost.any():

@@ -14,7 +14,7 @@ from doppelgait.core.draws import replace_by_middle
 from doppelgait.core.errors import ConfigError
 
 CONDITIONS = ("environment", "impairments")
-"""Keys of a preset's file that are no parameters of the radar."""
+"""Keys of a preset's file that are not parameters of the radar."""
 
 
 def list_preset_names() -> list[str]:
@@ -44,8 +44,9 @@ def change_preset(
 ) -> dict[str, Any]:
     """Return the parameters of a preset with some changed.
 
-    A changed pulse form replaces the preset's; a table ``waveform`` without ``kind`` changes the preset's own waveform.
-    Of distributions in the file the middle counts, unless ``sampled`` is the preset's table after a draw.
+    A changed pulse shape replaces that of the preset; a table ``waveform`` without ``kind`` changes the preset's
+    waveform. Distributions in the file are replaced by their centre, unless ``sampled`` is the preset's table after
+    sampling.
     """
     try:
         found = replace_by_middle(read_preset(name)) if sampled is None else sampled
@@ -71,10 +72,10 @@ def _change(table: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def read_full_preset(name: str | Path) -> dict[str, Any]:
-    """Return everything that a preset's file states.
+    """Return the full contents of a preset's file.
 
-    Lists of environment and impairments are among it. A file may start from another: ``preset = "x4"`` and what
-    differs.
+    They include the lists of environment and impairments. A file may be based on another preset: ``preset = "x4"`` and
+    the changed values.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        If the name is unknown, or the file is missing or no TOML.
+        If the name is unknown, or the file is missing or not TOML.
 
     See Also
     --------
@@ -100,9 +101,9 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
 
 
 def read_preset(name: str | Path) -> dict[str, Any]:
-    """Return the table of a preset, not to be changed.
+    """Return the table of a preset, which must not be changed.
 
-    That of a built-in one is shared.
+    The table of a built-in preset is shared.
     """
     if str(name).lower().endswith(".toml"):
         return _read_file(Path(name))
@@ -118,7 +119,7 @@ def read_preset(name: str | Path) -> dict[str, Any]:
 def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Read a radar file; one with the key ``preset`` changes that preset.
 
-    The path of a preset file starts from the folder of the file that names it.
+    A relative path of a preset file is resolved against the folder of the file that names it.
     """
     table, text = read_toml(path)
     if "preset" not in table:
@@ -128,7 +129,7 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     try:
         check_type(name, str, "its value", "name a preset or a file that ends in .toml")
         if path.resolve() in above:
-            raise ConfigError("the file starts from itself")
+            raise ConfigError("the file is based on itself")
         within = name.lower().endswith(".toml")
         start = _read_file(path.parent / name, (*above, path.resolve())) if within else read_preset(name)
     except ConfigError as error:

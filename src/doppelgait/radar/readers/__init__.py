@@ -58,7 +58,7 @@ RADAR_WRITERS: Group[Writer] = Group(
 """Writers of radar recordings by name."""
 
 SWITCHES = {"conjugate", "time_first", "ignore_checksum"}
-"""Options that are true or false."""
+"""Boolean options."""
 
 
 def read_recording(path: str | os.PathLike[str], *, format: str | None = None, **options: Any) -> Recording:
@@ -71,18 +71,19 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     format : str, optional
         Name of the reader, for a file that none or several recognise.
     **options
-        Options of that reader: what the file does not state, for example ``carrier_hz`` or ``radar="PRESET"``.
+        Options of the reader for values that the file does not state, for example ``carrier_hz`` or ``radar="PRESET"``.
 
     Returns
     -------
     Recording
-        With the axes of the file. Measured recordings have no truth, an unknown noise level, and ``notes`` on what
-        the file does not state.
+        Recording with the axes of the file. Measured recordings have no truth, an unknown noise level, and ``notes`` on
+        values that the file does not state.
 
     Raises
     ------
     RecordingError
-        If there is no such file, no reader or several take it, an option is not allowed, or it cannot be read right.
+        If the file does not exist, none or several readers recognise it, an option is not allowed, or the content is
+        not valid.
 
     See Also
     --------
@@ -133,7 +134,7 @@ def find_formats(path: Path) -> list[str]:
     """Return the readers that recognise a file or folder."""
     names = []
     for reader in RADAR_READERS.values():
-        with suppress(OSError):  # what cannot be opened does not look like a format
+        with suppress(OSError):  # a file that cannot be opened has no format
             if reader.facts["sniff"](path):
                 names.append(reader.name)
     return names
@@ -145,7 +146,7 @@ def _find_format(path: Path) -> str:
         return names[0]
     if names:
         raise RecordingError(
-            f"{path}: its content could be {' or '.join(names)}; it is not clear which reader is right: name it, "
+            f"{path}: its content could be {' or '.join(names)}; the reader is ambiguous: name it, "
             f"format='{names[0]}'"
         )
     if not path.exists():
@@ -154,15 +155,15 @@ def _find_format(path: Path) -> str:
         raise RecordingError(f"{path}: is empty (0 bytes)")
     if read_stated_format(path) == "doppelgait-result":
         raise RecordingError(
-            f"{path}: holds results of doppelgait analyze, no recording; give the recording that they were made from"
+            f"{path}: holds results of doppelgait analyze, not a recording; pass the recording that was analysed"
         )
-    raise RecordingError(f"{path}: its content is no recording format that is read; these are: {_list_known()}")
+    raise RecordingError(f"{path}: its content has no known recording format; known are: {_list_known()}")
 
 
 def is_folder_of_recordings(path: Path) -> bool:
     """Return whether a path is a folder of recordings.
 
-    A XeThru recording is a folder, too.
+    The folder of a single XeThru recording does not count.
     """
     return path.is_dir() and not find_formats(path)
 
@@ -170,8 +171,8 @@ def is_folder_of_recordings(path: Path) -> bool:
 def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
     """Yield the recordings of files and folders, each once.
 
-    In the order of their names, with True for what was named and False for what was found in a folder. There files
-    without the suffix of a recording are passed over.
+    They are in the order of their names, with True for a named path and False for a file found in a folder. In folders,
+    files without the suffix of a recording are skipped.
     """
     suffixes = tuple(s for one in RADAR_READERS.values() for s in one.facts["suffixes"] if s.startswith("."))
     seen: set[Path] = set()
@@ -198,26 +199,26 @@ def find_recordings(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
 def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording], list[str]]:
     """Read the recordings of files and folders.
 
-    A file with several is read as several, unless the options say which.
+    All recordings of a file are read, unless the options select one.
 
     Parameters
     ----------
     paths : iterable of Path
         Files, and folders that are searched with their subfolders.
     **options
-        Options of readers; each gets those that it has.
+        Options of readers; each reader gets the options that it has.
 
     Returns
     -------
     found : list of Recording
     left_out : list of str
-        Why others that were found in folders cannot be read.
+        Reasons why other files in folders cannot be read.
 
     Raises
     ------
     RecordingError
-        If a file that was named cannot be read, a folder cannot be listed, no recording is left, or no reader has an
-        option other than ``radar``.
+        If a named file cannot be read, a folder cannot be listed, no recording remains, or no reader has one of the
+        options (except ``radar``).
     """
     paths, found, left_out, taken = list(paths), [], [], {"radar"}
     try:
@@ -232,7 +233,7 @@ def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording]
             for part in parts:
                 try:
                     with warnings.catch_warnings():
-                        warnings.simplefilter("ignore", DoppelgaitWarning)  # clipping is seen in the values
+                        warnings.simplefilter("ignore", DoppelgaitWarning)  # clipping is found in the values
                         recording = read_recording(path, **chosen, **part)
                 except RecordingError as error:
                     if named:

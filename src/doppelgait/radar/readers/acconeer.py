@@ -2,7 +2,7 @@
 
 They are HDF5 files of the vendor's exploration tool.
 
-A frame is some sweeps in a row, a sweep one complex value per range point; between frames the sensor may sleep.
+A frame is a series of sweeps, and a sweep has one complex value per range point; the sensor may sleep between frames.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from doppelgait.radar.measured import check_number, label_measured, make_radar
 from doppelgait.radar.recording import Recording
 
 APPROXIMATE_STEP_M = 2.5e-3
-"""Distance of two neighbouring range points where the sensor did not report it (vendor's constant)."""
+"""Spacing of the range points if the sensor did not report it (vendor's constant)."""
 MAX_VALUES = 500_000_000
 MAX_TEXT_BYTES = 1 << 24
 TICK_WRAP = 2**32
@@ -43,7 +43,7 @@ class Subsweep:
     profile : int
         1 (short pulse) to 5 (long).
     hwaas : int
-        Averages that the sensor takes.
+        Number of averages in the sensor.
     receiver_gain : int
         0 (lowest) to 23.
     """
@@ -65,15 +65,15 @@ class Entry:
     values : ndarray, shape (frames, sweeps, points)
         complex64, counts.
     ticks : ndarray, shape (frames,)
-        Times of the frames, int64, risen above their wrap at 2^32.
+        Times of the frames, int64, unwrapped at 2^32.
     ticks_per_second : float, optional
     sweeps_per_frame : int
     continuous : bool
-        No pause between the last sweep of a frame and the first of the next.
+        True without a pause between the last sweep of a frame and the first of the next.
     sweep_rate_hz, frame_rate_hz, max_sweep_rate_hz : float, optional
-        As configured, and the most that the sensor can do with these settings; None where not stored.
+        Configured rates, and the maximum sweep rate with these settings; None if not stored.
     step_m : float
-        Distance of neighbouring range points.
+        Spacing of the range points.
     step_assumed : bool
     subsweeps : tuple of Subsweep
     n_saturated, n_delayed : int
@@ -97,7 +97,7 @@ class Entry:
     def columns(self, number: int) -> slice:
         """Return the points of a subsweep in a sweep.
 
-        Subsweeps follow one another.
+        Subsweeps are consecutive.
         """
         first = sum(one.num_points for one in self.subsweeps[:number])
         return slice(first, first + self.subsweeps[number].num_points)
@@ -106,7 +106,7 @@ class Entry:
 def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -> Entry:
     """Read one entry of an open file.
 
-    Anything missing is an error of h5py, ValueError or RecordingError.
+    Missing content raises an error of h5py, ValueError or RecordingError.
     """
     generation = _read_text(file["generation"])
     if generation != "a121":
@@ -193,7 +193,7 @@ def _parse_whole(config: Mapping[str, Any], key: str, least: int, most: int) -> 
 def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
     """Return a positive number or None.
 
-    None where it is missing, null or 0, by which the vendor means "does not apply".
+    None stands for a missing value, null or 0, the vendor's value for "does not apply".
     """
     value = config.get(key)
     if value is None or value == 0:
@@ -210,7 +210,7 @@ def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float |
 def _read_ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:
     """Return the times of the frames in ticks.
 
-    The counter of some boards starts again after 2^32.
+    The counter of some boards wraps at 2^32.
     """
     if "tick" not in result:
         return np.empty(0, dtype=np.int64)
@@ -230,7 +230,7 @@ ENVELOPE_FWHM_M = {1: 0.04, 2: 0.07, 3: 0.14, 4: 0.19, 5: 0.32}
 """Full width at half maximum of the amplitude of one echo, by profile (vendor's constants)."""
 INT16_CODES = 2**15
 LATE_TICKS = 1.5
-"""Frames with ticks this close to a straight line are taken as evenly spaced: ticks are whole numbers."""
+"""Maximum deviation of integer ticks from a straight line for evenly spaced frames."""
 
 
 def sniff_acconeer(path: Path) -> bool:
@@ -247,7 +247,7 @@ def sniff_acconeer(path: Path) -> bool:
 def list_subsweeps(path: Path) -> list[dict[str, Any]]:
     """List the first entry's subsweeps as reader options.
 
-    Empty for a damaged file, of which the reader says more.
+    The list is empty for a damaged file; the reader then reports the fault.
     """
     try:
         part = _open(path, session=0, group=0, entry=0)
@@ -275,29 +275,30 @@ def read_acconeer(
     path : path-like
         An HDF5 file saved by the exploration tool.
     session, group, entry : int
-        Which part of the file, counted from 0 as in its names (``session_0/group_0/entry_0``).
+        Part of the file, counted from 0 as in its names (``session_0/group_0/entry_0``).
     subsweep : int, optional
-        Which subsweep, from 0; needed when there are several, as each has its own range axis and profile.
+        Number of the subsweep, from 0; needed if there are several, as each has its own range axis and profile.
     sweep_rate_hz : float, optional
-        Sweeps per second within a frame, up to 1 MHz; by default that of the configuration, or where it leaves the
-        rate to the sensor, the highest rate that the sensor reports for these settings.
+        Sweeps per second within a frame, up to 1 MHz; by default the configured rate, or if there is none, the maximum
+        rate that the sensor reports for these settings.
     conjugate : bool
-        True for the vendor's convention, in which the phase grows with distance (its phase tracking adds
-        lambda/2 per turn; its handbook calls a receding object's velocity positive).
+        True for the vendor's convention, in which the phase increases with distance (its phase tracking adds
+        lambda/2 per turn; in its handbook, the velocity of a receding object is positive).
     full_scale_v : float
         Voltage of the largest 16-bit value.
 
     Returns
     -------
     Recording
-        All sweeps in slow time. With pauses between frames, ``slow_time`` has them and the baseband the attribute
-        ``burst_pulses`` (sweeps per frame): analyse it with :func:`doppelgait.processing.bursts.burst_signature`. With
-        one sweep in a frame, or continuous sweeps, it is evenly spaced.
+        All sweeps in slow time. If there are pauses between frames, ``slow_time`` includes them, and the baseband has
+        the attribute ``burst_pulses`` (sweeps per frame): analyse it with
+        :func:`doppelgait.processing.bursts.burst_signature`. With one sweep per frame, or continuous sweeps, slow time
+        is evenly spaced.
 
     Raises
     ------
     RecordingError
-        If the file is damaged, of another sensor generation, holds no such part, or an option is not allowed.
+        If the file is damaged or of another sensor generation, the part does not exist, or an option is not allowed.
     """
     file = Path(path)
     scale_v = check_number(file, "full_scale_v", full_scale_v, above=0, most=1e6) / INT16_CODES
@@ -320,8 +321,8 @@ def read_acconeer(
         )
     slow_time_s, prf_hz, notes = _find_sweep_times(file, part, sweep_rate_hz)
     paused = part.sweeps_per_frame > 1 and not part.continuous
-    # pulsed coherent radar as an impulse radar with an echo of the profile's width: an amplitude of
-    # exp(-(2 dR / c)^2 / (2 tau^2)) is c tau sqrt(2 ln 2) wide at half its height
+    # the pulsed coherent radar is modelled as an impulse radar with an echo of the profile's width: the amplitude
+    # exp(-(2 dR / c)^2 / (2 tau^2)) has the full width c tau sqrt(2 ln 2) at half maximum
     spacing_m = part.step_m * chosen.step_length
     start_m = part.step_m * chosen.start_point
     radar = make_radar(
@@ -353,7 +354,7 @@ def _open(path: Path, **which: int) -> Entry:
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     if not is_hdf5(path):
-        raise RecordingError(f"{path}: is no HDF5 file; read are those that Acconeer's exploration tool saves")
+        raise RecordingError(f"{path}: is not an HDF5 file; only files of Acconeer's exploration tool are read")
     for name, value in which.items():
         if isinstance(value, bool) or not isinstance(value, int) or value < 0:
             raise RecordingError(f"{path}: {name} = {value!r} is not allowed; it must be a whole number from 0")
@@ -361,7 +362,7 @@ def _open(path: Path, **which: int) -> Entry:
         with open_hdf5(path, soft_links=True) as file:
             return open_entry(path, file, **which)
     except FAULTS as error:
-        raise RecordingError(f"{path}: is damaged or no recording of an A121 sensor: {error}") from None
+        raise RecordingError(f"{path}: is damaged or not a recording of an A121 sensor: {error}") from None
 
 
 def _find_sweep_times(
@@ -369,7 +370,7 @@ def _find_sweep_times(
 ) -> tuple[npt.NDArray[np.float64], float, list[str]]:
     """Return sweep times, sweep rate and notes on assumptions.
 
-    The rate is that within a frame.
+    The rate is the sweep rate within a frame.
     """
     n_frames, per_frame = part.values.shape[:2]
     if part.continuous:
@@ -384,7 +385,7 @@ def _find_sweep_times(
             notes.append(f"sweeps are timed by the sweep rate; by the recorder's ticks it is {found_hz:.6g} Hz")
         return np.arange(n_frames * per_frame) / rate_hz, rate_hz, notes
     if n_frames * per_frame < 2:
-        raise RecordingError(f"{path}: holds a single sweep; nothing moves in that")
+        raise RecordingError(f"{path}: has a single sweep, which cannot show motion")
     frame_s, notes = _find_frame_times(path, part)
     if per_frame == 1:
         return frame_s, (n_frames - 1) / float(frame_s[-1] - frame_s[0]), notes
@@ -393,7 +394,7 @@ def _find_sweep_times(
         raise RecordingError(f"{path}: neither a sweep rate nor the sensor's highest is stored; give sweep_rate_hz")
     if not sweep_rate_hz and not part.sweep_rate_hz:
         notes.append(
-            f"the sweep rate was left to the sensor: its highest for these settings, {rate_hz:.6g} Hz, is taken; "
+            f"the sweep rate was not configured: the maximum for these settings, {rate_hz:.6g} Hz, is assumed; "
             "velocities scale with it"
         )
     if n_frames > 1 and (per_frame - 1) / rate_hz >= np.diff(frame_s).min():
@@ -407,7 +408,7 @@ def _find_sweep_times(
 def _find_frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:
     """Return the start of every frame by the recorder's ticks.
 
-    Evenly spaced where they are so up to their rounding.
+    If the ticks are evenly spaced except for rounding, the times are evenly spaced.
     """
     ticks = part.ticks
     if part.values.shape[0] == 1:
@@ -425,8 +426,8 @@ def _find_frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64],
             f"times of frames are the recorder's ticks, {part.ticks_per_second / slope:.6g} frames/s"
         ]
     if part.frame_rate_hz is None:
-        raise RecordingError(f"{path}: its ticks do not rise and no frame rate is stored: frames have no time")
-    note = f"its ticks are of no use: frames are taken as evenly spaced at the stored {part.frame_rate_hz:g} Hz"
+        raise RecordingError(f"{path}: its ticks do not rise and no frame rate is stored: the times are unknown")
+    note = f"its ticks are not usable: frames are assumed evenly spaced at the stored {part.frame_rate_hz:g} Hz"
     return np.arange(part.values.shape[0]) / part.frame_rate_hz, [note]
 
 

@@ -24,7 +24,7 @@ from doppelgait.radar.presets import change_preset
 FloatArray = npt.NDArray[np.float64]
 
 CW_RANGE_STOP_M = 1.0
-"""A continuous wave has no range: one bin, and a frame that holds just it."""
+"""End of the nominal frame of a continuous-wave radar, m; it has a single bin and no range."""
 
 
 class ArrayFacts(FrozenModel):
@@ -39,7 +39,7 @@ class ArrayFacts(FrozenModel):
     range_start_m : float
         Range of the first bin; by default that of ``radar``. An array with one bin needs none.
     bin_spacing_m : float
-        Distance from bin to bin; by default that of ``radar``. An array with one bin needs none.
+        Spacing of the range bins; by default that of ``radar``. An array with one bin needs none.
     time_first : bool
         True: one row per pulse. False: one column per pulse.
     conjugate : bool
@@ -51,7 +51,7 @@ class ArrayFacts(FrozenModel):
     radar : mapping
         Parameters of the radar, or ``preset`` and what differs from it (:class:`~doppelgait.radar.parameters.Radar`).
     notes : list of str
-        Remarks on the recording, which commands print.
+        Notes on the recording; commands print them.
     noise_power_v2 : float
         Noise power of a sample.
     snr_frame_db : float
@@ -81,7 +81,7 @@ class ArrayFacts(FrozenModel):
 def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
     """Read facts about an array.
 
-    They come from the TOML file of the same stem, where there is one, and the options, which win.
+    They are read from the TOML file of the same stem, if it exists; options take precedence.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class Frame:
 def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]) -> Frame:
     """Determine axes and radar of a (pulses, range bins) array.
 
-    An entry of ``facts`` counts before an axis in the file, and that before the radar's own parameter.
+    An entry of ``facts`` takes precedence over an axis in the file, and the axis over the radar's parameter.
 
     Parameters
     ----------
@@ -128,12 +128,12 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     shape : tuple of int
         Pulses and range bins.
     axes : mapping
-        ``slow_time_s`` and ``range_m`` where the file has them.
+        ``slow_time_s`` and ``range_m``, if the file has them.
 
     Raises
     ------
     RecordingError
-        If something needed is stated nowhere (all of it is named), or what is stated does not fit together.
+        If required values are missing (the message names all), or the stated values are inconsistent.
     """
     n_pulses, n_bins = shape
     stated = _read_stated_radar(path, facts)
@@ -141,7 +141,7 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     range_m = (
         None if facts.range_start_m is not None or facts.bin_spacing_m else _read_axis(path, axes, "range_m", n_bins)
     )
-    # rate, carrier and frame, the strongest word last
+    # rate, carrier and frame, in rising order of precedence
     names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
     known = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
     if slow_time_s is not None and "prf_hz" not in known:  # of bursts, the rate inside them
@@ -159,7 +159,7 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
             f"{path.with_suffix('.toml').name} in its folder or give them as options (radar='PRESET' has all four)"
         )
     ranges = np.asarray(known["range_start_m"] + known["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
-    # what neither the array nor its TOML file nor the options state
+    # notes on values that neither the array nor its TOML file nor the options state
     notes = []
     if facts.conjugate is None:
         notes.append("conjugate: not stated; a rising phase is taken as approaching")
@@ -207,7 +207,7 @@ def _read_stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
 def _make_radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
     """Return the stated radar updated by the recording's facts.
 
-    Without one it is made of these facts alone.
+    Without a stated radar, it is made from these facts only.
     """
     table: dict[str, Any] = {name: known[name] for name in ("prf_hz", "carrier_hz")}
     start_m = max(known["range_start_m"], 0.0)

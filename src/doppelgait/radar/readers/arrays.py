@@ -54,11 +54,11 @@ def read_arrays(
 ) -> Recording:
     """Read a recording of a complex matrix (pulses, range bins).
 
-    A list of pulses is one of a continuous-wave radar.
+    A one-dimensional array is a continuous-wave recording.
 
-    A ``.npy`` file holds one array, an ``.npz`` file the matrix as ``baseband``, as its only array or as real ``i``
-    and ``q``, and optionally the axes ``slow_time_s`` and ``range_m``. Real arrays are I and Q along a last axis of
-    two. What the values are stands in a TOML file of the same stem (``walk.npz``, ``walk.toml``) with the keys of
+    A ``.npy`` file holds one array. An ``.npz`` file holds the matrix as ``baseband``, as its only array, or as real
+    ``i`` and ``q``, and optionally the axes ``slow_time_s`` and ``range_m``. A real array has I and Q along its last
+    axis of length two. A TOML file of the same stem (``walk.npz``, ``walk.toml``) describes the values with the keys of
     :class:`~doppelgait.radar.readers.array_facts.ArrayFacts`; the options below replace its entries.
 
     Parameters
@@ -66,8 +66,7 @@ def read_arrays(
     path : Path
         An existing file.
     radar : str or Path, optional
-        Preset, or path of such a file, that stands for the sensor.
-    prf_hz, carrier_hz, range_start_m, bin_spacing_m, time_first, conjugate, scale_v, key
+XX range_start_m, bin_spacing_m, time_first, conjugate, scale_v, key
         As in :class:`~doppelgait.radar.readers.array_facts.ArrayFacts`.
 
     Returns
@@ -78,8 +77,8 @@ def read_arrays(
     Raises
     ------
     RecordingError
-        If the file is damaged, holds objects, NaN or infinity, something needed is not stated, or a value is not
-        allowed. Nothing is ever unpickled.
+        If the file is damaged, holds objects, NaN or infinity, a required value is not stated, or a value is not
+        allowed. Pickled objects are never loaded.
     """
     options = {
         "prf_hz": prf_hz, "carrier_hz": carrier_hz, "range_start_m": range_start_m, "bin_spacing_m": bin_spacing_m,
@@ -153,7 +152,7 @@ def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
 def _join(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Join I and Q to complex values.
 
-    They are wide enough that 32-bit integers stay exact until they are scaled.
+    The type is wide enough to keep 32-bit integers exact before scaling.
     """
     joined = np.empty(i.shape, np.result_type(i.dtype, np.complex64))
     joined.real, joined.imag = i, q
@@ -176,13 +175,13 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
     ----------
     recording : Recording
     path : path-like
-        Ends in ``.npz``.
+        Path that ends in ``.npz``.
 
     Raises
     ------
     OutputError
-        If the name does not end in ``.npz``, a TOML file of that stem is there that is not of this kind, or it cannot
-        be written; older files are then untouched.
+        If the name does not end in ``.npz``, another kind of TOML file with this stem exists, or the files cannot be
+        written; existing files then do not change.
 
     See Also
     --------
@@ -209,7 +208,7 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
             raise OutputError(f"{sidecar}: cannot be read: {error}") from None
         if first != FIRST_LINE:
             raise OutputError(
-                f"{sidecar}: is there and is no description of arrays; choose another name than {target.name}"
+                f"{sidecar}: exists and is not a description of arrays; choose another name than {target.name}"
             )
     with open_atomically(sidecar) as partial_facts, open_atomically(target) as partial:
         facts: dict[str, Any] = {
@@ -258,6 +257,6 @@ def _format_value(value: Any) -> str:
 def _quote_text(text: str) -> str:
     """Quote a text in TOML.
 
-    JSON's escapes are TOML's but for one character.
+    TOML has the escapes of JSON, except for one character.
     """
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -2,8 +2,8 @@
 
 ``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line.
 
-So stored by programs for 24 GHz Doppler modules with a 12-bit converter that fills a buffer, sends it and starts again:
-the samples are continuous within a burst only.
+Programs for 24 GHz Doppler modules with a 12-bit converter write these files. The module fills a buffer, sends it and
+starts again: the samples are continuous within a burst only.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ PARTS = ("_RE", "_IM")
 BITS = 12
 MID_CODE = 2 ** (BITS - 1)
 MAX_BYTES = 2**26
-"""Larger text files are no recordings of a Doppler module: 64 MiB is more than an hour at 3000 samples/s."""
+"""Maximum size of a text file of a Doppler module: 64 MiB is more than an hour at 3000 samples/s."""
 HEAD_BYTES = 256
 
 
 def sniff_cw_text(path: Path) -> bool:
-    """Return whether a path is such a pair of files.
+    """Return whether a path is a pair of continuous-wave text files.
 
     It is one of them, or their common stem.
     """
@@ -62,32 +62,32 @@ def read_cw_text(
     Parameters
     ----------
     path : path-like
-        Either file, or what their names have in common before ``_RE.txt`` and ``_IM.txt``.
+        Either file, or the common part of their names before ``_RE.txt`` and ``_IM.txt``.
     carrier_hz : float
         Carrier, 1 MHz to 1 THz; the files do not state it.
     sample_rate_hz : float
         Samples per second within a burst, up to 1 MHz.
     burst_pulses : int
-        Samples in a burst, 1 or more; they are continuous up to every multiple of it.
+        Samples in a burst, 1 or more; the samples are continuous within a burst.
     burst_period_s : float
-        Time from the start of a burst to that of the next, not below the burst's own.
+        Time from the start of one burst to the start of the next, at least the duration of a burst.
     conjugate : bool
-        True where RE + j IM turns backwards for an approaching target.
+        True if the phase of RE + j IM falls for an approaching target.
     full_scale_v : float
         Voltage of the converter's 4096 steps.
 
     Returns
     -------
     Recording
-        One range bin; ``slow_time`` has the pauses, and the baseband the attribute ``burst_pulses``. A last burst
-        that is not whole is left out, with a warning. Analyse it with
+        Recording with one range bin; ``slow_time`` includes the pauses, and the baseband has the attribute
+        ``burst_pulses``. An incomplete last burst is ignored, with a warning. Analyse the recording with
         :func:`doppelgait.processing.bursts.burst_signature`.
 
     Raises
     ------
     RecordingError
-        If a file is missing, holds something other than integers from 0 to 4095, the two differ in length, an option
-        is not allowed, or there is no whole burst.
+        If a file is missing or has values other than integers from 0 to 4095, the files differ in length, an option is
+        not allowed, or there is no complete burst.
     """
     file = Path(path)
     names = _find_pair(file)
@@ -111,8 +111,8 @@ def read_cw_text(
     codes = [_read_codes(name) for name in names]
     if codes[0].size != codes[1].size:
         raise RecordingError(
-            f"{file}: {names[0].name} holds {codes[0].size} values and {names[1].name} {codes[1].size}; they must be "
-            "equally many. One of them is cut off or belongs to another recording"
+            f"{file}: {names[0].name} holds {codes[0].size} values and {names[1].name} {codes[1].size}; the numbers "
+            "must be equal. One of the files is truncated or belongs to another recording"
         )
     clipped = np.isin(codes[0], (0, 2**BITS - 1)) | np.isin(codes[1], (0, 2**BITS - 1))
     if clipped.any():
@@ -173,7 +173,7 @@ def _read_codes(path: Path) -> npt.NDArray[np.int64]:
         content = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
-    # Lengths first: a word of five digits or more is out of range, whatever it is, and need not be parsed.
+    # Check lengths first: a word with five or more digits is out of range and need not be parsed.
     if not content.strip() or content.translate(None, b"0123456789 \t\r\n\v\f") or re.search(rb"\d{5}", content):
         raise RecordingError(_find_fault(path, content))
     codes = np.fromstring(content.decode("ascii"), dtype=np.int64, sep=" ")

@@ -1,9 +1,9 @@
 """Samples that a DCA1000 board captured from a TI sensor.
 
-The file is nothing but 16-bit numbers; a second file has the settings. Their order is that of TI's application report
-SWRA581B, "Mmwave Radar Device ADC Raw Data Capture": xWR12xx and xWR14xx send the four receivers side by side, a lane
-each (I of all, then Q of all; a receiver that is off sends zeros); the others send one receiver after the other over
-two lanes, two samples at a time (I, I, Q, Q).
+The file contains only 16-bit numbers; a second file has the settings. Their order follows TI's application report
+SWRA581B, "Mmwave Radar Device ADC Raw Data Capture": xWR12xx and xWR14xx send the four receivers in parallel, one lane
+each (I of all, then Q of all; an inactive receiver sends zeros); the other devices send one receiver after the other
+over two lanes, two samples at a time (I, I, Q, Q).
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from doppelgait.radar.recording import Recording
 
 VOLTS_PER_CODE = 1.0 / 2**15
 PAUSE = 0.01
-"""Pause between frames, in loops, from which on they count as bursts."""
+"""Minimum pause between frames, in loops, for which frames count as bursts."""
 MAX_VALUES = 500_000_000
-"""Samples of one receiver that are read at most."""
+"""Maximum number of samples of one receiver."""
 BLOCK = 1 << 24
-"""Numbers of the file that are sorted at a time."""
+"""Number of values that are sorted at a time."""
 
 
 def sniff_dca1000(path: Path) -> bool:
@@ -74,24 +74,25 @@ def read_dca1000(
     device : str, optional
         ``xwr14xx``, ``xwr16xx``, ``xwr18xx``, ``xwr68xx``, ..., where the settings do not state it.
     rx : int or "sum", optional
-        Receiver, from 0; by default the first that is on. ``sum`` adds all: the antennas then look straight ahead.
+        Receiver, from 0; by default the first active receiver. ``sum`` adds all receivers, which steers the beam to
+        boresight.
     chirp : int
-        Which chirp of a loop, from 0, where transmitters take turns.
+        Chirp of a loop, from 0, if the transmitters alternate.
     conjugate : bool
-        True for these sensors, in which the phase grows with distance.
+        True for these sensors, in which the phase increases with distance.
     range_stop_m : float, optional
-        Farthest range; by default that of all samples, or of half of them where the output is real or complex2x.
+        Maximum range; by default that of all samples, or of half of them for the outputs real and complex2x.
 
     Returns
     -------
     Recording
-        One pulse a loop. With pauses between frames ``slow_time`` has them and the baseband the attribute
-        ``burst_pulses``: one signature column a frame.
+        Recording with one pulse per loop. If there are pauses between frames, ``slow_time`` includes them, and the
+        baseband has the attribute ``burst_pulses``: one signature column per frame.
 
     Raises
     ------
     RecordingError
-        If there are no settings, one of them is missing or not allowed, or the file is not as long as they make it.
+        If the settings are missing, incomplete or not allowed, or the file does not have the length that they imply.
     """
     file = Path(path)
     if not file.is_file():
@@ -146,7 +147,7 @@ def read_dca1000(
         f"{'sum of receivers' if rx == 'sum' else 'receiver'} {', '.join(map(str, chosen))}; chirp {chirp} of "
         f"{chirps.chirps_per_loop}; {n_frames} frames of {chirps.loops}",
         f"levels: one step of the converter is taken as {VOLTS_PER_CODE:.4g} V",
-        "packets that the board lost are not seen: the file does not mark them",
+        "packets that the board lost are not detected: the file does not mark them",
     ]
     return label_sweeps(
         file,
@@ -177,13 +178,13 @@ def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
     if rest or not count:
         raise RecordingError(
             f"{file}: has {size:,} bytes, which is {count} frames and {rest:,} bytes more; by {settings.name} a frame "
-            f"has {frame}. The settings are of another recording, or the file is cut off: cut it to "
+            f"has {frame}. The settings are of another recording, or the file is truncated: shorten it to "
             f"{count * frame_bytes:,} bytes"
         )
     if chirps.frames and count != chirps.frames:
         raise RecordingError(
             f"{file}: has {size:,} bytes, {count} frames; by {settings.name} it has {chirps.frames}, each of {frame}. "
-            "Set the number of frames to 0 to read what is there"
+            "Set the number of frames to 0 to read all frames of the file"
         )
     if count * chirps.loops * chirps.n_samples > MAX_VALUES:
         raise RecordingError(f"{file}: has {count} frames; at most {MAX_VALUES:,} samples of a receiver are read")
@@ -193,7 +194,7 @@ def _count_frames(file: Path, settings: Path, chirps: ChirpConfig) -> int:
 def _read_samples(
     file: Path, chirps: ChirpConfig, n_frames: int, chosen: list[int], chirp: int
 ) -> npt.NDArray[np.complex64] | npt.NDArray[np.float32]:
-    """Sort the numbers of a file, shape (pulses, samples), V."""
+    """Return the sorted samples of a file, shape (pulses, samples), V."""
     is_real, size, four = chirps.output == "real", chirps.n_samples, chirps.device in FOUR_LANES
     numbers = np.memmap(file, dtype="<i2", mode="r").reshape(n_frames * chirps.loops, chirps.chirps_per_loop, -1)
     out: npt.NDArray[Any] = np.zeros((numbers.shape[0], size), np.float32 if is_real else np.complex64)

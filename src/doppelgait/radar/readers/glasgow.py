@@ -3,8 +3,8 @@
 The recordings "radar signatures of human activities", published by the University of Glasgow (F. Fioranelli et al.,
 2019, DOI 10.5525/gla.researchdata.848). Four lines with centre frequency (Hz), sweep time (ms), samples per sweep and
 bandwidth (Hz) come first, then one complex sample of the beat per line, such as ``2048+1998i``. The published MATLAB
-program (``DataProcessingExample.m``) takes the positive frequencies of the transform of a sweep for the ranges and
-mirrors the Doppler axis: the phase grows with range.
+program (``DataProcessingExample.m``) uses the positive frequencies of the transform of a sweep as ranges and mirrors
+the Doppler axis: the phase increases with range.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from doppelgait.radar.recording import Recording
 HEAD_BYTES = 512
 HEAD_LINES = ("centre frequency in Hz", "sweep time in ms", "samples per sweep", "bandwidth in Hz")
 LIMITS = ((1e6, 1e12), (1e-3, 1e4), (2, 65_536), (0, 1e11))
-"""Above the first, up to the second."""
+"""Exclusive minimum and inclusive maximum of each number in the head."""
 MAX_BYTES = 2**29
 VOLTS_PER_CODE = 1.0 / 4096
-"""The middle of the codes, 2048, is that of a converter of 12 bits; its full scale is taken as 1 V."""
+"""Volts per converter step; the middle code 2048 indicates 12 bits, and a full scale of 1 V is assumed."""
 
 
 def sniff_glasgow(path: Path) -> bool:
     """Return whether a file begins as a Glasgow recording.
 
-    Four numbers and a complex sample come first.
+    It starts with four numbers and a complex sample.
     """
     if not Path(path).is_file():
         return False
@@ -50,28 +50,28 @@ def sniff_glasgow(path: Path) -> bool:
 def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
     """Read an Ancortek text file, such as ``1P36A01R01.dat``.
 
-    Every sweep becomes a row of range bins by a windowed (Hann) transform. Static echoes and the mean of the converter
-    stay in, the latter in the bins nearest to the radar.
+    Every sweep is transformed to a row of range bins with a Hann window. Static echoes and the converter offset are not
+    removed; the offset is in the bins nearest to the radar.
 
     Parameters
     ----------
     path : path-like
     conjugate : bool
-        True for this format, in which the phase grows with distance.
+        True for this format, in which the phase increases with distance.
     range_stop_m : float, optional
-        Farthest range; by default that of half the samples, as in the published program: 24 m of 128 samples over
+        Maximum range; by default that of half the samples, as in the published program: 24 m for 128 samples over
         400 MHz.
 
     Returns
     -------
     Recording
-        One pulse a sweep, one sweep after the other. A last sweep that is not whole is left out, with a warning.
+        Recording with one pulse per sweep, without pauses. An incomplete last sweep is ignored, with a warning.
 
     Raises
     ------
     RecordingError
-        If a number of the first four lines is missing or not allowed, a line is no complex number, or fewer than two
-        sweeps are there.
+        If a number of the first four lines is missing or not allowed, a line is not a complex number, or there are
+        fewer than two sweeps.
     """
     file = Path(path)
     if not file.is_file():
@@ -83,7 +83,7 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
     words = content.decode("ascii", "replace").replace("i", "j").split()
     carrier_hz, sweep_ms, samples_per_sweep, bandwidth_hz = _read_head(file, words)
     if not bandwidth_hz:
-        raise RecordingError(f"{file}: bandwidth 0 Hz is that of a continuous wave; only frequency sweeps are read")
+        raise RecordingError(f"{file}: bandwidth 0 Hz is a continuous wave; only frequency sweeps are read")
     n_samples = int(samples_per_sweep)
     try:
         values = np.fromiter(map(complex, words[4:]), np.complex128, max(len(words) - 4, 0))
@@ -121,8 +121,7 @@ def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: floa
         slow_time_s=np.arange(count) / radar.prf_hz,
         conjugate=conjugate,
         notes=[
-            "sweeps are taken as rising, sampled all the time and one after the other; the centre frequency as that "
-            "of the band",
+            "sweeps are assumed to rise, without pauses; the centre frequency is assumed to be that of the band",
             f"levels: one step of the converter is taken as {VOLTS_PER_CODE:.4g} V",
         ],
     )
@@ -147,7 +146,7 @@ def _read_head(file: Path, words: list[str]) -> list[float]:
 
 
 def _find_fault(file: Path) -> str:
-    """Name the first line that is no complex number."""
+    """Describe the first line that is not a complex number."""
     place = 0
     with file.open(encoding="ascii", errors="replace") as lines:
         for number, line in enumerate(lines, start=1):

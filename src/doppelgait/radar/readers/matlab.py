@@ -1,7 +1,7 @@
 """XeThru X4 RF frames of MATLAB files, down-converted.
 
-SciPy's own reader ends the whole program (segmentation fault) at some damaged files of version 5 to 7, so their number
-matrices are read here, so that no damaged byte can do harm. Layout: "MAT-File Format", The MathWorks, level 5.
+Some damaged files of versions 5 to 7 crash SciPy's reader (segmentation fault). This module therefore reads numeric
+matrices itself and checks all lengths. The layout is described in "MAT-File Format", The MathWorks, level 5.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from doppelgait.radar.recording import Recording
 HEADER_BYTES = 128
 MATRIX_ELEMENT, COMPRESSED_ELEMENT = 14, 15
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
-"""NumPy types of the classes of number matrices; cells, structures, text and sparse matrices are not read."""
+"""NumPy types by class of numeric matrix; cells, structures, text and sparse matrices are not read."""
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-"""NumPy types of data elements; small whole numbers are stored shorter than their class."""
+"""NumPy types by type of data element; small integers may be stored in a shorter type than their class."""
 COMPLEX_FLAG = 0x0800
 FRONT_BYTES = 4096
-"""Enough of a matrix for its flags, shape and name."""
+"""Number of bytes that contain the flags, shape and name of a matrix."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Variable:
         Class number of the format.
     is_complex : bool
     packed : bytes or memoryview
-        Its bytes in the file, compressed or not.
+        Bytes of the variable in the file, compressed or not.
     is_packed : bool
     n_bytes : int
         Bytes after unpacking.
     data_at : int
-        Where its numbers begin in them.
+        Position of its numbers in the unpacked bytes.
     order : {"<", ">"}
         Byte order.
     """
@@ -73,7 +73,7 @@ class Variable:
 def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
     """List the variables of a file by name.
 
-    The file is read, nothing is unpacked.
+    The file is read, but no variable is unpacked.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def load_variable(variable: Variable) -> npt.NDArray[Any]:
     Raises
     ------
     ValueError
-        If it holds no numbers, or less or more than its shape says.
+        If it has no numbers, or their number does not agree with its shape.
     """
     if variable.kind not in CLASSES:
         raise ValueError(f"{variable.name} is of class {variable.kind}, which holds no plain numbers")
@@ -183,14 +183,14 @@ MATRIX = "Data_Matrix"
 AXES = ("range_axis", "range_vector")
 FACTS = ("actual_fps", "bin_length", "frame_start", "baseband", *AXES)
 MAX_VALUES = 1 << 28
-"""RF samples that are read at most: 2 GiB of doubles."""
+"""Maximum number of RF samples: 2 GiB of doubles."""
 MAX_BINS = 1_000_000
 SMALLEST = 1e-6
-"""What a rate in Hz or a bin length in m must be above."""
+"""Exclusive minimum of a rate in Hz or a bin length in m."""
 CARRIER_HZ = 7.29e9
 DECIMATION = 8
 DRIVER_LIGHT_SPEED_MPS = 3e8
-"""The X4 driver's; bin lengths in files come from it."""
+"""Speed of light in the X4 driver, on which the bin lengths in files are based."""
 
 
 def sniff_matlab(path: Path) -> bool:
@@ -202,7 +202,7 @@ def sniff_matlab(path: Path) -> bool:
 def list_matrices(path: Path) -> list[dict[str, Any]]:
     """List a file's frame matrices as reader options.
 
-    Empty for a damaged file, of which the reader says more.
+    The list is empty for a damaged file; the reader then reports the fault.
     """
     try:
         return [{"matrix": name} for name in _find_frame_matrices(_read_shapes(path))]
@@ -256,22 +256,22 @@ def read_matlab(
     carrier_hz : float
         Transmitter's centre frequency, above 0 and below half the sampling rate; the file does not state it.
     radar : str or Path
-        Preset, or path of such a file, that stands for the sensor; its ``volts_per_unit`` scales the values to V.
+        Preset of the sensor, or path of a preset file; its ``volts_per_unit`` scales the values to V.
     prf_hz, range_start_m, bin_spacing_m : float, optional
-        Frames per second, range of the first RF bin and their spacing, instead of what the file says.
+        Frames per second, range of the first RF bin and bin spacing, instead of the values of the file.
     filter : {"hamming", "chip"}
-        Low-pass of the down-conversion: the host's or the chip's own. An echo has the same volts with either; the
-        radar states the noise bandwidth and correlation of the one that was taken.
+        Low-pass of the down-conversion: the host's or the chip's. An echo has the same volts with both; the radar
+        states the noise bandwidth and correlation of the chosen filter.
 
     Returns
     -------
     Recording
-        Baseband in V; range axis from the file (the driver counts with c = 3e8 m/s).
+        Baseband in V; the range axis is that of the file (the driver uses c = 3e8 m/s).
 
     Raises
     ------
     RecordingError
-        If the file is damaged, holds no such frames or several, or an option is not allowed.
+        If the file is damaged, has none or several matrices of frames, or an option is not allowed.
     """
     content = _load(path, matrix)
     frames = content[MATRIX]
@@ -316,7 +316,7 @@ def read_matlab(
 def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     """Load the frames, their name and the facts.
 
-    The frames are under ``MATRIX``; only facts that are there.
+    The frames are under ``MATRIX``; missing facts are omitted.
     """
     if matrix is not None and not isinstance(matrix, str):
         raise RecordingError(f"{path}: matrix = {matrix!r} is not allowed; it must be the name of a matrix")
@@ -355,15 +355,15 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     check_shape(path, frames)
     check_finite(path, frames)
     if np.any(np.asarray(content.get("baseband", 0)) != 0):
-        raise RecordingError(f"{path}: says baseband = 1, but RF frames are read; save baseband as .npz ('arrays')")
+        raise RecordingError(f"{path}: states baseband = 1, but RF frames are read; save baseband as .npz ('arrays')")
     content[MATRIX] = np.asarray(frames, dtype=np.float64)
     return content
 
 
 def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Refuse facts that are no numbers, and long axes.
+    """Check that facts are numbers and axes are short.
 
-    This is before they are loaded.
+    This is done before they are loaded.
     """
     for fact in (name for name in FACTS if name in shapes):
         size, most = math.prod(shapes[fact]), MAX_BINS if fact in AXES else 1
@@ -402,7 +402,7 @@ def _convert_to_scalar(value: npt.NDArray[Any]) -> Any:
 def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, value: float | None) -> float:
     """Return the range of the first RF bin.
 
-    From the option, the axis or the frame's start.
+    It is that of the option, the axis or the frame's start.
     """
     if value is not None:
         return check_number(path, "range_start_m", value, above=-1e3, most=1e6)

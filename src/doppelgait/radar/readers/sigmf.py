@@ -43,7 +43,7 @@ MAX_ROWS = 100_000_000
 def sniff_sigmf(path: Path) -> bool:
     """Return whether a path is one of a SigMF pair.
 
-    Its metadata begin as JSON and have a SigMF data type.
+    Its metadata start like JSON and have a SigMF data type.
     """
     file = Path(path)
     meta = find_sigmf_pair(file)[0]
@@ -70,48 +70,49 @@ def read_sigmf(
 ) -> Recording:
     """Read a SigMF recording with complex samples.
 
-    It is one of :func:`write_sigmf`, or any other.
+    The file may be written by :func:`write_sigmf` or by other software.
 
-    Without our own keys the samples are those of a continuous-wave radar at ``core:sample_rate``, one range bin, the
-    carrier ``core:frequency``; with ``samples_per_pulse`` they are rows of range bins, one row per pulse.
+    Without the keys of doppelgait, the samples are those of a continuous-wave radar with one range bin, the rate
+    ``core:sample_rate`` and the carrier ``core:frequency``; with ``samples_per_pulse`` they are rows of range bins, one
+    row per pulse.
 
     Parameters
     ----------
     path : path-like
         ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; the other one is in the same folder.
     carrier_hz : float, optional
-        Carrier, where the file does not state ``core:frequency``, or states that of a tuner behind a mixer.
+        Carrier, if the file does not state ``core:frequency``, or states that of a tuner behind a mixer.
     samples_per_pulse : int, optional
-        Range bins in a row; foreign files only, as are the next three. 1 by default.
+        Range bins in a row, 1 by default. This and the next three options are for files of other software only.
     prf_hz : float, optional
         Rows per second, up to 1 MHz; by default ``core:sample_rate`` over ``samples_per_pulse``.
     range_start_m, bin_spacing_m : float, optional
-        Range of the first bin, 0 m by default, and from bin to bin; the spacing is needed when there are several.
+        Range of the first bin (0 m by default), and bin spacing, which is needed for several bins.
     scale_v : float, optional
-        Volts of one unit of the samples; by default what the file states, else 1 V, and for integers that which makes
-        their largest value 1 V.
+        Volts per unit of the samples. The default is the value of the file; without it, 1 V, or for integers the value
+        that maps the largest integer to 1 V.
     channel : int, optional
-        Which channel, from 0; needed when several are interleaved.
+        Channel, from 0; needed if several are interleaved.
     conjugate : bool
-        Turn the Doppler axis round, where approaching targets come out negative.
+        Invert the Doppler axis, if approaching targets have negative Doppler.
     ignore_checksum : bool
-        Read samples that do not have the stored SHA-512.
+        Read samples even if they do not have the stored SHA-512.
 
     Returns
     -------
     Recording
-        Without truth, which SigMF has no place for; labels of annotations are among its notes.
+        Recording without truth, which SigMF cannot store; labels of annotations are in its notes.
 
     Raises
     ------
     RecordingError
-        If a file is missing or damaged, the samples are real, or something needed is not stated.
+        If a file is missing or damaged, the samples are real, or a required value is not stated.
     """
     file = Path(path)
     meta = read_metadata(file)
     samples = read_samples(file, meta, channel=channel, ignore_checksum=ignore_checksum)
     scale = check_number(file, "scale_v", meta.scale_v if scale_v is None else scale_v, above=0, most=1e30)
-    with np.errstate(over="ignore", invalid="ignore"):  # NaN and infinity: found and refused with their place
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN and infinity raise an error with their position
         samples = (samples.conj() if conjugate else samples) * np.float32(scale)
     notes = [*meta.notes(), *(["the samples are conjugated"] if conjugate else [])]
     if meta.own is not None:
@@ -150,14 +151,14 @@ def read_sigmf(
 def _read_own(
     path: Path, meta: Metadata, samples: npt.NDArray[np.complex64], carrier_hz: float | None, notes: list[str]
 ) -> Recording:
-    """Read a recording with the axes of our own keys."""
+    """Read a recording with the axes of doppelgait's keys."""
     own = meta.own or {}
     try:
         range_m = np.asarray(own["doppelgait:range_m"], dtype=np.float64)
         if range_m.ndim != 1 or not range_m.size:
             raise ValueError("doppelgait:range_m must be a list of one range or more")
         rows = samples.size // max(range_m.size, 1)
-        # time of every row: captures begin at ``doppelgait:time_s``, from there rows follow at
+        # times of the rows: each capture starts at ``doppelgait:time_s``, and its rows have the rate
         # ``doppelgait:prf_hz``
         n_bins = range_m.size
         if not 0 < rows <= MAX_ROWS:
@@ -201,7 +202,7 @@ def _read_own(
         notes=[*own_notes, *notes],
         attrs=attrs,
     )
-    # noise power, signal-to-noise ratio and seed, where they are stored and make sense
+    # noise power, signal-to-noise ratio and seed, if they are stored and valid
     levels = {name: own.get(f"doppelgait:{name}") for name in ("noise_power_v2", "snr_frame_db")}
     facts: dict[str, Any] = {
         name: float(value) for name, value in levels.items() if _is_number(value) and value is not None
@@ -232,9 +233,9 @@ def _make_foreign_radar(
     path: Path, meta: Metadata, carrier_hz: float, prf_hz: float, n_bins: int, range_start_m: float | None,
     bin_spacing_m: float | None, notes: list[str],
 ) -> tuple[Radar, FloatArray]:  # fmt: skip
-    """Return radar and range axis of a foreign file.
+    """Return radar and range axis of a file of other software.
 
-    Adds to ``notes``.
+    Assumptions are added to ``notes``.
     """
     name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
     if n_bins == 1:
@@ -263,7 +264,7 @@ def _make_foreign_radar(
 SPECIFICATION = "1.2.0"
 EXTENSION = {"name": "doppelgait", "version": "1.0.0", "optional": True}
 UNEVEN = 1e-6
-"""A step of slow time that differs by this share from the usual one starts a new capture."""
+"""Minimum relative deviation of a slow-time step that starts a new capture."""
 INT16_MAX = 32767
 
 
@@ -271,10 +272,10 @@ INT16_MAX = 32767
 def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf32_le", "ci16_le"] = "cf32_le") -> None:
     """Write a recording as a SigMF pair.
 
-    Samples are stored pulse by pulse, each pulse its range bins in order. ``core:sample_rate`` is pulses per second
-    times range bins, so that durations come out right; with one range bin it is the slow-time rate. Every segment of
-    evenly spaced pulses is a capture. Under ``doppelgait:`` stand the pulse rate, range axis and radar; the truth
-    about targets is not stored, only their labels, as annotations.
+    Samples are stored pulse by pulse, and within a pulse in the order of the range bins. ``core:sample_rate`` is pulses
+    per second times range bins, so that durations are correct; with one range bin it is the slow-time rate. Every
+    segment of evenly spaced pulses is a capture. Keys with the prefix ``doppelgait:`` hold the pulse rate, range axis
+    and radar. The truth about targets is not stored, except their labels, as annotations.
 
     Parameters
     ----------
@@ -282,7 +283,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
     path : path-like
         ``NAME``, ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; both files are written.
     datatype : {"cf32_le", "ci16_le"}
-        Single precision, exact; or 16-bit integers with the largest component at 32767, half the size.
+        Single precision (exact), or 16-bit integers with the maximum component at 32767 (half the size).
 
     Raises
     ------
@@ -371,7 +372,7 @@ def _find_even_segments(
 ) -> tuple[npt.NDArray[np.int64], float]:
     """Find the evenly spaced segments of slow time.
 
-    Returns the first pulse of each, and the pulses per second in the longest.
+    The result is the first pulse of each segment, and the pulses per second of the longest one.
     """
     if slow_time_s.size < 2:
         return np.zeros(1, dtype=np.int64), radar_prf_hz

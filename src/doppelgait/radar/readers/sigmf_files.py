@@ -21,7 +21,7 @@ MAX_META_BYTES = 2**28
 DATATYPES = {
     "f32": "f4", "f64": "f8", "i32": "i4", "i16": "i2", "i8": "i1", "u32": "u4", "u16": "u2", "u8": "u1",
 }  # fmt: skip
-"""SigMF number types and NumPy's."""
+"""NumPy types by SigMF number type."""
 MAX_NOTE_LABELS = 20
 
 
@@ -37,9 +37,9 @@ class Metadata:
         The object ``global``.
     captures, annotations : list of dict
     number : numpy.dtype
-        Of one component of a sample.
+        Type of one component of a sample.
     n_channels : int
-        Interleaved channels.
+        Number of interleaved channels.
     sample_rate_hz : float, optional
     """
 
@@ -53,7 +53,7 @@ class Metadata:
 
     @property
     def own(self) -> dict[str, Any] | None:
-        """Our own keys; None in a foreign file."""
+        """Keys of doppelgait; None in a file of other software."""
         found = {key: value for key, value in self.common.items() if key.startswith("doppelgait:")}
         return found if "doppelgait:radar" in found else None
 
@@ -61,7 +61,7 @@ class Metadata:
     def scale_v(self) -> Any:
         """Volts of one unit of the samples.
 
-        As stated, else 1 V at the largest integer or at 1.
+        It is the stated value, otherwise 1 V corresponds to the largest integer or to 1.
         """
         largest = float(2 ** (8 * self.number.itemsize - 1)) if self.number.kind in "iu" else 1.0
         return self.common.get("doppelgait:scale_v", 1.0 / largest)
@@ -85,12 +85,12 @@ def read_metadata(path: Path) -> Metadata:
     Raises
     ------
     RecordingError
-        If they are missing, no SigMF metadata, or of a kind that is not read.
+        If they are missing, not SigMF metadata, or of an unsupported kind.
     """
     meta_path, data_path = find_sigmf_pair(path)
     if path.name.endswith(".sigmf"):
         raise RecordingError(
-            f"{path}: SigMF archives are not read; unpack it (it is a tar file) and give the .sigmf-meta"
+            f"{path}: SigMF archives are not read; unpack it (it is a tar file) and pass the .sigmf-meta"
         )
     if not meta_path.is_file():
         raise RecordingError(f"{meta_path}: no such file; a SigMF recording is a pair NAME{META} and NAME{DATA}")
@@ -122,7 +122,7 @@ def _parse_metadata(
     if not version.startswith("1."):
         raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")
     if "core:dataset" in common:
-        # file of samples under another name, which must be in the folder of the metadata
+        # the samples are in a file with another name, which must be in the folder of the metadata
         name = str(common["core:dataset"])
         if not name or Path(name).name != name or "\\" in name or "\0" in name:
             raise RecordingError(
@@ -163,7 +163,7 @@ def read_samples(
     Raises
     ------
     RecordingError
-        If the file is missing, empty, or has another checksum, or the channel is not there.
+        If the file is missing, empty, or has another checksum, or the channel does not exist.
     """
     chosen = 0 if channel is None and meta.n_channels == 1 else channel
     if isinstance(chosen, bool) or not isinstance(chosen, int) or not 0 <= chosen < meta.n_channels:
@@ -178,8 +178,8 @@ def read_samples(
     stored = meta.common.get("core:sha512")
     if stored and not ignore_checksum and hashlib.sha512(content).hexdigest() != str(stored).lower():
         raise RecordingError(
-            f"{meta.data_path}: its samples do not have the checksum that {path.name} states (core:sha512): it was cut "
-            "off or changed. Give ignore_checksum=True to read it all the same"
+            f"{meta.data_path}: its samples do not have the checksum that {path.name} states (core:sha512): the file "
+            "was truncated or changed. Set ignore_checksum=True to read it anyway"
         )
     frame_bytes = 2 * meta.number.itemsize * meta.n_channels
     if len(content) < 2 * frame_bytes:

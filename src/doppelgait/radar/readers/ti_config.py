@@ -1,6 +1,6 @@
 """Settings of a Texas Instruments mmWave sensor.
 
-They are a TOML or JSON file with keys of our own, or TI's ``.cfg`` text. The commands are those of the "mmWave SDK
+They are a TOML or JSON file with doppelgait's keys, or TI's ``.cfg`` text. The commands are those of the "mmWave SDK
 User's Guide" (profileCfg, chirpCfg, frameCfg, channelCfg, adcCfg, adcbufCfg).
 """
 
@@ -20,22 +20,22 @@ from doppelgait.core.errors import ConfigError, RecordingError
 MAX_CONFIG_BYTES = 1 << 20
 DEVICES = ("xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx")
 FOUR_LANES = ("xwr12xx", "xwr14xx")
-"""Devices that send every receiver on a lane of its own; the others send all over two lanes."""
+"""Devices with one lane per receiver; the others send all receivers over two lanes."""
 OUTPUTS = ("real", "complex1x", "complex2x")
-"""By TI's number of the format."""
+"""Outputs of the converter, in the order of TI's format numbers."""
 
 
 class ChirpConfig(FrozenModel):
-    """Settings that a file of samples needs to be read.
+    """Settings that are needed to read a file of samples.
 
     Parameters
     ----------
     device : str
         Device family; it determines the order of the samples.
     output : {"complex1x", "complex2x", "real"}
-        Output of the converter: complex1x has all its frequencies above 0, the others half of them.
+        Output of the converter: all frequencies of complex1x are above 0, and half of those of the others.
     q_first : bool
-        Whether the imaginary part comes first (TI's sample swap).
+        True if the imaginary part is first (TI's sample swap).
     receivers : tuple of int
         Active receivers, counted from 0.
     n_samples : int
@@ -59,7 +59,7 @@ class ChirpConfig(FrozenModel):
     frames : int
         Number of frames; 0 for all that the file holds.
     frame_period_s : float
-        Time from the start of a frame to that of the next.
+        Time from the start of one frame to the start of the next.
     """
 
     device: Literal["xwr12xx", "xwr14xx", "xwr16xx", "xwr18xx", "xwr64xx", "xwr68xx"]
@@ -98,7 +98,7 @@ class ChirpConfig(FrozenModel):
 
     @property
     def sweep_s(self) -> float:
-        """Time in which the samples of a chirp are taken."""
+        """Sampling time of a chirp."""
         return self.n_samples / self.sample_rate_hz
 
     @property
@@ -110,7 +110,7 @@ class ChirpConfig(FrozenModel):
 def find_config(path: Path) -> Path | None:
     """Return settings next to a sample file, or None.
 
-    They have its stem and end in .toml, .json or .cfg; else they are the only .cfg in its folder.
+    They have its stem and the suffix .toml, .json or .cfg; otherwise they are the only .cfg in its folder.
     """
     for suffix in (".toml", ".json", ".cfg"):
         if (own := path.with_suffix(suffix)).is_file():
@@ -127,12 +127,12 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
     path : Path
         TOML or JSON with the keys of :class:`ChirpConfig`, or TI's text.
     device : str, optional
-        Family, where the file does not state it: TI's text may have it in a comment.
+        Device family, if the file does not state it; TI's text may have it in a comment.
 
     Raises
     ------
     RecordingError
-        If it cannot be read, lacks a key or command, or a value is not allowed.
+        If the file cannot be read, lacks a key or command, or a value is not allowed.
     """
     text, where = "", f"{path}: radar settings"
     try:
@@ -163,17 +163,17 @@ def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
 
 
 Commands = dict[str, list[tuple[int, list[float]]]]
-"""Line and values of every command, by its name."""
+"""Type of the commands of a file: lists of line number and values, by name."""
 
 NUMBER_OF_VALUES = {"channelCfg": 3, "adcCfg": 2, "profileCfg": 14, "chirpCfg": 8, "frameCfg": 7}
 CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampling"}
-"""Places of a chirpCfg at which a chirp may differ from its profile."""
+"""Positions of the values in a chirpCfg that change a chirp relative to its profile."""
 
 
 def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
     """Return whether Q comes before I by adcbufCfg.
 
-    Newer lines have a subframe in front, those of older kits have none.
+    Newer lines have a subframe as first value, those of older kits have none.
     """
     if not numbers:
         return False
@@ -189,7 +189,7 @@ def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
 
 
 def _find_profile(path: Path, commands: Commands, first: int, last: int) -> list[float]:
-    """Return the one profile of the chirps of a frame."""
+    """Return the common profile of the chirps of a frame."""
     if not 0 <= first <= last <= 511:
         raise RecordingError(f"{path}: frameCfg: chirps {first} to {last} are not allowed; they are 0 to 511, rising")
     chirps: dict[int, tuple[int, list[float]]] = {}
@@ -216,7 +216,7 @@ def _find_profile(path: Path, commands: Commands, first: int, last: int) -> list
 
 
 def _parse_commands(path: Path, text: str) -> dict[str, Any]:
-    """Translate TI's commands to our keys."""
+    """Translate TI's commands to the keys of :class:`ChirpConfig`."""
     commands: Commands = {}
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("%")[0].split()

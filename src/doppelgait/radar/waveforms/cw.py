@@ -18,7 +18,7 @@ from doppelgait.radar.parameters import Radar, Waveform
 class Cw(Waveform):
     """Continuous wave: one sample per frame, one range bin.
 
-    The sample is the sum of all echoes at whatever range; the bin stands for the whole frame.
+    The sample is the sum of all echoes at all ranges; the bin represents the whole frame.
     """
 
     takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz", "integration_share")
@@ -29,16 +29,16 @@ class Cw(Waveform):
     def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
         """Set the default sampling rate, the frame rate.
 
-        The sampling rate has no effect.
+        The sampling rate has no effect for this waveform.
         """
         if "sample_rate_hz" in table or "prf_hz" not in table:
             return table
         return {**table, "sample_rate_hz": table["prf_hz"]}
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Sum the echoes of all scatterers at whatever range.
+        """Sum the echoes of all scatterers at all ranges.
 
-        Each is a exp(j(theta + phi - 4 pi R / lambda)).
+        Each echo is a exp(j(theta + phi - 4 pi R / lambda)).
         """
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)
@@ -50,7 +50,7 @@ class Cw(Waveform):
         return np.asarray(total, dtype=np.complex64)
 
     def n_range_bins(self, radar: Radar) -> int:
-        """One bin."""
+        """Return 1, the single range bin."""
         return 1
 
     def first_bin_m(self, radar: Radar) -> float:
@@ -68,11 +68,11 @@ class Cw(Waveform):
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the noise bandwidth of a sample.
 
-        A mean over T_i has 1 / T_i. A sample of no length (``integration_share`` 0) is one behind an ideal low-pass
-        of the frame rate's width, which no unambiguous echo loses anything in.
+        For a mean over T_i it is 1 / T_i. Without integration (``integration_share`` 0) an ideal low-pass with the
+        width of the frame rate is assumed, which does not attenuate unambiguous echoes.
         """
         return radar.prf_hz / (radar.integration_share or 1.0)
 
     def unambiguous_range_m(self, radar: Radar) -> float:
-        """No range at which echoes fold."""
+        """Return inf: echoes do not fold."""
         return float("inf")

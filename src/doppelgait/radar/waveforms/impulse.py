@@ -30,9 +30,9 @@ class Impulse(Waveform):
     kind: Literal["impulse"] = "impulse"
 
     def check(self, radar: Radar) -> None:
-        """Refuse an impossible pulse.
+        """Check the pulse.
 
-        It must be stated once, be neither too long nor too short, and not be wider than its carrier allows.
+        It must be stated once, have an allowed length, and a band that does not extend below 0 Hz.
         """
         if (radar.bandwidth_hz is None) == (radar.pulse_sigma_s is None):
             raise ValueError("give exactly one of bandwidth_hz and pulse_sigma_s")
@@ -47,11 +47,11 @@ class Impulse(Waveform):
         if radar.carrier_hz < half_band_hz:
             raise ValueError(
                 f"carrier_hz {radar.carrier_hz:g} is below half the pulse's 10 dB bandwidth, {half_band_hz:.4g} Hz: "
-                "the pulse would reach below 0 Hz; raise carrier_hz or take a longer pulse"
+                "the band would extend below 0 Hz; raise carrier_hz or use a longer pulse"
             )
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Sum Gaussian echoes, exact with an extra phase per path."""
+        """Sum Gaussian echoes exactly, with an extra phase per path."""
         from doppelgait.core.kernels.synthesis import add_echoes
 
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
@@ -74,18 +74,18 @@ class Impulse(Waveform):
         return Samples.from_planes(planes, n_pulses)
 
     def resolution_m(self, radar: Radar) -> float:
-        """Half-power width of one echo: c sqrt(ln 2) tau (E-11)."""
+        """Return the half-power width of one echo, c sqrt(ln 2) tau (E-11)."""
         return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the bandwidth of the down-conversion filter.
 
-        It is the pulse's at 10 dB below its peak.
+        It is the bandwidth of the pulse at 10 dB below its peak.
         """
         return radar.pulse_bandwidth_hz(10)
 
     def figures(self, radar: Radar) -> dict[str, float]:
-        """Pulse width and bandwidths (E-11)."""
+        """Return pulse width and bandwidths (E-11)."""
         return {
             "pulse_sigma_s": radar.sigma_s,
             "pulse_bandwidth_3db_hz": radar.pulse_bandwidth_hz(3),
@@ -96,7 +96,7 @@ class Impulse(Waveform):
 def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
     """Return the pulse geometry for the kernels.
 
-    First bin, spacing and standard deviation of a pulse in range, wavelength (m), and transmitted phase (rad).
+    These are first bin, spacing, standard deviation of the pulse in range, wavelength (m), and transmitted phase (rad).
     """
     sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
     return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad

@@ -8,10 +8,10 @@ ed., sections 4.2 and 4.6.4: the ambiguity function of a pulse and of a chirp of
 .. math:: y = a\, e^{j(\theta + \phi - 4 \pi R / \lambda)} (1 - |x| / T)\, e^{\pi j f_d x}\,
           \mathrm{sinc}((f_d + S x)(T - |x|)), \quad |x| < T
 
-S = 0 gives the triangle of the rectangular pulse. A chirp's peak stands at x = -f_d / S: an approaching scatterer looks
-nearer by v f_c T / B. Assumed: R and v constant while the pulse passes (stop and hop, R at its middle), a receiver that
-listens while the pulse leaves, no weighting against side lobes (-13 dB for the chirp), and noise that is white from bin
-to bin with the matched filter's bandwidth 1 / T, so that the peak's SNR is E / N0.
+S = 0 gives the triangle of the rectangular pulse. The peak of a chirp is at x = -f_d / S: an approaching scatterer
+appears nearer by v f_c T / B. The assumptions are: R and v are constant during the pulse (stop and hop, R at its
+middle); the receiver is active during transmission; there is no weighting against side lobes (-13 dB for the chirp);
+and the noise is white from bin to bin with the matched filter's bandwidth 1 / T, so that the peak's SNR is E / N0.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ RECTANGULAR_BANDWIDTH = 0.8859
 """Half-power bandwidth of a rectangular pulse times its duration (E-09)."""
 MAX_PULSE_S = 1e-3
 DOPPLER_ERROR = 5e-7
-"""Doppler shift over bandwidth, and so error over the peak, up to which a chirp's response is only moved by it."""
+"""Maximum ratio of Doppler shift to bandwidth, and hence relative error, for which Doppler only shifts the response."""
 LONGEST_FRAME = 0.95
-"""Longest frame, in pulse durations, with responses from a table: they have another kink where they end."""
+"""Maximum frame length, in pulse durations, for tabulated responses, which have another kink at their ends."""
 VECTOR = 32
-"""Rows of the table are long enough for whole vectors of so many bins."""
+"""Vector length, bins; the row length of the table is a multiple of it."""
 TABLE_ERROR = 1e-7
-"""Error of the response between the places of its table, over its peak."""
+"""Maximum interpolation error of the tabulated response, relative to its peak."""
 
 
 class _MatchedPulse(Waveform):
@@ -80,7 +80,7 @@ class _MatchedPulse(Waveform):
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the matched filter's noise bandwidth, 1 / T.
 
-        Its peak keeps the amplitude of the echo.
+        The filter is scaled so that its peak has the amplitude of the echo.
         """
         return 1.0 / _duration_s(radar)
 
@@ -94,9 +94,9 @@ class Rectangular(_MatchedPulse):
     kind: Literal["rectangular"] = "rectangular"
 
     def check(self, radar: Radar) -> None:
-        """Refuse an impossible pulse.
+        """Check the pulse.
 
-        That is longer than 1 ms or than a frame, or of less than half a turn of its carrier.
+        It must not be longer than 1 ms or a frame, or shorter than half a period of its carrier.
         """
         _check_pulse(radar, 1.0 / _duration_s(radar))
 
@@ -121,22 +121,22 @@ class Lfm(_MatchedPulse):
     kind: Literal["lfm"] = "lfm"
 
     def check(self, radar: Radar) -> None:
-        """Refuse an impossible chirp.
+        """Check the chirp.
 
-        That is longer than 1 ms or than a frame, reaches below 0 Hz, or hardly sweeps.
+        It must not be longer than 1 ms or a frame, extend below 0 Hz, or have a time-bandwidth product below 2.
         """
         bandwidth_hz = float(radar.bandwidth_hz or 0.0)
         _check_pulse(radar, bandwidth_hz)
         if bandwidth_hz * _duration_s(radar) < 2.0:
             raise ValueError(
-                f"bandwidth_hz {bandwidth_hz:g} times sweep_s {_duration_s(radar):g} is below 2: that is no chirp; "
-                "take waveform 'rectangular' or a longer sweep"
+                f"bandwidth_hz {bandwidth_hz:g} times sweep_s {_duration_s(radar):g} is below 2: that is not a chirp; "
+                "use waveform 'rectangular' or a longer sweep"
             )
 
     def resolution_m(self, radar: Radar) -> float:
         """Return the half-power width of a compressed chirp.
 
-        It is near 0.886 c / (2 B).
+        It is about 0.886 c / (2 B).
         """
         duration_s = _duration_s(radar)
         width_s = _compute_half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
@@ -145,7 +145,7 @@ class Lfm(_MatchedPulse):
     def coupling_s(self, radar: Radar) -> float:
         """Return the range shift per velocity, -f_c T / B.
 
-        For a rising chirp.
+        This is for a rising chirp.
         """
         return -radar.carrier_hz * _duration_s(radar) / float(radar.bandwidth_hz or math.nan)
 
@@ -207,7 +207,7 @@ def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.
 def _compute_half_power_width(time_bandwidth: float) -> float:
     """Return the half-power width of a chirp's response.
 
-    In pulse durations; near 0.886 / (B T).
+    It is in pulse durations, about 0.886 / (B T).
     """
     from scipy.optimize import brentq
 

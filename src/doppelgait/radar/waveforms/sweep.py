@@ -1,17 +1,17 @@
 r"""Frequency-swept radars: de-chirped FMCW and stepped frequency.
 
-Both see the scatterers through the phase of a reference at the frequency :math:`f_c + S u`, with u the time from the
-sweep's middle: R(u) = R - v u is the range then (the table's range belongs to the middle), t_d = 2 R(u) / c its delay.
+Both measure the phase relative to a reference at the frequency :math:`f_c + S u`, with the time u from the middle of
+the sweep: R(u) = R - v u is the range at u (the table has the range at the middle), and t_d = 2 R(u) / c its delay.
 
 .. math::
 
    b(u) = \sum_l a\, e^{j(\theta + \phi)}\, e^{-2 \pi j (f_c t_d + S u t_d - \epsilon S t_d^2 / 2)}
 
-with epsilon = 1 for FMCW, where the echo started its sweep earlier, and 0 for stepped frequency, where echo and
-reference have one frequency. (The usual b* of text books, conjugated so that approaching is positive Doppler.) A moving
-scatterer thus shows at R - f_c v T_c / B: the Doppler shift passes for a part of the beat. An echo beyond the
-unambiguous range folds: no anti-alias filter is modelled. The samples are complex (I and Q); a receiver with one
-real channel has half the unambiguous range.
+with epsilon = 1 for FMCW, where the sweep of the echo started earlier, and 0 for stepped frequency, where echo and
+reference have the same frequency. (It is the conjugate of the usual textbook signal, so that approaching is positive
+Doppler.) A moving scatterer appears at R - f_c v T_c / B, because its Doppler shift adds to the beat frequency. An echo
+beyond the unambiguous range folds: no anti-alias filter is modelled. The samples are complex (I and Q); a receiver with
+one real channel has half the unambiguous range.
 """
 
 from __future__ import annotations
@@ -32,14 +32,16 @@ from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep
 
 MAX_SAMPLES = 65_536
 ROWS = 2048
-"""Sweeps compressed at a time, which bounds the memory of the transform."""
+"""Number of sweeps per block of the transform, which limits its memory."""
 LONGEST_RESPONSE = 4096
-"""Most samples and range bins, together, of sweeps that are synthesised without their samples."""
+"""Maximum sum of samples and range bins of sweeps that are synthesised without their samples."""
 LARGEST_BEND = 0.05
-"""Largest phase, rad, by which the ends of a sweep lead its middle because a scatterer moves, for the way without
-samples. Measured, with all windows: the error grows with its fourth power, 6.4e-7 of the sum of amplitudes here."""
+"""Maximum phase, rad, from the middle to the ends of a sweep by motion, for the synthesis without samples.
+
+The error, measured with all windows, grows with its fourth power; here it is 6.4e-7 of the sum of amplitudes.
+"""
 VECTOR = 32
-"""Rows of tables are long enough for whole vectors of so many bins."""
+"""Vector length, bins; the row lengths of tables are multiples of it."""
 COSINES = {
     "none": (1.0,),
     "hann": (0.5, 0.5),
@@ -59,9 +61,10 @@ class _Sweep(Waveform):
     lag: ClassVar[float]
 
     def check(self, radar: Radar) -> None:
-        """Refuse an impossible sweep.
+        """Check the sweep.
 
-        That has too few or too many samples, overlaps the next, or belongs to a frame beyond the folding range.
+        It must have an allowed number of samples and not overlap the next sweep; the frame must be within the
+        unambiguous range.
         """
         if not 2 <= self.n_samples(radar) <= MAX_SAMPLES:
             raise ValueError(
@@ -81,9 +84,9 @@ class _Sweep(Waveform):
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Synthesise the samples of every sweep.
 
-        They have the motion within the sweep, and of FMCW the residual video phase.
+        They include the motion within the sweep, and for FMCW the residual video phase.
 
-        With t_d = t_0 - beta u, beta = 2 v / c, the phase is the quadratic in u with the coefficients computed here.
+        With t_d = t_0 - beta u, beta = 2 v / c, the phase is a quadratic function of u.
         """
         from doppelgait.core.kernels.tones import add_tones
 
@@ -106,8 +109,8 @@ class _Sweep(Waveform):
     def synthesise_bins(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Synthesise range bins without the samples of every sweep.
 
-        They are those of :meth:`compress` to 1e-6 of the sum of all amplitudes. Long sweeps, and scatterers so fast
-        that they cross much of a range bin in a sweep, take the way by the samples.
+        They differ from those of :meth:`compress` by at most 1e-6 of the sum of all amplitudes. For long sweeps and for
+        scatterers that cross much of a range bin in a sweep, the samples are computed.
         """
         own = type(self).synthesise is _Sweep.synthesise and type(self).compress is _Sweep.compress
         size, n_bins = self.n_samples(radar), self.n_range_bins(radar)
@@ -156,7 +159,7 @@ class _Sweep(Waveform):
         return out
 
     def _compute_video_turns(self, radar: Radar) -> npt.NDArray[np.float64]:
-        """Return turns that remove the residual video phase."""
+        """Return the phasors that remove the residual video phase."""
         bins = self._find_first_bin(radar) + np.arange(self.n_range_bins(radar))
         delay_s = bins / float(radar.bandwidth_hz or math.nan)
         return np.asarray(-0.5 * self.lag * _slope_hz_per_s(radar) * delay_s**2)
@@ -166,9 +169,9 @@ class _Sweep(Waveform):
 
         The inverse transform is divided by the window's sum and referred to the sweep's middle.
 
-        The bins of FMCW are turned by exp(-j pi S t_k^2), t_k the delay of the bin's middle, which removes the
-        residual video phase of a scatterer there. Half a bin from it at most pi t_d / T_c remains: 0.008 rad at
-        10 m and a sweep of 25 us, the same for every sweep in which it stays in that bin.
+        The bins of FMCW are multiplied by exp(-j pi S t_k^2), with the delay t_k of the bin's centre, which removes the
+        residual video phase of a scatterer at the centre. At half a bin from the centre at most pi t_d / T_c remains:
+        0.008 rad at 10 m and a sweep of 25 us, constant while the scatterer stays in the bin.
         """
         from scipy.fft import ifft
 
@@ -187,14 +190,14 @@ class _Sweep(Waveform):
     def n_samples(self, radar: Radar) -> int:
         """Return the receiver samples S of one sweep.
 
-        Sweep duration times sampling rate, rounded.
+        It is the sweep duration times the sampling rate, rounded.
         """
         return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
     def n_range_bins(self, radar: Radar) -> int:
         """Return the number of transform bins in the frame.
 
-        From range_start_m to below range_stop_m.
+        The frame extends from range_start_m to below range_stop_m.
         """
         return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._find_first_bin(radar)
 
@@ -208,21 +211,21 @@ class _Sweep(Waveform):
     def bin_spacing_m(self, radar: Radar) -> float:
         """Return the range bin spacing, c / (2 B).
 
-        One per sample, without zero padding.
+        There is one bin per sample, without zero padding.
         """
         return SPEED_OF_LIGHT_MPS / (2.0 * float(radar.bandwidth_hz or math.nan))
 
     def resolution_m(self, radar: Radar) -> float:
         """Return the half-power width of an echo.
 
-        0.886 (no window) to 1.64 (Blackman) times c / (2 B).
+        It is 0.886 (no window) to 1.64 (Blackman) times c / (2 B).
         """
         return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
 
     def noise_gain(self, radar: Radar) -> float:
-        """Return the noise power of a bin over a sample's.
+        """Return the noise power ratio of a bin to a sample.
 
-        sum(w^2) / sum(w)^2; neighbouring bins share noise.
+        It is sum(w^2) / sum(w)^2; the noise of neighbouring bins is correlated.
         """
         return compute_noise_ratio(radar.range_window, self.n_samples(radar))
 
@@ -233,14 +236,14 @@ class _Sweep(Waveform):
     def unambiguous_range_m(self, radar: Radar) -> float:
         """Return the range at which echoes fold.
 
-        The beat makes one turn from sample to sample: f_s c / (2 S) = S_samples c / (2 B).
+        The beat phase then changes by one turn from sample to sample: f_s c / (2 S) = S_samples c / (2 B).
         """
         return self.n_samples(radar) * self.bin_spacing_m(radar)
 
     def coupling_s(self, radar: Radar) -> float:
         """Return the range shift per velocity, -f_c T_c / B.
 
-        By range-Doppler coupling of a rising sweep.
+        The cause is the range-Doppler coupling of a rising sweep.
         """
         return -radar.carrier_hz / _slope_hz_per_s(radar)
 
@@ -276,7 +279,7 @@ class Stepped(_Sweep):
 def _slope_hz_per_s(radar: Radar) -> float:
     """Return the sweep slope.
 
-    It is the bandwidth over the time T_c = S / f_s in which the samples are taken.
+    It is the bandwidth divided by the sampling time T_c = S / f_s.
     """
     return float(radar.bandwidth_hz or 0.0) / (radar.waveform.n_samples(radar) / radar.sample_rate_hz)
 
@@ -286,7 +289,8 @@ def make_range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
 
     .. math:: w_n = \sum_k (-1)^k c_k \cos(2 \pi k (n + 1/2) / S)
 
-    Sampled half a sample on from the usual form: the sweep's middle keeps its phase, and no sample is lost.
+    It is shifted by half a sample relative to the usual form: the phase of the sweep's middle does not change, and no
+    sample has the weight 0.
 
     Parameters
     ----------
@@ -391,7 +395,7 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
 def compute_noise_ratio(name: str, n_samples: int) -> float:
     """Return the noise power ratio of the windowed transform.
 
-    sum(w^2) / sum(w)^2, after over before.
+    It is sum(w^2) / sum(w)^2, the power after the transform divided by the power before.
     """
     window = make_range_window(name, n_samples)
     return float((window**2).sum() / window.sum() ** 2)
@@ -401,12 +405,12 @@ def compute_noise_ratio(name: str, n_samples: int) -> float:
 def compute_independent_share(name: str, n_samples: int) -> float:
     r"""Return the independent noise values per bin.
 
-    The window makes neighbouring bins share noise.
+    The window correlates the noise of neighbouring bins.
 
     .. math:: \Big(\sum_k |r_k|^2\Big)^{-1}, \quad r_k = \sum_n w_n^2 e^{-j 2 \pi k n / S} / \sum_n w_n^2
 
-    is by how much less the power of a sum over many bins is averaged than over independent ones: 1 without a window,
-    18/35 for Hann.
+    is the effective number of independent bins per bin in a mean power over many bins: 1 without a window, 18/35 for
+    Hann.
     """
     spectrum = np.fft.fft(make_range_window(name, n_samples) ** 2)
     return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
@@ -416,7 +420,7 @@ def compute_independent_share(name: str, n_samples: int) -> float:
 def half_power_bins(name: str, n_samples: int) -> float:
     """Return the half-power width of a tone, bins.
 
-    It is the width of the main line in a transform of the window's length.
+    It is the width of the main lobe in a transform with the window's length.
     """
     from scipy.optimize import brentq
 

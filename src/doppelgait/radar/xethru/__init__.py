@@ -1,4 +1,4 @@
-"""XeThru recordings, as the vendor's recorder writes them."""
+"""XeThru recordings in the format of the vendor's recorder."""
 
 from doppelgait.radar.xethru.convert import read_xethru_recording
 from doppelgait.radar.xethru.downconvert import down_convert_frames, up_convert_frames

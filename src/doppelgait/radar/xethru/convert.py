@@ -1,6 +1,6 @@
 """XeThru recordings as :class:`~doppelgait.radar.recording.Recording`.
 
-The baseband is in volts with its axes.
+The baseband is in volts and has axes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
-"""A counter that jumps further was restarted or is damaged; nothing follows from it."""
+"""Maximum gap of the frame counter; after a larger jump it was restarted or is damaged, and is ignored."""
 
 
 def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
@@ -34,16 +34,16 @@ def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[
     Parameters
     ----------
     counters : ndarray, shape (n,)
-        Frame counters; they may run over their end.
+        Frame counters, which may overflow.
 
     Returns
     -------
     numbers : ndarray, shape (n,)
-        From 0, gaps included; 0, 1, 2 ... where the counters do not rise and so mean nothing.
+        Frame numbers from 0, including gaps; 0, 1, 2 ... if the counters do not rise and are therefore not valid.
     n_lost : int
-        Frames missing between the first and the last.
+        Number of frames missing between the first and the last.
     n_gaps : int
-        Places where they are missing.
+        Number of gaps.
     """
     steps = np.mod(np.diff(counters.astype(np.int64)), COUNTER_PERIOD)
     if steps.size and (steps.min() < 1 or steps.max() > LARGEST_GAP):
@@ -55,7 +55,7 @@ def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[
 def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int64]) -> float | None:
     """Measure the frame rate from the times of the records.
 
-    These are whole milliseconds and may come in bursts.
+    The times are integer milliseconds, and records may be written in bursts.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int
     Returns
     -------
     float or None
-        From the least-squares line through the times that lie near the line of the median slope over half the
+        Rate from the least-squares line through the times that are near the line of the median slope over half the
         recording; None if there are fewer than two times or they do not rise.
     """
     n = min(time_ms.size, numbers.size)
@@ -92,10 +92,10 @@ CONVERTIBLE = (
     "baseband_iq", "baseband_ap", "radar_baseband_float", "radar_baseband_q15", "radar_rf", "radar_rf_normalized",
     "datafloat",
 )  # fmt: skip
-"""Data types that are, or give, a baseband."""
+"""Data types that contain a baseband or can be converted to one."""
 RF_DECIMATION = 8
 DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
-"""The driver's; bin lengths in its files come from it."""
+"""Speed of light in the driver, on which the bin lengths in its files are based."""
 TYPICAL = {
     "range_start_m": "0.386 for an X4 frame requested from 0.4 m with an offset of 0.18 m",
     "bin_spacing_m": "0.05144033 for X4 baseband, 0.00643004 for X4 RF",
@@ -117,12 +117,12 @@ HEADER_FIELDS = {
     "carrier_hz": "carrier_hz",
     "prf_hz": "frame_rate_hz",
 }
-"""Record field that states what an option would."""
+"""Record field with the value of an option, by the name of the option."""
 
 
 @dataclass
 class Records:
-    """Records of one type, and each fact's source."""
+    """Records of one type, with notes on the source of each fact."""
 
     path: Path
     name: str
@@ -155,46 +155,46 @@ def read_xethru_recording(
 ) -> Recording:
     """Read a XeThru recording as baseband.
 
-    What a record says (range of the first bin, bin length, carrier, frame rate) is taken from there; an option replaces
-    it. Ranges are those of the file, which the driver counts with c = 3e8 m/s. Where no record states the frame rate it
-    is measured from the times in the meta file.
+    The values in the records (range of the first bin, bin length, carrier, frame rate) are used unless an option
+    replaces them. Ranges are those of the file, for which the driver uses c = 3e8 m/s. If no record states the frame
+    rate, it is measured from the times in the meta file.
 
     Parameters
     ----------
     path : path-like
         Folder, meta file or data file (:func:`~doppelgait.radar.xethru.read_xethru`).
     data_type : str, optional
-        Which data type to take; needed where the recording holds several that give a baseband.
+        Data type to read; needed if the recording has several types with a baseband.
     radar : str
-        Preset, or file of one, that stands for the sensor: its ``volts_per_unit`` makes volts of the file's unit
-        (1 = 1024 DAC codes), its pulse and powers describe the radar.
+        Preset of the sensor, or path of a preset file: its ``volts_per_unit`` converts the file's unit (1 = 1024 DAC
+        codes) to volts, and its pulse and powers describe the radar.
     range_start_m, bin_spacing_m, carrier_hz, prf_hz : float, optional
         Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat`` records state none
         of them.
     kind : {"baseband", "rf"}
-        What ``datafloat`` values are. RF frames are down-converted
+        Type of the ``datafloat`` values. RF frames are down-converted
         (:func:`~doppelgait.radar.xethru.downconvert.down_convert_frames`).
     iq : {"separate", "interleaved"}
-        Order of ``datafloat`` baseband: all I then all Q, as the driver does by default, or I and Q in turn.
+        Order of ``datafloat`` baseband: all I, then all Q (the default of the driver), or alternating I and Q.
     conjugate : bool
-        Take I - jQ instead of I + jQ. False is right for the X4, because its driver negates Q: with its filters an
+        Use I - jQ instead of I + jQ. False is correct for the X4, because its driver negates Q: with its filters an
         approaching target then has positive Doppler.
     filter : {"hamming", "chip"}
-        Low-pass for RF frames. An echo has the same volts with either; the radar states the noise bandwidth and
-        correlation of the one that was taken.
+        Low-pass for RF frames. An echo has the same volts with both; the radar states the noise bandwidth and
+        correlation of the chosen filter.
     counts_per_unit : float, optional
-        Counter steps per unit for ``radar_rf`` records, which hold bare counters.
+        Counter steps per unit for ``radar_rf`` records, which contain counters without a unit.
 
     Returns
     -------
     Recording
-        ``notes`` say what the file does not state and what was taken instead.
+        ``notes`` list the values that the file does not state, and the assumptions.
 
     Raises
     ------
     RecordingError
-        If it cannot be read, holds no baseband or several, its settings change on the way, or an option is needed or
-        not allowed.
+        If the recording cannot be read, has none or several basebands, its settings change, or an option is required
+        or not allowed.
 
     Warns
     -----
@@ -239,7 +239,7 @@ def read_xethru_recording(
     if n_lost:
         warn_caller(
             f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(records):,} "
-            "that are there are taken as if they followed each other"
+            "existing frames are treated as consecutive"
         )
     rate_hz = measured_rate_hz(source.time_ms, numbers)
     volts, made, range_m = convert_records(
@@ -267,7 +267,7 @@ def convert_records(
 ) -> tuple[npt.NDArray[np.complex64], Radar, npt.NDArray[np.float64]]:
     """Convert records to volts.
 
-    The options are those of :func:`read_xethru_recording`; ``rate_hz`` is the frame rate where the records state none.
+    The options are those of :func:`read_xethru_recording`; ``rate_hz`` is the frame rate if the records state none.
 
     Returns
     -------
@@ -317,18 +317,18 @@ def _refuse_missing(source: Records, missing: list[str]) -> None:
     if missing:
         wanted = "; ".join(f"{option} ({TYPICAL[option]})" for option in missing)
         raise RecordingError(
-            f"{source.path}: {source.name} records do not state {', '.join(missing)}; give {wanted}. The script that "
-            "made the recording knows them."
+            f"{source.path}: {source.name} records do not state {', '.join(missing)}; set {wanted}. The values are in "
+            "the script that made the recording."
         )
 
 
 def _read_constant(source: Records, name: str) -> float:
     """Return a header field that all records share.
 
-    As the shortest decimal number that is this float32.
+    The value is the shortest decimal number that rounds to this float32.
     """
     values = np.ascontiguousarray(source.records[name])
-    bits = values.view("<u4")  # so that a damaged NaN is equal to itself
+    bits = values.view("<u4")  # a damaged NaN is then equal to itself
     changed = np.flatnonzero(bits != bits[0])
     if changed.size:
         raise RecordingError(
@@ -340,7 +340,7 @@ def _read_constant(source: Records, name: str) -> float:
 
 def _from_pairs(source: Records) -> npt.NDArray[np.complex64]:
     records = source.records
-    with np.errstate(over="ignore", invalid="ignore"):  # damaged values are refused later, with their place
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged values raise an error later, with their position
         if source.name == "baseband_ap":
             source.notes.append("amplitude is taken as magnitude in the driver's unit, phase in rad: not in the file")
             return np.asarray(records["amplitude"] * np.exp(1j * records["phase_rad"]), dtype=np.complex64)
@@ -376,10 +376,10 @@ def _from_rf(
         if steps is None:
             _refuse_missing(source, ["counts_per_unit"])
         above, most = LIMITS["counts_per_unit"]
-        source.notes.append(f"counts_per_unit = {steps}: set by the user; the mean of all counters is taken as 0")
+        source.notes.append(f"counts_per_unit = {steps}: set by the user; the mean of all counters is used as 0")
         steps = check_number(source.path, "counts_per_unit", steps, above=above, most=most)
         frames = source.records["counts"] / steps
-        frames -= frames.mean()  # the middle of the threshold sweep; no antenna passes 0 Hz
+        frames -= frames.mean()  # removes the middle of the threshold sweep; antennas do not pass 0 Hz
     else:
         frames = source.records["values"].astype(float)
     source.notes.append(f"real RF samples, down-converted on reading with the {filter} filter")

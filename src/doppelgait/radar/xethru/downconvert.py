@@ -3,13 +3,13 @@
 For chips that sample the carrier itself.
 
 Units: one unit of the X4's files is 1024 codes of its threshold DAC, in RF frames and in the chip's own baseband. A
-sinusoid of amplitude A in RF has 0.78 A in that baseband, the gain of the chip's taps. ``volts_per_unit`` of a preset
-is of the baseband, and volts are those of the RF amplitude: 1 unit of RF is 0.78 ``volts_per_unit``. What reads RF
-frames therefore multiplies what a filter gives by :func:`compute_chip_gain`, so that an echo has the same volts by
-either filter, and those of the same echo in the chip's own baseband.
+sinusoid with the RF amplitude A has the amplitude 0.78 A in that baseband, which is the gain of the chip's taps.
+``volts_per_unit`` of a preset refers to the baseband, and volts are those of the RF amplitude: 1 unit of RF is 0.78
+``volts_per_unit``. Readers of RF frames therefore multiply the output of a filter by :func:`compute_chip_gain`, so that
+an echo has the same volts with both filters and in the chip's own baseband.
 
-The recordings of such chips hold real samples of every echo, carrier included. :func:`down_convert_frames` makes
-baseband of them as a host does (mix, low-pass, keep every D-th sample) or, with ``filter="chip"``, as the X4 does.
+The recordings of such chips contain real samples of the echoes including the carrier. :func:`down_convert_frames`
+converts them to baseband like a host (mix, low-pass, decimate by D) or, with ``filter="chip"``, like the X4.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FrameFilter = Literal["hamming", "chip"]
 
 HAMMING_TAPS = 27
 CHUNK_SAMPLES = 1 << 22
-"""RF samples converted at a time: keeps the working memory below 100 MB whatever the length of the recording."""
+"""Number of RF samples per block, which limits the working memory to 100 MB for recordings of any length."""
 
 CHIP_TAPS = {
     "low": (
@@ -47,7 +47,7 @@ CHIP_TAPS = {
 CHIP_CENTRE = {"low": 14.5, "high": 13.5}
 """Centre of the envelope of those filters, RF samples after their first tap."""
 CHIP_CARRIER = {"low": 5.0 / 16.0, "high": 3.0 / 8.0}
-"""Carrier over sampling rate that each pair is made for: 7.29 and 8.748 GHz at 23.328 GS/s."""
+"""Ratio of carrier to sampling rate of each pair: 7.29 and 8.748 GHz at 23.328 GS/s."""
 
 
 def down_convert_frames(
@@ -60,11 +60,11 @@ def down_convert_frames(
     bin_length_m: float | None = None,
     filter: FrameFilter = "hamming",
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
-    """Complex baseband of real RF frames (E-17).
+    """Convert real RF frames to complex baseband (E-17).
 
-    ``y[m] = sum_k h[k] x[D m + k] exp(-j 2 pi f_c t[D m + k])``, with ``t[n] = (r_0 / b + n) / f_s`` the delay of
+    ``y[m] = sum_k h[k] x[D m + k] exp(-j 2 pi f_c t[D m + k])``, with the delay ``t[n] = (r_0 / b + n) / f_s`` of
     sample n of a frame that starts at r_0 with bins of length b. The phase of an echo then falls with its range, so an
-    approaching target has positive Doppler, and the result does not depend on where the frame was cut.
+    approaching target has positive Doppler, and the result does not depend on the start of the frame.
 
     Parameters
     ----------
@@ -75,30 +75,30 @@ def down_convert_frames(
     sample_rate_hz : float
         RF sampling rate f_s.
     decimation : int
-        Samples kept: every D-th, 1 to 1024.
+        Decimation factor D, 1 to 1024.
     range_start_m : float
         Range r_0 of the first RF sample.
     bin_length_m : float, optional
-        Range from one RF sample to the next, as the file says (0.00643004 m in X4 files, made with c = 3e8 m/s);
-        c / (2 f_s) with the true speed of light by default.
+        Range spacing of the RF samples in the file (0.00643004 m in X4 files, computed with c = 3e8 m/s); by default
+        c / (2 f_s) with the true speed of light.
     filter : {"hamming", "chip"}
-        ``"hamming"``: symmetric low-pass of 27 taps, Hamming window, cut-off f_s / (2 D), gain 1 at the carrier; there
-        is no factor 2, so an RF sinusoid of amplitude A becomes A / 2. That is the recipe of the vendor's user guide,
-        in which an empty room's noise is -105 dB. ``"chip"``: the X4's own integer filters for the band of the carrier,
-        divided by the sum of their magnitudes as its driver does; A becomes 0.78 A. Taps are taken in the order of
-        time, with which Q negated as the driver does gives the sign above.
+        ``"hamming"``: symmetric low-pass with 27 taps, Hamming window, cut-off f_s / (2 D) and gain 1 at the carrier;
+        there is no factor 2, so an RF sinusoid of amplitude A becomes A / 2. This is the method of the vendor's user
+        guide, where the noise of an empty room is -105 dB. ``"chip"``: the X4's integer filters for the band of the
+        carrier, divided by the sum of their magnitudes as in its driver; A becomes 0.78 A. The taps are in the order of
+        time; with Q negated as in the driver, this gives the sign above.
 
     Returns
     -------
     baseband : ndarray, shape (I, M)
-        complex64; only outputs with the whole filter inside the frame: M = floor((N - taps) / D) + 1.
+        complex64; only outputs with the complete filter inside the frame: M = floor((N - taps) / D) + 1.
     range_m : ndarray, shape (M,)
-        Range of every output: that of the centre of its filter.
+        Range of every output, at the centre of its filter.
 
     Raises
     ------
     RecordingError
-        If the frames are no real matrix, are too short, or a parameter is not allowed.
+        If the frames are not a real matrix or are too short, or a parameter is not allowed.
     """
     samples = np.asarray(frames)
     if samples.ndim != 2 or samples.dtype.kind not in "fiu":
@@ -126,9 +126,9 @@ def down_convert_frames(
     starts = np.arange(0, samples.shape[1] - taps.size + 1, decimation)
     cycles = carrier_hz / sample_rate_hz * (range_start_m / spacing_m + starts)
     mixer = np.exp(-2j * np.pi * np.mod(cycles, 1.0))
-    # filter samples at some starts only
+    # filter only at the starts that are kept
     result = np.empty((samples.shape[0], starts.size), dtype=np.complex64)
-    pair = np.stack([taps.real, taps.imag], axis=1)  # real products: half the work of complex ones, and in BLAS
+    pair = np.stack([taps.real, taps.imag], axis=1)  # real products need half the operations and use BLAS
     step = max(1, CHUNK_SAMPLES // (starts.size * taps.size))
     for first in range(0, samples.shape[0], step):
         rows = np.asarray(samples[first : first + step], dtype=float)
@@ -139,9 +139,10 @@ def down_convert_frames(
 
 
 def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> float:
-    """Return the gain of the chip's filter over another's.
+    """Return the gain of the chip's filter relative to another filter.
 
-    1 for ``"chip"``, 1.56 (low band) or 1.54 for ``"hamming"``; another carrier counts to the nearer band.
+    It is 1 for ``"chip"``, and 1.56 (low band) or 1.54 (high band) for ``"hamming"``; the band is the one nearer to the
+    carrier.
     """
     band = min(CHIP_CARRIER, key=lambda name: abs(CHIP_CARRIER[name] - carrier_hz / sample_rate_hz))
     return (
@@ -161,7 +162,7 @@ def filter_noise(
     bandwidth_hz : float
         Noise bandwidth B_n.
     correlation : tuple of float
-        Correlation of bins 1, 2, ... apart, as far as the filter reaches; its small imaginary part is left out.
+        Correlation at lags of 1, 2, ... bins within the filter length; its small imaginary part is neglected.
     """
     cycles = carrier_hz / sample_rate_hz
     taps, _ = _make_complex_taps(cycles, decimation, filter)
@@ -176,7 +177,8 @@ def filter_noise(
 def change_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
     """Return a chip's radar with the noise of another filter.
 
-    Bandwidth and correlation of what RF frames were down-converted with; a radar that states no correlation is left.
+    Bandwidth and correlation become those of the filter of the down-conversion; a radar without a stated correlation
+    does not change.
     """
     if filter == "chip" or not radar.noise_correlation:
         return radar
@@ -195,7 +197,7 @@ def _make_complex_taps(
 ) -> tuple[npt.NDArray[np.complex128], float]:
     """Return filter and mixer in one, and its centre.
 
-    ``h[k] exp(-j 2 pi f_c k / f_s)``; the centre of its envelope is in samples.
+    The taps are ``h[k] exp(-j 2 pi f_c k / f_s)``; the centre of the envelope is in samples.
     """
     if filter == "chip":
         bands = [band for band, value in CHIP_CARRIER.items() if abs(value - cycles_per_sample) < 1e-3]
@@ -207,7 +209,7 @@ def _make_complex_taps(
             )
         in_phase, quadrature = (np.array(taps, dtype=float) for taps in CHIP_TAPS[bands[0]])
         pair = (in_phase - 1j * quadrature) / np.abs(in_phase).sum()
-        # The chip's own phase at the first tap is a constant of the band; without it both filters agree in phase.
+        # The chip's phase at the first tap is constant in each band; without it both filters have the same phase.
         gain = (pair * np.exp(2j * np.pi * cycles_per_sample * np.arange(pair.size))).sum()
         return pair * np.abs(gain) / gain, CHIP_CENTRE[bands[0]]
     if filter != "hamming":
@@ -232,15 +234,15 @@ def up_convert_frames(
 
     ``x[n] = 2 Re(y(t[n]) exp(j 2 pi f_c t[n]))``.
 
-    The baseband is band-limited to half its sampling rate, so that ``y`` between its samples follows from them; near
-    both ends of the frame, where samples are missing, it does so within a few bins only. The factor 2 is the one that
-    the ``"hamming"`` filter of :func:`down_convert_frames` takes away.
+    The baseband is band-limited to half its sampling rate, so that ``y`` can be interpolated between the samples;
+    within a few bins of both ends of the frame, where samples are missing, this is inaccurate. The factor 2 compensates
+    for the ``"hamming"`` filter of :func:`down_convert_frames`.
 
     Parameters
     ----------
     baseband : ndarray, shape (I, M)
     carrier_hz, sample_rate_hz, decimation, range_start_m, bin_length_m
-        As in :func:`down_convert_frames`; ``range_start_m`` is that of the first baseband sample.
+        As in :func:`down_convert_frames`; ``range_start_m`` is the range of the first baseband sample.
 
     Returns
     -------

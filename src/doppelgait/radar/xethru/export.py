@@ -1,6 +1,6 @@
 """Write recordings as XeThru files.
 
-Software made for the sensor then reads simulated data.
+Software for the sensor can then read simulated data.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from doppelgait.radar.xethru.writer import NO_SPLITTING, Splitting, TimedRecord,
 
 RF_FRAMES = ("radar_rf", "radar_rf_normalized")
 SWEEP_CODES = 152
-"""Thresholds of the sweep (949 to 1100) that counters are written for; one unit is 1024 of them."""
+"""Number of thresholds of the sweep (949 to 1100) of written counters; one unit is 1024 thresholds."""
 Q15_MAX = 32767
 CHUNK_FRAMES = 1024
 
@@ -62,26 +62,26 @@ def write_xethru_recording(
 
     :func:`~doppelgait.radar.xethru.read_xethru_recording` reads it back.
 
-    Amplitudes become the driver's unit by ``radar.volts_per_unit`` (1 V where the radar has none), which is the unit of
-    the chip's baseband: RF frames are larger by the inverse of the chip's gain, 1 / 0.78. Bin length and
-    range of the first bin are written as our range axis has them, with the true speed of light, in float32; the truth
-    and the noise power of a simulation have no place in these files. Frame counters start at 1; the meta file holds the
-    time of every frame in whole ms.
+    ``radar.volts_per_unit`` (1 V if the radar has none) converts amplitudes to the driver's unit, which is the unit of
+    the chip's baseband: RF frames are larger by the inverse of the chip's gain, 1 / 0.78. Bin length and range of the
+    first bin are written from the range axis, with the true speed of light, in float32; these files cannot store the
+    truth and the noise power of a simulation. Frame counters start at 1; the meta file has the time of every frame in
+    integer ms.
 
     Parameters
     ----------
     recording : Recording
     folder : path-like
-        Where the folder of the recording is made.
+        Parent folder for the folder of the recording.
     data_type : str
         ``baseband_iq``, ``radar_baseband_float``, ``datafloat`` (I, Q as float32), ``baseband_ap`` (magnitude, phase),
-        ``radar_baseband_q15`` (16-bit integers and one factor a frame, half a step of error), ``radar_rf_normalized``
+        ``radar_baseband_q15`` (16-bit integers with one factor per frame, error half a step), ``radar_rf_normalized``
         or ``radar_rf`` (RF frames by :func:`~doppelgait.radar.xethru.downconvert.up_convert_frames`; down-converted
         again, two bins at both ends are lost and the low-pass lowers the edges of the band).
     start_time, session_id, profile_id, user_header, splitting
         As in :func:`~doppelgait.radar.xethru.writer.write_xethru`.
     conjugate : bool
-        Write the conjugate; to be read with the same option.
+        Write the conjugate; set the same option when reading.
     counts_per_unit : float, optional
         Counter steps per unit, above 0; needed for ``radar_rf``.
 
@@ -108,7 +108,7 @@ def write_xethru_recording(
     radar = recording.radar
     if radar.waveform.kind != "impulse":
         raise RecordingError(
-            f"XeThru files are of impulse radars and would be read as such; this recording is of waveform "
+            f"XeThru files are for impulse radars only; this recording has the waveform "
             f"{radar.waveform.kind!r}: write .h5, .npz or .sigmf-meta"
         )
     values = np.asarray(recording.baseband.values) / (radar.volts_per_unit or 1.0)
@@ -172,7 +172,7 @@ def _make_payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[st
     if frames.name == "baseband_ap":
         return {"amplitude": np.abs(values), "phase_rad": np.angle(values)}
     if frames.name == "radar_baseband_q15":
-        # integers, and for each frame the factor that its largest value needs
+        # integers, and for each frame the factor for its maximum value
         largest = np.maximum(np.abs(values.real), np.abs(values.imag)).max(axis=1)
         scale = (largest / Q15_MAX).astype(np.float32)
         scale[scale < np.finfo(np.float32).tiny] = 1.0
@@ -191,7 +191,7 @@ def _make_payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[st
     ) / compute_chip_gain(frames.head["carrier_hz"], frames.head["sample_rate_hz"], "hamming")
     if frames.name == "radar_rf_normalized":
         return {"values": rf}
-    # counters of a threshold sweep around 0; what lies outside it is clipped, as on the chip
+    # counters of a threshold sweep around 0; values outside it are clipped, as on the chip
     most = SWEEP_CODES / 1024.0 * frames.counts_per_unit
     counts = np.rint(frames.counts_per_unit * rf + most / 2.0)
     if clipped := int(np.count_nonzero((counts < 0) | (counts > most))):

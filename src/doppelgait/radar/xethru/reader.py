@@ -29,9 +29,9 @@ from doppelgait.radar.xethru.records import (
 )
 
 MAX_PARTS = 10_000
-"""Chained folders followed at most."""
+"""Maximum number of chained folders."""
 LONGEST_MS = 10 * 366 * 86_400_000
-"""Ten years: no part of a recording starts later than this after the first."""
+"""Maximum time from the start of the first part of a recording to that of the last, ms: ten years."""
 HEAD_BYTES = 64
 
 
@@ -47,9 +47,9 @@ class XethruStream:
     time_ms : ndarray, shape (n,)
         Time of each record after the start of the recording, int64; empty when no meta file states it.
     lines : tuple of str
-        Of text types: the header line of each file and the rows, without line ends.
+        Header line of each file and rows of text types, without line ends.
     raw : tuple of bytes
-        Records of types without a known layout, cut as the meta file says.
+        Records of types without a known layout, split according to the meta file.
     """
 
     data_type: DataType
@@ -78,8 +78,8 @@ class XethruStream:
         if len({block.dtype for block in self.blocks}) > 1:
             sizes = sorted({block.dtype.itemsize for block in self.blocks})
             raise RecordingError(
-                f"the records of {self.data_type.name} differ in size ({sizes[0]} to {sizes[-1]} bytes), so that they "
-                "make no matrix; read them one by one"
+                f"the records of {self.data_type.name} differ in size ({sizes[0]} to {sizes[-1]} bytes) and are not a "
+                "matrix; read them one by one"
             )
         return self.blocks[0] if len(self.blocks) == 1 else np.concatenate(self.blocks)
 
@@ -91,13 +91,13 @@ class XethruRecording:
     Parameters
     ----------
     path : Path
-        What was read.
+        Path that was read.
     streams : mapping
         Records by the name of their data type.
     user_headers : mapping
-        User header by the name of the data type, where there is one.
+        User headers, by the name of the data type.
     metas : tuple of Meta
-        Meta files in order: one, more for a recording split over folders, none for a lone data file.
+        Meta files in order: one, several for a recording split over folders, none for a single data file.
     """
 
     path: Path
@@ -133,12 +133,12 @@ class _DataContent:
 def sniff_xethru(path: str | os.PathLike[str]) -> bool:
     """Return whether a path is a XeThru recording.
 
-    That is a meta file, a folder with one, or a data file by its name that starts with a plausible record.
+    It is a meta file, a folder with a meta file, or a file with the name of a data file and a plausible first record.
 
     Parameters
     ----------
     path : path-like
-        A folder, a meta file or a data file. Of a file at most 64 bytes are read.
+        A folder, a meta file or a data file. At most 64 bytes of a file are read.
     """
     try:
         place = _find_main_path(Path(path))
@@ -165,8 +165,8 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     Parameters
     ----------
     path : path-like
-        The folder of a recording (with its meta file, or with the folders ``_0``, ``_1`` ... of a split one), a meta
-        file, or one data file. Of a data file with a meta file in its folder the times are taken from there.
+        Folder of a recording (with its meta file, or with the folders ``_0``, ``_1`` ... of a split recording), a meta
+        file, or one data file. The times of a data file are those of the meta file in its folder, if there is one.
 
     Returns
     -------
@@ -175,13 +175,14 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     Raises
     ------
     RecordingError
-        If there is no such file, it is no XeThru recording, its meta file is damaged, or a data file is missing. A data
-        file that is cut off or damaged is read up to there, with a :class:`DoppelgaitWarning` that says how far.
+        If the file does not exist, is not a XeThru recording, its meta file is damaged, or a data file is missing. An
+        incomplete or damaged data file is read up to the fault, with a :class:`DoppelgaitWarning` that states the
+        position.
     """
     place = _find_main_path(Path(path))
     try:
         if find_data_type_by_file(place.name) is not None:
-            # one data file, with its times where a good meta file in its folder lists it
+            # one data file; its times are known if a valid meta file in its folder lists it
             file = place
             if not file.is_file():
                 raise RecordingError(f"{file}: there is no such file")
@@ -220,9 +221,9 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
 
 
 def _find_main_path(path: Path) -> Path:
-    """Return the file to start from.
+    """Return the first file to read.
 
-    A folder's meta file, else its first part's, else its only data file.
+    It is the folder's meta file, otherwise that of its first part, otherwise its only data file.
     """
     if not path.is_dir():
         return path
@@ -248,7 +249,7 @@ def _list_chain(first: Path) -> list[tuple[Path, Meta]]:
     while len(found) < MAX_PARTS:
         if not place.is_file():
             follows = f"; {found[-1][0]} says that the recording continues there" if found else ""
-            raise RecordingError(f"{place}: there is no such file{follows}")
+            raise RecordingError(f"{place}: no such file{follows}")
         seen.add(place.resolve())
         meta = parse_meta(place.read_bytes(), where=str(place))
         found.append((place, meta))
@@ -306,7 +307,7 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _DataCon
 
 
 def _read_bytes(file: Path) -> bytes:
-    """Read a data file; refuse texts of too many lines."""
+    """Read a data file; a text with too many lines raises an error."""
     content = file.read_bytes()
     check_cost(file, CELL_BYTES * content.count(b"\n") if file.suffix == ".csv" else 0, RecordingError)
     return content

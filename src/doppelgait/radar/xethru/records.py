@@ -1,8 +1,8 @@
 """Structure of XeThru meta files (version 13) and data records.
 
-The meta file has one table entry per record and the names of the data files. A table of data types holds what a record
-of each is, as structured NumPy types. All records are little endian, follow each other without padding, and hold their
-number of values themselves.
+The meta file has one table entry per record and the names of the data files. A table of data types defines the records
+of each type as structured NumPy types. All records are little endian, follow each other without padding, and contain
+their number of values.
 """
 
 from __future__ import annotations
@@ -37,8 +37,11 @@ ENTRY = np.dtype([
     ("time_ms", "<u4"), ("kind", "u1"), ("data_type", "<u4"), ("size", "<u4"), ("file", "<u4"), ("offset", "<i8"),
     ("total", "<i8"),
 ])  # fmt: skip
-"""A table entry: 33 bytes. ``data_type`` is a bit mask, bitwise inverted for a user header; ``offset`` is in the data
-file, ``total`` counts the bytes of all data files up to and with this record."""
+"""Type of a table entry of 33 bytes.
+
+``data_type`` is a bit mask, bitwise inverted for a user header; ``offset`` is the position in the data file; ``total``
+is the number of bytes of all data files up to and including this record.
+"""
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,11 @@ class Meta:
         Data files, in the order they were opened.
     duration_ms : int
     trailer_ms : int, optional
-        Time of the trailer, when it differs from the duration (by the millisecond that passes between the two).
+        Time of the trailer, if it differs from the duration (the trailer may be written 1 ms later).
     profile_id : int
         0 for raw data.
     next_meta : str
-        Relative path of the meta that goes on with this recording, ``""`` for the last.
+        Relative path of the meta file that continues this recording, ``""`` for the last.
     version : int
     flag : int
         Byte 16: 1 in every file seen; its meaning is not known.
@@ -301,7 +304,7 @@ _BY_MASK = {entry.mask: entry for entry in _TYPES}
 def find_data_type(name: str) -> DataType:
     """Return the data type of a name.
 
-    An unknown one is a :class:`RecordingError` that lists them.
+    An unknown name raises a :class:`RecordingError` that lists the known names.
     """
     if name not in DATA_TYPES:
         raise RecordingError(f"unknown XeThru data type {name!r}; known are: {', '.join(DATA_TYPES)}")
@@ -325,7 +328,7 @@ def find_data_type_by_file(file_name: str) -> DataType | None:
 def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
     """Return the structured type of a record.
 
-    It has ``count`` values in each of its arrays.
+    Each of its arrays has ``count`` values.
 
     Raises
     ------
@@ -334,7 +337,7 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
     """
     if not kind.header:
         raise RecordingError(
-            f"records of the XeThru data type {kind.name} have no layout that is known; read its bytes"
+            f"records of the XeThru data type {kind.name} have no known layout; read its bytes"
         )
     return np.dtype([*kind.header, *((name, code, (count,)) for name, code in kind.payload)])
 
@@ -342,7 +345,7 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
 def record_bytes(kind: DataType, *, count: int) -> int:
     """Return the length of a record with ``count`` values.
 
-    Its type is not built, since a damaged count can be absurd.
+    The structured type is not made, because a damaged count can be very large.
     """
     head = np.dtype(list(kind.header)).itemsize
     return head + count * sum(np.dtype(code).itemsize for _, code in kind.payload)
@@ -364,7 +367,7 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
     Returns
     -------
     ndarray, shape (n,)
-        Structured array; ``records.tobytes()`` is what a data file holds.
+        Structured array; ``records.tobytes()`` is the content of a data file.
 
     Raises
     ------
@@ -393,9 +396,9 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
 
 
 def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt.NDArray[np.void]], int]:
-    """Cut the content of a data file into records.
+    """Split the content of a data file into records.
 
-    Neighbours of one size come as one array that shares the memory of ``content``, whatever their number.
+    Consecutive records of one size form one array, which shares the memory of ``content``.
 
     Parameters
     ----------
@@ -408,7 +411,7 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
     blocks : list of ndarray
         Structured arrays in the order of the file.
     used : int
-        Bytes that they take; less than the length of ``content`` if it ends in, or holds, something that is no record.
+        Number of bytes of these records; less than the length of ``content`` if it has content that is not a record.
     """
     blocks, offset = [], 0
     while (found := _find_next_block(content, kind, offset)) is not None:
@@ -420,7 +423,7 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
 def _find_next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt.NDArray[np.void] | None:
     """Return the next run of equally long records, or None.
 
-    They start at ``offset``; None if there is no whole one.
+    The records start at ``offset``; the result is None without a complete record.
     """
     head = np.dtype(list(kind.header))
     left = len(content) - offset

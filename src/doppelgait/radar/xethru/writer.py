@@ -1,4 +1,4 @@
-"""Writing of XeThru recordings, as the vendor's recorder does."""
+"""Writing of XeThru recordings in the format of the vendor's recorder."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class TimedRecord:
     data_type : str
         Name of its data type.
     content : bytes
-        The record as the data file holds it; of a text type one line with its end.
+        Bytes of the record in the data file; for a text type, one line with its line end.
     """
 
     time_ms: int
@@ -53,14 +53,15 @@ class TimedRecord:
 
 
 class Splitting(FrozenModel):
-    """When a new data file or a new folder begins.
+    """Limits at which a new data file or a new folder starts.
 
     Parameters
     ----------
     file_bytes, folder_bytes : int, optional
-        A data file, or all data files of a folder together, are closed with the record that makes them this long.
+        Maximum size of a data file, and of all data files of a folder: they are closed after the record that reaches
+        it.
     file_ms, folder_ms : int, optional
-        They are closed before the first record that comes this long after they were opened.
+        Maximum duration: they are closed before the first record at this time after they were opened.
     """
 
     file_bytes: int | None = Field(default=None, ge=1)
@@ -129,29 +130,29 @@ def write_xethru(
     Parameters
     ----------
     folder : path-like
-        Where the folder ``xethru_recording_YYYYMMDD_HHMMSS_<session id>`` is made.
+        Parent folder for the folder ``xethru_recording_YYYYMMDD_HHMMSS_<session id>``.
     records : iterable of TimedRecord
-        In the order of time.
+        Records in the order of time.
     start_time : datetime
-        With a time zone. The names show it in that zone (the vendor's recorder shows local time), the meta file
-        holds the instant, to the millisecond.
+        Start time with a time zone. The names have the time in that zone (the vendor's recorder uses local time); the
+        meta file has the UTC time in ms.
     session_id : str
-        1 to 100 printable characters that may stand in the name of a folder.
+        1 to 100 printable characters that are allowed in the name of a folder.
     stop_ms : int or sequence of int, optional
-        When the last files were closed; the time of the last record by default. Of a recording that is split over
-        folders also one time for each folder.
+        Time at which the last files were closed; by default the time of the last record. For a recording that is split
+        over folders, it may be one time per folder.
     duration_ms : int, optional
-        End of the recording by which the (last) meta file counts its duration; ``stop_ms`` by default.
+        End of the recording for the duration in the (last) meta file; ``stop_ms`` by default.
     profile_id : int
         Radar profile, 0 for raw data.
     user_header : bytes
-        Put at the start of every data file.
+        Content at the start of every data file.
     splitting : Splitting
         With ``folder_bytes`` or ``folder_ms`` the folder holds folders ``<its name>_0``, ``_1`` ..., each with a meta
         file that names the next.
     rename_lag_ms : int
-        Time between the closing of a data file and the moment that stands in its name: a file whose name (the second in
-        which it was opened) is taken gets ``_NNNms``, the millisecond of that moment.
+        Time from the closing of a data file to the time in its name. The name has the second in which the file was
+        opened; if it exists already, ``_NNNms`` is added, the millisecond of the time in the name.
 
     Returns
     -------
@@ -163,7 +164,7 @@ def write_xethru(
     RecordingError
         If there is no record, times fall or are out of range, or an argument is not allowed.
     OutputError
-        If the folder exists already, or cannot be written. Nothing is left behind then.
+        If the folder exists already, or cannot be written. Incomplete files are then removed.
     """
     if start_time.tzinfo is None:
         raise RecordingError(f"start_time {start_time} has no time zone; give one, for example datetime.timezone.utc")
@@ -269,7 +270,7 @@ def _close_file(job: _Job, part: _Part, file: _DataFile, time_ms: int) -> None:
     file.stream.close()
     after_ms = time_ms - part.opened_ms
     part.entries.append((after_ms, FILE_CLOSED, file.kind.mask, 0, file.number, file.n_bytes, part.n_bytes))
-    # the name itself or, where it is taken, with the millisecond of the moment (or the next that is free)
+    # the plain name, or if it exists, with the millisecond of the time (or the next free one)
     moment = job.start_time + timedelta(milliseconds=time_ms + job.rename_lag_ms)
     candidate, millisecond = file.path, moment.microsecond // 1000
     while candidate.exists():
