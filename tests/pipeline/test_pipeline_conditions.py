@@ -297,7 +297,7 @@ def test_only_impulse_radars_are_written_as_xethru(tmp_path):
 
 
 def test_a_pulse_rate_means_nothing_to_a_sweep():
-    with pytest.raises(ConfigError, match="pulse_rate_hz means nothing to waveform 'fmcw'"):
+    with pytest.raises(ConfigError, match="pulse_rate_hz is not used by waveform 'fmcw'"):
         Radar.preset("ti-60", pulse_rate_hz=1e8)
 
 

@@ -116,7 +116,7 @@ def test_range_bins_wider_than_two_echoes_are_warned_of(walk):
     sparse = Radar.preset("x4", decimation=32)
     assert sparse.bin_spacing_m > 2 * sparse.range_resolution_m
     table = assemble(Scene([Target(walk)]), np.arange(100) / 1000)
-    with pytest.warns(DoppelgaitWarning, match=r"sparse range bins: they are 0.206 m apart.*radar.decimation \(32\)"):
+    with pytest.warns(DoppelgaitWarning, match=r"sparse range bins: their spacing is 0.206 m.*radar.decimation \(32\)"):
         warn_of_limits(table, sparse)
     warn_of_limits(table, Radar.preset("x4"))
 

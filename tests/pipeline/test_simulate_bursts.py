@@ -87,7 +87,7 @@ def test_of_a_file_with_lost_frames_whole_bursts_are_kept_at_their_times(tmp_pat
     start = len(content) - 16 - size * made.n_pulses
     lost = start + size * 300, start + size * 310  # in the third burst
     (tmp_path / "walk.dgf").write_bytes(content[: lost[0]] + content[lost[1] :])
-    with pytest.warns(DoppelgaitWarning, match="1 bursts that are not whole are left out"):
+    with pytest.warns(DoppelgaitWarning, match="1 incomplete bursts are ignored"):
         back = read_recording(tmp_path / "walk.dgf")
     kept = np.delete(np.arange(made.n_pulses), np.s_[256:384])
     np.testing.assert_array_equal(back.samples.matrix, made.samples.matrix[kept])

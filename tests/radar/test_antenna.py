@@ -177,7 +177,7 @@ CUTS = {"angle_deg": (-90, 0, 90), "azimuth_db": (-9, 0, -9), "elevation_db": (-
     [
         ({"kind": "cosine", "hpbw_azimuth_deg": 60}, "needs hpbw_elevation_deg"),
         ({"kind": "cosine", "hpbw_azimuth_deg": 60, "hpbw_elevation_deg": 180}, "less than or equal to 179"),
-        ({"hpbw_azimuth_deg": 60}, "'isotropic' has no hpbw_azimuth_deg: leave out, or change the kind"),
+        ({"hpbw_azimuth_deg": 60}, "'isotropic' has no hpbw_azimuth_deg: remove it, or change the kind"),
         ({"kind": "table", **CUTS, "floor_db": -30}, "'table' has no floor_db"),
         ({"kind": "table", "angle_deg": (0, 1)}, "needs azimuth_db and elevation_db"),
         ({"kind": "table", **CUTS, "angle_deg": (-90, 0, 0)}, "must rise"),

@@ -108,7 +108,7 @@ class Hum(FrozenModel):
         (lambda samples: None, "returns nothing; it must return the samples"),
         (lambda samples: samples.matrix[0], r": receiver samples must be complex, .*, not complex64 of shape \(5,\)"),
         (lambda samples: [[1j, 2j], [3j]], ": .*inhomogeneous"),
-        (lambda samples: samples.matrix[1:], r"makes samples of shape \(3, 5\) of \(4, 5\)"),
+        (lambda samples: samples.matrix[1:], r"returns samples of shape \(3, 5\) instead of \(4, 5\)"),
     ],
 )
 def test_an_impairment_of_a_plugin_that_returns_no_samples_is_named(monkeypatch, returned, text):
@@ -166,7 +166,7 @@ def test_samples_of_another_shape_or_type_are_refused():
     with pytest.raises(AnalysisError, match="must be complex"):
         only(np.zeros((3, 188)), Adc())
     for spec in (Leakage(), StaticClutter(rcs_per_metre_m2=1), PhaseNoise(density_dbc_per_hz=-80)):
-        with pytest.raises(AnalysisError, match="has 188 samples, these have 5"):
+        with pytest.raises(AnalysisError, match="has 188 samples, but these have 5"):
             only(np.zeros((3, 5), np.complex64), spec)
 
 

@@ -264,7 +264,7 @@ def test_clutter_in_units_is_static_and_new_in_every_recording():
 def test_wrong_clutter_is_refused():
     with pytest.raises(ConfigError, match="exactly one of levels and rcs_per_metre_m2"):
         make_impairment({"kind": "static_clutter"})
-    with pytest.raises(ConfigError, match="ranges must rise from entry to entry, not go from 3 to 2 m"):
+    with pytest.raises(ConfigError, match="ranges must rise from entry to entry, but 2 m follows 3 m"):
         make_impairment({"kind": "static_clutter", "levels": [[3, -50], [2, -60]]})
     with pytest.raises(ConfigError, match="static_clutter: levels is in the sensor's own unit"):
         only(zeros(1, CW), StaticClutter(levels=((1.0, -50.0),), in_units=True), CW)

@@ -218,7 +218,7 @@ def test_a_file_starts_from_a_preset_or_a_file_and_changes_values(tmp_path):
     ("text", "message"),
     [
         ('preset = "x44"', r"mine\.toml: preset \(line 1\): unknown radar preset 'x44'; known are"),
-        ('prf_hz = 3\npreset = "mine.toml"', r"preset \(line 2\): .*the file starts from itself"),
+        ('prf_hz = 3\npreset = "mine.toml"', r"preset \(line 2\): .*the file is based on itself"),
         ("preset = 4", r"preset \(line 1\): its value: int is not allowed; name a preset or a file"),
         ('preset = "x4"\nprf = 3', r"mine\.toml\): prf: unknown key; allowed are .*prf_hz"),
     ],

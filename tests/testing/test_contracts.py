@@ -249,7 +249,7 @@ def _broken_impairments():
         return samples + (1.0 if samples._planes is None else 2.0)
 
     return {
-        "not its own": in_place, "makes samples of shape": wide, "not finite": nan, "for the same rng": restless,
+        "not its own": in_place, "returns samples of shape": wide, "not finite": nan, "for the same rng": restless,
         "between the two layouts": layout,
     }  # fmt: skip
 

@@ -233,7 +233,7 @@ WAVEFORMS: Group[type[Waveform]] = Group(
 
 
 def _parse_waveform(value: Any) -> Any:
-    """Return the waveform of a name, or of a table with a ``kind``."""
+    """Return the waveform of a name or a table with ``kind``."""
     if isinstance(value, str) and value not in WAVEFORMS:
         raise ValueError(f"known are {', '.join(WAVEFORMS)}")
     try:
@@ -633,7 +633,7 @@ def check_band(radar: Radar, bandwidth_hz: float) -> None:
 
 
 def check_sweep_fits(radar: Radar, duration_s: float) -> None:
-    """Check that a sweep or pulse is not longer than the frame time."""
+    """Check that a sweep or pulse fits into the frame time."""
     if duration_s * radar.prf_hz > 1.0 + 1e-9:
         raise ValueError(
             f"sweep_s {duration_s:g} is longer than a frame at prf_hz {radar.prf_hz:g}, {1 / radar.prf_hz:.4g} s; "

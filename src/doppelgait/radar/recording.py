@@ -305,7 +305,7 @@ class Recording:
 
     @property
     def observation_s(self) -> float:
-        """Observation time T_o from the first pulse to the end of the last.
+        """Observation time T_o, until the end of the last pulse.
 
         It includes the pauses between bursts.
         """

@@ -265,7 +265,7 @@ class _Clock:
         return self._last is not None or frame.counter is None or frame.counter % (self._radar.burst_pulses or 1) == 0
 
     def time_s(self, frame: Frame) -> tuple[float, int, str]:
-        """Return the time, the number of missing frames, and a jump as text."""
+        """Return time, number of missing frames, and a jump as text."""
         if frame.counter is None:
             return frame.clock_s, 0, ""
         last, self._last = self._last, (frame.counter, frame.clock_s)

@@ -146,8 +146,7 @@ def _find_format(path: Path) -> str:
         return names[0]
     if names:
         raise RecordingError(
-            f"{path}: its content could be {' or '.join(names)}; the reader is ambiguous: name it, "
-            f"format='{names[0]}'"
+            f"{path}: its content could be {' or '.join(names)}; the reader is ambiguous: name it, format='{names[0]}'"
         )
     if not path.exists():
         raise RecordingError(f"{path}: no such file")

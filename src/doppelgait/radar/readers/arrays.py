@@ -66,7 +66,8 @@ def read_arrays(
     path : Path
         An existing file.
     radar : str or Path, optional
-XX range_start_m, bin_spacing_m, time_first, conjugate, scale_v, key
+        Preset, or path of such a file, that represents the sensor.
+    prf_hz, carrier_hz, range_start_m, bin_spacing_m, time_first, conjugate, scale_v, key
         As in :class:`~doppelgait.radar.readers.array_facts.ArrayFacts`.
 
     Returns

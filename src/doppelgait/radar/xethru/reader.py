@@ -307,7 +307,7 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _DataCon
 
 
 def _read_bytes(file: Path) -> bytes:
-    """Read a data file; a text with too many lines raises an error."""
+    """Read a data file; refuse texts with too many lines."""
     content = file.read_bytes()
     check_cost(file, CELL_BYTES * content.count(b"\n") if file.suffix == ".csv" else 0, RecordingError)
     return content

@@ -336,9 +336,7 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
         If the layout of this type is not known.
     """
     if not kind.header:
-        raise RecordingError(
-            f"records of the XeThru data type {kind.name} have no known layout; read its bytes"
-        )
+        raise RecordingError(f"records of the XeThru data type {kind.name} have no known layout; read its bytes")
     return np.dtype([*kind.header, *((name, code, (count,)) for name, code in kind.payload)])
 
 
