@@ -214,7 +214,7 @@ def test_the_preset_has_the_spreads_and_loads(tmp_path: Path) -> None:
     runs = [parse_run({"duration_s": 1.0, "radar": str(path), "example": n}) for n in range(20)]
     assert len({run.impairments[0].gain_db for run in runs}) == 20
     text = path.read_text(encoding="utf-8")
-    assert "add no thermal_noise on top" in text
+    assert "do not add thermal_noise" in text
     assert "# Refused: clutter and phase noise: 1 range bins; 8 are needed (in 10 of 10 recordings)." in text
 
 
@@ -226,8 +226,8 @@ def test_noise_that_arises_behind_the_mixer_comes_after_it(tmp_path: Path) -> No
     path.write_text(format_kind_preset(fit_kind(several(8, noise_apart=True))), encoding="utf-8")
     run = parse_run({"duration_s": 1.0, "radar": str(path)})
     text = path.read_text(encoding="utf-8")
-    assert "the thermal_noise below stands in place of the radar's own" in text
-    assert "add no thermal_noise" not in text
+    assert "the thermal_noise below replaces the noise of the radar" in text
+    assert "do not add thermal_noise" not in text
     assert "not used: thermal_noise below" in text
     assert [spec.kind for spec in run.impairments][:3] == ["iq_imbalance", "thermal_noise", "iq_imbalance"]
     rng = np.random.default_rng(7)

@@ -91,7 +91,7 @@ def test_input_noise_is_that_of_half_the_sampling_rate():
 def test_a_threshold_step_needs_a_sweep_and_a_pulse():
     with pytest.raises(ConfigError, match=r"threshold_step_v 0.001 .* sweep_levels is 1: give the number"):
         Radar.preset("x4", sweep_levels=1, threshold_step_v=1e-3)
-    with pytest.raises(ConfigError, match="threshold_step_v means nothing to waveform 'fmcw'"):
+    with pytest.raises(ConfigError, match="threshold_step_v is not used by waveform 'fmcw'"):
         Radar.preset("ti-60", threshold_step_v=1e-3)
 
 
@@ -149,5 +149,5 @@ def test_an_impossible_correlation_is_refused(correlation, message):
 
 
 def test_waveforms_that_transform_to_range_take_no_correlation():
-    with pytest.raises(ConfigError, match="noise_correlation means nothing to waveform 'fmcw'"):
+    with pytest.raises(ConfigError, match="noise_correlation is not used by waveform 'fmcw'"):
         Radar.preset("ti-60", noise_correlation=[0.3])

@@ -114,7 +114,7 @@ def test_gaps_turns_and_signs(tmp_path):
         ("", "cannot be read as CSV"),
         ("x,y,doppler,track\n", "holds no points"),
         ("x,y,track\n1,2,3\n", "has no column for doppler_mps; it has x, y, track. Known names of doppler_mps are"),
-        ("x,y,v,track\n1,2,3,4\n", "has no time of its points; give frame_period_s"),
+        ("x,y,v,track\n1,2,3,4\n", "has no times; set frame_period_s"),
         ("time,x,y,v,track\n0,1,a,3,4\n", "line 2, y: 'a' is no number"),
         ("time,x,y,v,track\n0,1,1,inf,4\n", "line 2, v"),
         ("time,x,y,v,track\n1,1,1,1,4\n0,1,1,1,4\n", "point 2 is earlier"),

@@ -56,7 +56,7 @@ def test_bursts_stay_whole(walk):
 
 @pytest.mark.parametrize(("start_s", "stop_s"), [(2.0, 1.0), (1.0, 1.0), (float("nan"), 1.0)])
 def test_times_must_rise(walk, start_s, stop_s):
-    with pytest.raises(ConfigError, match=r"give two rising times in s, for example 2 and 6"):
+    with pytest.raises(ConfigError, match=r"the times must rise, for example 2 and 6 s"):
         walk.between(start_s, stop_s)
 
 

@@ -134,7 +134,7 @@ def test_any_recording_is_streamed(tmp_path):
 
 def test_a_file_of_something_else_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("nothing that a radar said")
-    with pytest.raises(RecordingError, match=r"before a header came; .*no record"):
+    with pytest.raises(RecordingError, match=r"without a header; .*no record"):
         _ = open_stream(tmp_path / "notes.txt", timeout_s=0).radar
 
 
@@ -309,7 +309,7 @@ def test_frames_of_another_radar_are_refused_with_both_values(tmp_path):
         RecordingError, match=r"another radar are refused: carrier_hz is 8\.748e\+09, expected is 7\.29e"
     ):
         next(stream)
-    with pytest.raises(RecordingError, match=r"holds frames of two radars: carrier_hz is 8\.748e"):
+    with pytest.raises(RecordingError, match=r"has frames of two radars: carrier_hz is 8\.748e"):
         read_recording(path)
     stream = open_stream(path, expect=Radar.preset("x4", prf_hz=250.0))
     with pytest.raises(RecordingError, match="prf_hz is 500, expected is 250"):
@@ -343,7 +343,7 @@ def test_a_clock_that_jumps_is_counted_and_the_counter_decides(tmp_path):
     assert_whole(times_s, rows)
     assert stream.counts.jumps == 2
     assert len(texts) == 1
-    assert "clock goes from 0.198 to 3600.2 s at frame 100" in texts[0]
+    assert "clock jumps from 0.198 to 3600.2 s at frame 100" in texts[0]
 
 
 def test_a_counter_that_restarts_goes_on_by_one_frame(tmp_path):
@@ -477,7 +477,7 @@ def test_sources_that_cannot_be_opened(source, error, message):
 def test_a_closed_stream_ends_without_waiting_for_a_sender():
     stream = open_stream("tcp://:0")
     stream.close()
-    with pytest.raises(RecordingError, match="ended before a header came"):
+    with pytest.raises(RecordingError, match="ended without a header"):
         _ = stream.radar
 
 

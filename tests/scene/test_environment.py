@@ -62,7 +62,7 @@ def test_a_list_takes_tables_and_models_and_survives_json():
         ([{**TABLES[1], "material": "gold"}], r"'gold' is not allowed: must be concrete, brick.*permittivity"),
         ([{**TABLES[0], "roughness_m": -1}], "roughness_m: -1 is not allowed"),
         ([TABLES[2], TABLES[0]], "'ground_bounce' is listed after 'wall', but reflections must be listed first"),
-        ([TABLES[3], TABLES[1]], "'wall_ghost' comes after 'visibility'"),
+        ([TABLES[3], TABLES[1]], "'wall_ghost' is listed after 'visibility'"),
         ([Room()], r"unknown environment .None.; known are"),
         ([3], "environment.0: 3 is not allowed"),
     ],

@@ -209,7 +209,7 @@ def test_companions_that_cannot_keep_together_are_refused():
         side_by_side(Target(walk), Target(walk))
     with pytest.raises(ConfigError, match=r"speed_mps makes 1\.3 m/s of a motion at .* within 30 %"):
         leashed_dog(person, quadruped_gait(speed_mps=2.5, duration_s=4.0))
-    with pytest.raises(ConfigError, match="a turn on the spot cannot be made side by side"):
+    with pytest.raises(ConfigError, match="two targets side by side cannot turn on the spot"):
         side_by_side(
             Target(walk, start_position_m=(7, 1), heading_deg=1, path={"kind": "turn_around", "out_m": 2}), person
         )
@@ -241,8 +241,8 @@ def test_observation_is_the_shortest_motion_unless_given():
     [
         ({"start_position_m": (1, 1)}, "belong together"),
         ({"heading_deg": 10.0}, "belong together"),
-        ({"start_position_m": (1, 1), "heading_deg": 0.0, "range_m": 3.0}, "give either"),
-        ({"start_position_m": (1, 1), "heading_deg": 0.0, "aspect_deg": 3.0}, "give either"),
+        ({"start_position_m": (1, 1), "heading_deg": 0.0, "range_m": 3.0}, "set either"),
+        ({"start_position_m": (1, 1), "heading_deg": 0.0, "aspect_deg": 3.0}, "set either"),
         ({"range_m": -1.0}, "range_m: -1.0 is not allowed"),
         ({"range_m": float("nan")}, "range_m: nan is not allowed"),
     ],

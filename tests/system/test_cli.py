@@ -265,7 +265,7 @@ def test_a_unit_that_is_guessed_is_said_once(shared, tmp_path):
         (["simulate", "scene.toml", "-o", "x.h5", "--set", "targets.0.motion.speed_mps=9"], "targets.0.*speed_mps"),
         (["simulate", "scene.toml", "-o", "x.h5", "--set", "targets.0.motion.kind=elf"], "elf.*known are.*boulic"),
         (["simulate", "--motion", "nobody.c3d", "-o", "x.h5"], "nobody.c3d: neither a file nor a model"),
-        (["analyze", "scene.toml"], "no recording format that is read"),
+        (["analyze", "scene.toml"], "no known recording format"),
         (["analyze", "missing.h5"], "no such file"),
         (["analyze", "rec.h5", "--gate", "magic"], "'magic' is not allowed"),
         (["analyze", "rec.h5", "--gate", "truth", "--set", "cpi_s=30"], "cpi_s"),

@@ -209,8 +209,9 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
     from doppelgait.core.kernels.integration import integrate_echoes
 
     range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
-    rcs_m2, path_gain = (
-        np.ascontiguousarray(_take_one_row(scatterers[name].values), dtype=np.float64) for name in ("rcs", "path_gain")
+    tables = (scatterers[name].values for name in ("rcs", "path_gain"))
+    rcs_m2, path_gain = (  # one row of a broadcast view saves a pass over memory
+        np.ascontiguousarray(table[:1] if table.strides[0] == 0 else table, dtype=np.float64) for table in tables
     )
     turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
     speeds = range_m if radar.integration_share == 0.0 else np.ascontiguousarray(radial_velocity_mps(scatterers))
@@ -262,14 +263,6 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
         }
         images.append(replace_values(part, **values))
     return xr.concat(images, dim="scatterer", data_vars="minimal", coords="minimal", compat="override", join="override")
-
-
-def _take_one_row(values: Any) -> Any:
-    """Return one row of a table that repeats it.
-
-    Other tables are unchanged; a broadcast view saves a pass over memory.
-    """
-    return values[:1] if values.strides[0] == 0 else values
 
 
 def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:

@@ -29,7 +29,7 @@ def test_values_axes_and_times(tmp_path):
     assert recording.baseband.attrs["burst_pulses"] == 4
     assert recording.radar.prf_hz == 2000.0
     assert recording.radar.carrier_hz == 60.5e9
-    assert any("its highest for these settings, 2000 Hz" in note for note in recording.notes)
+    assert any("the maximum for these settings, 2000 Hz" in note for note in recording.notes)
 
 
 @pytest.mark.parametrize(("profile", "fwhm_m"), [(1, 0.04), (2, 0.07), (3, 0.14), (4, 0.19), (5, 0.32)])
@@ -169,7 +169,7 @@ def test_what_it_is_not(tmp_path):
         file["generation"] = "a121"
     (tmp_path / "text.h5").write_text("sessions")
     assert not any(sniff_acconeer(one) for one in (other, tmp_path / "text.h5", tmp_path / "none.h5", tmp_path))
-    with pytest.raises(RecordingError, match="no HDF5 file"):
+    with pytest.raises(RecordingError, match="not an HDF5 file"):
         read_acconeer(tmp_path / "text.h5")
     with pytest.raises(RecordingError, match="no such file"):
         read_acconeer(tmp_path / "none.h5")

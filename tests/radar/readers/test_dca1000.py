@@ -261,7 +261,7 @@ def test_options_and_sizes_that_are_wrong(tmp_path):
         with pytest.raises(RecordingError, match=message):
             read_dca1000(path, **options)
     whole = path.read_bytes()
-    for content, message in ((whole[:-6], "cut it to 8,192 bytes"), (b"", "0 frames"), (whole[:100], "100 bytes")):
+    for content, message in ((whole[:-6], "shorten it to 8,192 bytes"), (b"", "0 frames"), (whole[:100], "100 bytes")):
         path.write_bytes(content)
         with pytest.raises(RecordingError, match=message):
             read_dca1000(path)

@@ -57,7 +57,11 @@ def test_a_folder_gives_every_recording_of_every_file(week: Path) -> None:
 
 
 def test_what_was_named_must_be_read(week: Path) -> None:
-    for name, said in {"none.h5": "no such file", "gone.h5": "is empty", "notes.txt": "no recording format"}.items():
+    for name, said in {
+        "none.h5": "no such file",
+        "gone.h5": "is empty",
+        "notes.txt": "no known recording format",
+    }.items():
         with pytest.raises(RecordingError, match=rf"{name}: .*{said}"):
             read_several([week / "a.h5", week / name])
         out = week / "my.toml"

@@ -538,7 +538,7 @@ def test_damaged_recordings_are_failures_with_reasons(recordings):
     assert set(reasons) == {"slow-000001", "fast-000000", "fast-000002"}
     assert reasons["slow-000001"].startswith("slow2.h5: ")
     assert "is empty" in reasons["fast-000000"]
-    assert "no recording format" in reasons["fast-000002"]
+    assert "no known recording format" in reasons["fast-000002"]
     assert json.loads(report.failures[0]["spec"])["line"] == 3
     description = json.loads((recordings.parent / "mine" / "dataset.json").read_text())
     assert (description["complete"], description["n_examples"]) == (False, 5)

@@ -64,7 +64,7 @@ def test_one_command_scores_simulations_on_a_glasgow_folder(glasgow, tmp_path, t
     assert done.exit_code == 1
     report = json.loads(done.stdout)
     assert report["counts"] == {"walking": 2}
-    assert "no recording format" in report["failures"][0]["reason"]
+    assert "no known recording format" in report["failures"][0]["reason"]
     for wrong in (["--names", "glasgow"], ["--test", str(glasgow), "--label", "walking=human"]):
         with pytest.raises(ConfigError, match="need --test FOLDER and --names"):
             CliRunner().invoke(

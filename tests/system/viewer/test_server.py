@@ -376,7 +376,7 @@ def test_readers_ask_for_options_in_the_words_of_the_command(files):
      ("apart; give range_start_m=... and bin_spacing_m=...", "--option range_start_m=... --option bin_spacing_m=..."),
      ("name it, format='arrays'", "--option format=arrays"),
      ("burst_pulses must be given", "--option burst_pulses=..."),
-     ("is no recording; give a file, or the folder", None), ("has no option start_s; allowed are stop_s", None)],
+     ("is not a recording; pass a file, or the folder", None), ("has no option start_s; allowed are stop_s", None)],
 )  # fmt: skip
 def test_options_that_readers_ask_for(said, wanted):
     with pytest.raises(RecordingError) as caught, explain_reader_options():

@@ -43,16 +43,12 @@ def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
     noise = _choose_noise_change(fit, same)
     if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
-        changes["noise_correlation"] = _choose_noise_correlation(fit)
+        correlation = [float(rho.real) for rho in fit.noise.correlation[1:]]
+        while correlation and correlation[-1] == 0.0:  # not significant
+            correlation.pop()
+        changes["noise_correlation"] = find_possible_correlation(correlation)
     where = f"the radar fitted to {fit.source or 'a recording'}; its values should be in V"
     return validate(Radar, {**base.model_dump(), **changes, **noise}, where=where)
-
-
-def _choose_noise_correlation(fit: SensorFit) -> tuple[float, ...]:
-    found = [float(rho.real) for rho in fit.noise.correlation[1:]]
-    while found and found[-1] == 0.0:  # not significant
-        found.pop()
-    return find_possible_correlation(found)
 
 
 def _choose_noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:

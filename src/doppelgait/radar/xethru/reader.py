@@ -185,7 +185,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
             # one data file; its times are known if a valid meta file in its folder lists it
             file = place
             if not file.is_file():
-                raise RecordingError(f"{file}: there is no such file")
+                raise RecordingError(f"{file}: no such file")
             kind = find_data_type_by_file(file.name)
             meta, reason = _find_listing_meta(file)
             if meta is not None:
