@@ -165,7 +165,7 @@ def rotate_to_boresight(
 ) -> tuple[FloatArray, FloatArray]:
     r"""Rotate directions into the frame of an antenna.
 
-    The antenna was tilted up and then turned about the vertical.
+    The antenna is tilted up and then rotated about the vertical axis.
 
     Parameters
     ----------

@@ -173,7 +173,7 @@ def test_what_it_is_not(tmp_path):
         read_acconeer(tmp_path / "text.h5")
     with pytest.raises(RecordingError, match="no such file"):
         read_acconeer(tmp_path / "none.h5")
-    with pytest.raises(RecordingError, match="is damaged or no recording"):
+    with pytest.raises(RecordingError, match="is damaged or not a recording"):
         read_acconeer(other)
 
 

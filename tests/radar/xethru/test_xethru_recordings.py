@@ -212,7 +212,7 @@ def test_what_the_records_do_not_tell_must_be_given(tmp_path: Path) -> None:
     path = floats(tmp_path, np.ones((3, 4)), times_ms=[7, 7, 7])
     with pytest.raises(RecordingError, match=r"range_start_m, bin_spacing_m, carrier_hz, prf_hz; set .*0\.05144033"):
         read_xethru_recording(path)
-    with pytest.raises(RecordingError, match=r"do not state prf_hz; give prf_hz \(17 in"):
+    with pytest.raises(RecordingError, match=r"do not state prf_hz; set prf_hz \(17 in"):
         read_xethru_recording(path, **FRAME)
     recording = read_xethru_recording(path, prf_hz=25.0, **FRAME)
     assert recording.radar.prf_hz == 25.0

@@ -516,7 +516,7 @@ def _estimate_image(
     # phase noise gives a static echo equal sidebands, which are not circular: only motion in one direction counts
     one_way = np.abs(np.sum(np.abs(part) ** 2 * np.sign(f_hz), axis=1)) > ONE_WAY * whole
     if one_way.sum() < MIN_WINDOWS:
-        refused["I/Q image"] = "nothing moved one way, fast and strongly enough to show an image"
+        refused["I/Q image"] = "no motion in one direction was fast and strong enough to show an image"
         return {}
     ratio = (square / whole)[one_way]
 
@@ -529,7 +529,7 @@ def _estimate_image(
     scatter = 1.4826 * float(np.median(np.abs(ratio - complex(np.median(ratio.real), np.median(ratio.imag)))))
     least = 1.2533 * scatter / math.sqrt(2.0 * len(ratio))
     if least > 0.2:
-        refused["I/Q image"] = "what moved turned too little to show an image"
+        refused["I/Q image"] = "the phase of the motion changed too little to show an image"
         return {}
     return {
         "iq_gain_db": Estimate(gain.value, max(gain.sd, 2.0 * DB_PER_NEPER * least)),

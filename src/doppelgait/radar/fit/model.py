@@ -302,7 +302,7 @@ def list_flags(fit: SensorFit) -> tuple[str, ...]:
             "gain instead, that is the scale of the file against volts"
         )
     if fit.radar.volts_per_unit is None:
-        flags.append("the radar does not say how many volts a unit of the file is; levels count the values as volts")
+        flags.append("the radar does not state the volts per unit of the file; the values are assumed to be in V")
     if fit.phase is None:
         flags.append("static echoes are too weak to show phase and gain of a frame; these are left out")
     if fit.faults.dropped.any() or fit.faults.lost:

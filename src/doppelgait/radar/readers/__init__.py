@@ -100,10 +100,10 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     1920
     """
     file = Path(path)
-    if not file.name:  # "." has no name to look for the other files of a recording by
+    if not file.name:  # "." has no name for finding the other files of a recording
         file = file.resolve()
     if not file.name:
-        raise RecordingError(f"{path}: is no recording; give a file, or the folder of a XeThru recording")
+        raise RecordingError(f"{path}: is not a recording; pass a file, or the folder of a XeThru recording")
     try:
         if format is None:
             name = _find_format(file)

@@ -146,7 +146,7 @@ def _parse_metadata(
             "Give complex samples (I and Q)"
         )
     if kind != "c" or base not in DATATYPES or order not in ("", "le", "be"):
-        raise ValueError(f"core:datatype is {datatype!r}, which SigMF does not know")
+        raise ValueError(f"core:datatype is {datatype!r}, which is not a SigMF type")
     number = np.dtype((">" if order == "be" else "<") + DATATYPES[base])
     return Metadata(
         data_path, common, captures, annotations, number, channels, None if rate is None else float(rate)

@@ -248,7 +248,7 @@ def _list_chain(first: Path) -> list[tuple[Path, Meta]]:
     place = first
     while len(found) < MAX_PARTS:
         if not place.is_file():
-            follows = f"; {found[-1][0]} says that the recording continues there" if found else ""
+            follows = f"; {found[-1][0]} states that the recording continues there" if found else ""
             raise RecordingError(f"{place}: no such file{follows}")
         seen.add(place.resolve())
         meta = parse_meta(place.read_bytes(), where=str(place))
@@ -261,11 +261,11 @@ def _list_chain(first: Path) -> list[tuple[Path, Meta]]:
         target = Path(os.path.normpath(folder / relative))
         if relative.is_absolute() or folder.parent not in target.parents:
             raise RecordingError(
-                f"{place}: says that it continues in {following!r}; only a folder next to its own is allowed"
+                f"{place}: states that it continues in {following!r}; only a folder next to its own is allowed"
             )
         place = target
         if place.resolve() in seen:
-            raise RecordingError(f"{found[-1][0]}: says that the recording continues in {place}, which came before")
+            raise RecordingError(f"{found[-1][0]}: states that the recording continues in {place}, which came before")
     raise RecordingError(f"{first}: is split over more than {MAX_PARTS:,} folders")
 
 

@@ -128,7 +128,7 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
     Raises
     ------
     RecordingError
-        If it is no meta file, of another version than 12 to 14, cut off, or its table or trailer is not where it says.
+        If it is no meta file, of another version than 12 to 14, cut off, or its table or trailer is not at the stated position.
     """
     if not content:
         raise RecordingError(f"{where}: is empty (0 bytes), no meta file of a XeThru recording")
@@ -242,7 +242,7 @@ class DataType:
     bit : int
         Number of its bit in the meta file, 0 to 22.
     header : tuple of (field, NumPy type)
-        Fixed part of a record; the field ``count`` says how many values follow. Empty where the layout is not known.
+        Fixed part of a record; the field ``count`` is the number of the following values. Empty where the layout is not known.
     payload : tuple of (field, NumPy type)
         What follows: one array of ``count`` values for each.
     text : bool
