@@ -107,7 +107,7 @@ def test_only_whole_bursts_are_simulated():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"burst_pulses": 64}, "burst_pulses and burst_period_s go together"),
+        ({"burst_pulses": 64}, "burst_pulses and burst_period_s belong together"),
         ({"burst_pulses": 64, "burst_period_s": 0.05}, "shorter than a burst of 64 frames"),
         ({"burst_pulses": 1, "burst_period_s": 0.05}, "burst_pulses"),
     ],

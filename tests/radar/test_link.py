@@ -89,7 +89,7 @@ def test_input_noise_is_that_of_half_the_sampling_rate():
 
 
 def test_a_threshold_step_needs_a_sweep_and_a_pulse():
-    with pytest.raises(ConfigError, match=r"threshold_step_v 0.001 .* sweep_levels is 1: give the number"):
+    with pytest.raises(ConfigError, match=r"threshold_step_v 0.001 .* sweep_levels is 1: set the number"):
         Radar.preset("x4", sweep_levels=1, threshold_step_v=1e-3)
     with pytest.raises(ConfigError, match="threshold_step_v is not used by waveform 'fmcw'"):
         Radar.preset("ti-60", threshold_step_v=1e-3)
@@ -137,8 +137,8 @@ def test_simulated_noise_has_the_stated_correlation_and_power():
 @pytest.mark.parametrize(
     ("correlation", "message"),
     [
-        ([0.7], r"noise_correlation \[0.7\] is that of no noise: .* falls to -0.4, below 0; lower the values"),
-        ([0.0, -0.51], "that of no noise"),
+        ([0.7], r"noise_correlation \[0.7\] is impossible: .* has the minimum -0.4, below 0; lower the values"),
+        ([0.0, -0.51], "is impossible"),
         ([1.2], "less than or equal to 1"),
         ([0.0] * 17, "at most 16"),
     ],

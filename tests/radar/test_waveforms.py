@@ -486,15 +486,15 @@ def test_a_walk_has_the_same_speed_steps_and_signature_with_every_waveform(walke
         ("impulse", {"range_window": "none"}, "range_window is not used by waveform 'impulse'"),
         ("cw", {"bandwidth_hz": 1e6, "decimation": 2}, "bandwidth_hz and decimation are not used by waveform 'cw'"),
         ("rectangular", {"sweep_s": None}, "waveform 'rectangular' needs sweep_s"),
-        ("rectangular", {"bandwidth_hz": 1e9}, "bandwidth_hz means nothing.*takes decimation"),
+        ("rectangular", {"bandwidth_hz": 1e9}, "bandwidth_hz is not used.*uses decimation"),
         ("lfm", {"bandwidth_hz": None}, "waveform 'lfm' needs bandwidth_hz"),
-        ("lfm", {"sweep_s": 1e-9}, "below 2: that is no chirp"),
+        ("lfm", {"sweep_s": 1e-9}, "below 2: that is not a chirp"),
         ("lfm", {"sweep_s": 2e-3}, r"sweep_s 0.002 is too long for a pulse; at most 0.001"),
         ("lfm", {"carrier_hz": 4e8}, r"carrier_hz 4e\+08 is below half of bandwidth_hz 1e\+09"),
         ("fmcw", {"bandwidth_hz": None, "sweep_s": None}, "waveform 'fmcw' needs bandwidth_hz and sweep_s"),
         ("fmcw", {"noise_bandwidth_hz": 1e6}, "noise_bandwidth_hz is not used by waveform 'fmcw'"),
-        ("fmcw", {"pulse_sigma_s": 1e-9}, "pulse_sigma_s means nothing"),
-        ("fmcw", {"sweep_levels": 3}, "sweep_levels means nothing"),
+        ("fmcw", {"pulse_sigma_s": 1e-9}, "pulse_sigma_s is not used"),
+        ("fmcw", {"sweep_levels": 3}, "sweep_levels is not used"),
         ("fmcw", {"prf_hz": 1001.0}, r"sweep_s 0.001 is longer than a frame at prf_hz 1001"),
         ("fmcw", {"range_stop_m": 39.0}, r"range_stop_m 39 lies beyond the unambiguous range of 256 samples.*38.37"),
         ("fmcw", {"sweep_s": 5e-6}, r"makes 1 samples; 2 to 65,536 are allowed"),
@@ -538,7 +538,7 @@ def test_only_an_impulse_radar_has_a_gaussian_pulse():
 
 @pytest.mark.parametrize("name", RADARS)
 def test_samples_of_another_length_are_refused(name):
-    with pytest.raises(AnalysisError, match=rf"shape \(3, 7\).*waveform '{name}'.* takes \d+ samples a frame"):
+    with pytest.raises(AnalysisError, match=rf"shape \(3, 7\).*waveform '{name}'.* has \d+ samples per frame"):
         compress(np.zeros((3, 7), dtype=np.complex64), RADARS[name])
 
 

@@ -164,7 +164,7 @@ def compute_scatterers(
     """
     if spec.needs_rng and rng is None:
         raise ConfigError(
-            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: random values need "
+            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: a random value needs "
             "rng: pass rng=doppelgait.rng(SEED)"
         )
     view = View(motion, time_s, np.asarray(radar_position_m, dtype=float))

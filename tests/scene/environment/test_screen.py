@@ -75,5 +75,5 @@ def test_an_image_by_the_floor_sees_the_screens_image():
 
 
 def test_a_screen_without_width():
-    with pytest.raises(ConfigError, match=r"0\.01 m apart"):
+    with pytest.raises(ConfigError, match=r"at least 0\.01 m"):
         make_effect({"kind": "screen", "from_m": [1, 1], "to_m": [1, 1], "height_m": 1, "loss_db": 3})

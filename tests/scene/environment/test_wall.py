@@ -70,9 +70,9 @@ def test_own_material_and_its_loss():
 
 
 def test_band_of_a_material():
-    with pytest.warns(DoppelgaitWarning, match=r"floorboard: .* 50 to 100 GHz, the carrier is 7.29 GHz"):
+    with pytest.warns(DoppelgaitWarning, match=r"floorboard: .* 50 to 100 GHz, but the carrier is 7.29 GHz"):
         relative_permittivity("floorboard", wavelength_m=LAMBDA_M)
-    with pytest.raises(ConfigError, match=r"wet_ground: .* 1 to 10 GHz, the carrier is 24 GHz"):
+    with pytest.raises(ConfigError, match=r"wet_ground: .* 1 to 10 GHz, but the carrier is 24 GHz"):
         relative_permittivity("wet_ground", wavelength_m=C_MPS / 24e9)
     with pytest.raises(ConfigError, match="'gold' is not known; known are concrete"):
         relative_permittivity("gold", wavelength_m=LAMBDA_M)

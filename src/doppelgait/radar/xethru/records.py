@@ -128,7 +128,8 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
     Raises
     ------
     RecordingError
-        If it is no meta file, of another version than 12 to 14, cut off, or its table or trailer is not at the stated position.
+        If the content is not a meta file of version 12 to 14, is truncated, or its table or trailer is not at the
+        stated position.
     """
     if not content:
         raise RecordingError(f"{where}: is empty (0 bytes), no meta file of a XeThru recording")
@@ -242,9 +243,10 @@ class DataType:
     bit : int
         Number of its bit in the meta file, 0 to 22.
     header : tuple of (field, NumPy type)
-        Fixed part of a record; the field ``count`` is the number of the following values. Empty where the layout is not known.
+        Fixed part of a record; the field ``count`` is the number of the following values. Empty if the layout is
+        unknown.
     payload : tuple of (field, NumPy type)
-        What follows: one array of ``count`` values for each.
+        Arrays after the header, each with ``count`` values.
     text : bool
         The files are semicolon-separated text (``.csv``).
     """
