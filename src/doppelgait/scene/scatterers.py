@@ -164,8 +164,8 @@ def compute_scatterers(
     """
     if spec.needs_rng and rng is None:
         raise ConfigError(
-            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: a random value needs "
-            "rng: pass rng=doppelgait.rng(SEED)"
+            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: a random value "
+            "needs rng: pass rng=doppelgait.rng(SEED)"
         )
     view = View(motion, time_s, np.asarray(radar_position_m, dtype=float))
     points, rcs_m2 = RCS.of(spec).run(view, spec)
