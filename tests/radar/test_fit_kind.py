@@ -108,7 +108,7 @@ def test_a_trembling_wall_has_no_image() -> None:
     wall = 0.1 * np.exp(0.3j * np.sin(2 * np.pi * 40 * np.arange(6400) / PRF_HZ))
     found = measure_recording(recording(wall[:, None] + 1e-4 * normal(rng, 6400, 1)))
     assert "iq_gain_db" not in found.estimates
-    assert "one way" in found.refused["I/Q image"]
+    assert "one direction" in found.refused["I/Q image"]
 
 
 def test_a_line_is_found_in_all_bins_and_a_target_is_none() -> None:
