@@ -151,10 +151,10 @@ def test_too_few_columns_are_refused(walk, duration_s, hop):
     ],
 )  # fmt: skip
 def test_the_reports_method_does_not_take_what_it_ignores(extra):
-    with pytest.raises(ConfigError, match=rf"method 'liland2018' has its own {next(iter(extra))}"):
+    with pytest.raises(ConfigError, match=rf"method 'liland2018' fixes {next(iter(extra))}"):
         Analysis(method="liland2018", **extra)
     run = {"targets": [{"motion": {"kind": "boulic"}}], "analysis": {"method": "liland2018", **extra}}
-    with pytest.raises(ConfigError, match=rf"analysis: .*method 'liland2018' has its own {next(iter(extra))}"):
+    with pytest.raises(ConfigError, match=rf"analysis: .*method 'liland2018' fixes {next(iter(extra))}"):
         parse_run(run)
 
 

@@ -255,7 +255,7 @@ def test_a_unit_that_is_guessed_is_said_once(shared, tmp_path):
         (["simulate", "scene.toml", "-o", "x.h5", "--set", "radar.range_stop_m=1e6"], "range bins"),
         (["analyze", "rec.h5", "--gate", "truth", "--set", "hop=100000"], "1 columns?, at least 8.*lower hop"),
         (["analyze", "rec.h5", "--gate", "truth", "--set", "cpi_s=0.001"], "cpi_s = 0.001 .*at least 5"),
-        (["analyze", "rec.h5", "--method", "liland2018", "--set", "gate_span_m=1"], "has its own gate_span_m"),
+        (["analyze", "rec.h5", "--method", "liland2018", "--set", "gate_span_m=1"], "fixes gate_span_m"),
         (["simulate", "-o", "x.h5"], "either a scene file or --motion"),
         (["simulate", "nothing.toml", "-o", "x.h5"], "nothing.toml: cannot be read"),
         (["simulate", "scene.toml", "-o", "x.mat"], r"must end in \.dgf, \.h5"),

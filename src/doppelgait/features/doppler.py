@@ -18,20 +18,22 @@ FloatArray = npt.NDArray[np.float64]
 POWER_QUANTILES = (0.01, 0.99)
 DETECTION_SIGMAS = 4.0
 WIDTH_LEVEL = 0.03
-"""Share of the body's power, 15 dB below: feet in full swing reach it, noise of a person at 5 m does not."""
+"""Level of the bandwidth as a share (-15 dB) of the body's power.
+
+Feet in full swing are above this level; the noise for a person at 5 m is below it.
+"""
 WIDTH_SHARE = 0.05
-"""A Doppler shift belongs to the body that exceeds the level for this share of the time."""
+"""Share of the time for which a Doppler shift of the body must exceed the level."""
 LEAST_NOISE_SIGMAS = 1.0
-"""Below this many standard deviations of a cell of noise the width's level is lost in noise."""
+"""Lowest level of the bandwidth, in standard deviations of a noise cell."""
 
 
 def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[FloatArray, FloatArray]:
     """Compute lower and upper Doppler envelope of every column.
 
-    NaN where nothing stands above the noise; shapes (J,).
-
-    Power quantiles 1 % and 99 % over Doppler of the cells that noise alone exceeds as seldom as a normal variable
-    exceeds 4 standard deviations (E-35b).
+    The envelopes are the power quantiles of 1 % and 99 % over Doppler, for the cells above the noise threshold
+    (E-35b). Noise alone exceeds this threshold with the probability of 4 standard deviations of a normal variable. The
+    envelopes, shape (J,), are NaN in columns without such cells.
     """
     from doppelgait.core.kernels.features import power_quantiles
 
@@ -47,13 +49,12 @@ def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[Floa
 
 @lru_cache(maxsize=256)
 def compute_noise_quantile(n_bins: float) -> float:
-    """Compute a cell's noise threshold over its mean.
+    """Compute the noise threshold of a cell over its mean.
 
-    Noise exceeds it with the probability of 4 normal standard deviations.
-
-    A cell sums N_g exponential variables: a gamma distribution. E-35's own 1 + 4 / sqrt(N_g) takes it for a normal one,
-    which it nears for large N_g only: with 2 bins noise exceeds that 130 times as often as meant, and the bandwidth
-    of a radar with few bins in the gate becomes that of the noise.
+    Noise exceeds the threshold with the probability of 4 standard deviations of a normal variable. A cell sums N_g
+    exponential variables and has a gamma distribution. The form 1 + 4 / sqrt(N_g) of E-35 assumes a normal
+    distribution, which is accurate for large N_g only. With 2 bins noise exceeds that threshold 130 times as often as
+    intended, and for a radar with few bins in the gate the bandwidth would be that of the noise.
     """
     from scipy.special import gammainccinv, ndtr
 
@@ -63,14 +64,15 @@ def compute_noise_quantile(n_bins: float) -> float:
 def strongest_cells_v2(signature: xr.DataArray | Plain) -> npt.NDArray[Any]:
     """Find every column's strongest cell, V^2."""
     cells = signature.values
-    found = cells[np.arange(cells.shape[0]), cells.argmax(axis=1)]  # max along rows takes twice as long
+    found = cells[np.arange(cells.shape[0]), cells.argmax(axis=1)]  # max(axis=1) takes twice as long
     return np.asarray(found)
 
 
 def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> FloatArray:
     """Compute the level of B_mu per column (E-35), V^2.
 
-    It is 3 % of the body's power, which is the median over time of the columns' strongest cells with range removed.
+    The level is 3 % of the body's power. The body's power is the median over time of the columns' strongest cells, with
+    the influence of range removed.
 
     Parameters
     ----------
@@ -88,8 +90,8 @@ def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight
 def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:
     """Raise the level of B_mu by the noise (E-35).
 
-    Shape (J,). Of the mean of n exponential variables a share of 5 % exceeds nu by kappa; noise and level add as
-    powers of independent fluctuations, sqrt(L^2 + kappa^2).
+    The mean of n exponential variables exceeds nu + kappa for 5 % of the time. Level and noise add like independent
+    fluctuations, sqrt(L^2 + kappa^2). The result has the shape (J,).
     """
     return np.asarray(np.hypot(level_v2, floor_v2 * _compute_noise_excess(n_bins)))
 
@@ -102,10 +104,10 @@ def _compute_noise_excess(n_bins: float) -> float:
 
 
 def width_of_bins(share: FloatArray) -> float | None:
-    """Measure the Doppler bins above the level (E-35).
+    """Measure the width in Doppler bins above the level (E-35).
 
-    They are above it often enough; None where none is. The run holds the bin of the largest share; its ends are
-    interpolated to 5 % of the time.
+    The width is that of the run of bins above the level for 5 % of the time or more, around the bin with the largest
+    share. Its ends are interpolated to 5 %. It is None if no bin is above the level for this time.
 
     Parameters
     ----------
@@ -119,9 +121,9 @@ def width_of_bins(share: FloatArray) -> float | None:
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
-    """Measure the mean Doppler spectrum's width above a level.
+    """Measure the width of the mean Doppler spectrum above a level.
 
-    The width is contiguous from the peak, Hz.
+    The width in Hz is that of the contiguous range around the peak.
 
     Parameters
     ----------
@@ -129,7 +131,7 @@ def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *,
         D_1.
     doppler_hz : ndarray, shape (K,)
     threshold : float
-        t_mu, share of the peak power; crossings are interpolated linearly in dB.
+        t_mu as a share of the peak power; crossings are interpolated linearly in dB.
     """
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
@@ -150,8 +152,8 @@ def _interpolate_crossing(level: FloatArray, doppler_hz: FloatArray, start: int,
 
 
 def single_tone_width_hz(*, cpi_s: float, window_steepness: float, threshold: float) -> float:
-    """Compute a constant Doppler line's width (E-35).
+    """Compute the width of a line of constant Doppler (E-35).
 
-    2 sqrt(-ln t) / (2 pi sigma_w T_d / 2).
+    The width is 2 sqrt(-ln t) / (2 pi sigma_w T_d / 2).
     """
     return math.sqrt(-math.log(threshold)) / (math.pi * window_steepness * cpi_s / 2.0)

@@ -4,10 +4,11 @@ Björklund, Petersson and Hendeby, "Features for micro-Doppler based activity cl
 Navigation 9(9), 2015, describe walkers by the main cycle time and properties of the envelope. Kim and Ling, "Human
 activity classification based on micro-Doppler signatures using a support vector machine", IEEE Transactions on
 Geoscience and Remote Sensing 47(5), 2009, use bandwidth, offset and strength of the whole signature. The exact forms
-here are ours, on the quantile envelopes of E-35b, relative to the main line and in the direction of motion.
+here are specific to doppelgait: they use the quantile envelopes of E-35b, relative to the main line and in the
+direction of motion.
 
-Velocity bands are in m/s, so that they hold for any carrier; at 7.29 GHz they are 20, 80 Hz and beyond. A short CPI
-at a low carrier blurs them: one constant velocity is about lambda / (2 T_d) wide, 0.2 m/s there.
+Velocity bands are in m/s, so that they are valid for any carrier; at 7.29 GHz their limits are 20 Hz and 80 Hz. A short
+CPI at a low carrier blurs the bands: a constant velocity has a width of about lambda / (2 T_d), 0.2 m/s at 7.29 GHz.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ class ExtendedFeatures:
     Parameters
     ----------
     values : dict
-        By name, in alphabetical order; None where undetermined.
+        Values by name, in alphabetical order; None where undetermined.
     reasons : dict
-        For every None, what it lacks.
+        Reason for every None.
     """
 
     values: dict[str, float | None]
@@ -43,7 +44,7 @@ class ExtendedFeatures:
     def flags(self) -> tuple[str, ...]:
         """Return one flag per reason for missing features.
 
-        The features that lack it, then the reason, as in the flags of the six.
+        A flag consists of the names of the features and the reason, as for the set F.
         """
         names: dict[str, list[str]] = {}
         for name, reason in self.reasons.items():
@@ -97,8 +98,8 @@ SIDES = ("direction", "envelope")
 def bandwidth_envelope_hz(observed: Observation) -> float | None:
     """Measure the bandwidth between the envelopes.
 
-    It is the 95th percentile over time of the upper envelope minus the 5th of the lower: of all that stands above the
-    noise, so that it depends on the noise.
+    The bandwidth is the 95th percentile over time of the upper envelope minus the 5th percentile of the lower one. The
+    envelopes include all cells above the noise, so the bandwidth depends on the noise level.
     """
     return observed.envelope_width_hz
 
@@ -143,7 +144,7 @@ def backward_range_mps(observed: Observation) -> float:
 def measure_asymmetry(observed: Observation) -> float | None:
     """Compare the bandwidths on both sides of the line.
 
-    Their difference over their sum; 95th percentiles over time, -1 to 1.
+    The asymmetry, -1 to 1, is the difference of the 95th percentiles over time, divided by their sum.
     """
     ahead, behind = observed.edges.lead_high_mps, observed.edges.lag_high_mps
     return (ahead - behind) / (ahead + behind) if ahead > 0 and behind > 0 else None
@@ -151,7 +152,7 @@ def measure_asymmetry(observed: Observation) -> float | None:
 
 @plugin("feature", "envelope_offset_mps", unit="m/s", source=KIM_LING, needs=SIDES)
 def offset_mps(observed: Observation) -> float:
-    """Measure the envelopes' mean middle ahead of the main line."""
+    """Measure the mean offset of the envelopes from the main line."""
     return (observed.edges.lead_mean_mps - observed.edges.lag_mean_mps) / 2.0
 
 
@@ -159,7 +160,7 @@ def offset_mps(observed: Observation) -> float:
 def torso_bandwidth_mps(observed: Observation) -> float:
     """Measure the smallest width between the envelopes.
 
-    It is the 5th percentile over time: the body without its swings.
+    It is the 5th percentile over time: the bandwidth of the body without swinging limbs.
     """
     return observed.edges.least_width_mps
 
@@ -168,7 +169,7 @@ def torso_bandwidth_mps(observed: Observation) -> float:
 def measure_strength_variation(observed: Observation) -> float | None:
     """Measure the variation of power near the main line.
 
-    It is standard deviation over mean over time, with range removed (E-28).
+    The variation is the standard deviation over time divided by the mean, with the influence of range removed (E-28).
     """
     power, _, _ = observed.about_line
     return power.near_sd_v2 / power.near_mean_v2 if power.near_mean_v2 > 0 else None
@@ -184,9 +185,9 @@ def measure_strength_variation(observed: Observation) -> float | None:
 def measure_periodicity(observed: Observation) -> float | None:
     """Measure the envelope width's autocorrelation at one period.
 
-    Normalised, of one gait period, at most 1 (E-33).
+    The autocorrelation is normalised and at most 1 (E-33).
     """
-    if observed.edges.seen_share < 1.0:  # the width is known at every column or the lag means nothing
+    if observed.edges.seen_share < 1.0:  # a lag has a defined time only if the width is known at every column
         return None
     low_hz, high_hz = observed.envelopes_hz
     width_hz = high_hz - low_hz
@@ -197,7 +198,7 @@ def measure_periodicity(observed: Observation) -> float | None:
 def measure_swing_duty(observed: Observation) -> float | None:
     """Measure the share of time with limb spikes.
 
-    The leading envelope is then beyond the middle of its range.
+    During a spike the leading envelope is above the middle of its range.
     """
     if observed.edges.lead_high_mps - observed.edges.lead_low_mps < 2.0 * observed.bin_mps:
         return None
@@ -233,7 +234,7 @@ def measure_limb_share(observed: Observation) -> float | None:
 def measure_far_limb_share(observed: Observation) -> float | None:
     """Measure the power share beyond 1.6 m/s from the line.
 
-    It is that of feet in full swing, and of paws.
+    This is the share of feet and paws in full swing.
     """
     power, _, _ = observed.about_line
     return _share(power.total_v2 - power.near_v2, observed)
@@ -243,7 +244,7 @@ def measure_far_limb_share(observed: Observation) -> float | None:
 def measure_stance_share(observed: Observation) -> float | None:
     """Measure the power share within 0.3 m/s of zero velocity.
 
-    It is that of feet on the ground; None for a target as slow as they.
+    This is the share of feet on the ground; it is None for a target that is too slow to be distinguished from them.
     """
     if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
         return None
@@ -261,10 +262,8 @@ def measure_stance_share(observed: Observation) -> float | None:
 def entropy_width_mps(observed: Observation) -> float | None:
     """Measure the mean Doppler spectrum's entropy as a width.
 
-    An even spread of power of this width has the same entropy.
-
-    ``exp(-sum p ln p)`` bins times their width, over the rows that stand above the noise (E-38): it does not depend on
-    the transform's length, unlike the entropy itself.
+    A uniform distribution of power with this width has the same entropy. The width is ``exp(-sum p ln p)`` times the
+    bin width, over the rows above the noise (E-38). Unlike the entropy it does not depend on the transform length.
     """
     mean = observed.mean_row[observed.occupied]
     mean = mean[mean > 0]
@@ -276,10 +275,7 @@ def entropy_width_mps(observed: Observation) -> float | None:
 
 @plugin("feature", "cadence_centroid_hz", unit="Hz", source=CADENCE_SOURCE)
 def cadence_centroid_hz(observed: Observation) -> float | None:
-    """Compute the mean cadence from 0.5 to 20 Hz.
-
-    The cadence is weighted with S.
-    """
+    """Compute the mean cadence from 0.5 to 20 Hz, weighted with S."""
     cadence_hz, power = observed.cadence
     total = float(power.sum())
     return float(cadence_hz @ power) / total if total > 0 else None
@@ -287,10 +283,7 @@ def cadence_centroid_hz(observed: Observation) -> float | None:
 
 @plugin("feature", "cadence_bandwidth_hz", unit="Hz", source=CADENCE_SOURCE)
 def cadence_bandwidth_hz(observed: Observation) -> float | None:
-    """Compute the cadence's standard deviation, 0.5 to 20 Hz.
-
-    The cadence is weighted with S.
-    """
+    """Compute the cadence's standard deviation, weighted with S, 0.5 to 20 Hz."""
     centroid_hz = cadence_centroid_hz(observed)
     if centroid_hz is None:
         return None
@@ -301,7 +294,7 @@ def cadence_bandwidth_hz(observed: Observation) -> float | None:
 def compare_harmonic(observed: Observation, *, harmonic: int) -> float | None:
     """Compare S at a harmonic and f_mu (E-37).
 
-    Each is as in :attr:`Observation.harmonic_powers`. None beyond the end of the cadence axis.
+    Both powers are those of :attr:`Observation.harmonic_powers`. The result is None beyond the end of the cadence axis.
     """
     cadence_hz, _ = observed.cadence
     frequency_hz = observed.frequency_hz
@@ -322,13 +315,13 @@ for _harmonic in (2, 3, 4):
 
 TORSO_LINE = "ours: torso line of E-33 about the main line"
 MIN_PERIODS_OF_PAIRS = 3.0
-"""Pairs of periods can be distinguished only where this many single periods are observed."""
+"""Fewest observed periods from which alternate periods can be compared."""
 MIN_LIKENESS = 0.1
 
 
 @plugin("feature", "torso_ripple_mps", unit="m/s", source=TORSO_LINE, needs=("line",))
 def ripple_mps(observed: Observation) -> float:
-    """Measure the RMS torso velocity about its slow part."""
+    """Measure the RMS torso velocity around its slow part."""
     return observed.torso_ripple_rms_mps
 
 
@@ -340,9 +333,9 @@ def ripple_at_gait_mps(observed: Observation) -> float | None:
 
 @plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
 def ripple_at_half_mps(observed: Observation) -> float | None:
-    """Measure the rms torso swing at f_mu / 2.
+    """Measure the RMS torso swing at f_mu / 2.
 
-    It shows sway and limp, which alternate from step to step.
+    The swing is caused by sway and limp, which alternate from step to step.
     """
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
@@ -352,7 +345,7 @@ def ripple_at_half_mps(observed: Observation) -> float | None:
 def _component_mps(observed: Observation, number: int) -> float:
     """Measure one of the torso swing components.
 
-    f/2, f, 3f/2 and 2f are fitted together, so that the leakage of one does not read as another.
+    f/2, f, 3f/2 and 2f are fitted together, so that leakage from one does not add to another.
     """
     return math.sqrt(0.5) * observed.ripple_parts[number]
 
@@ -361,9 +354,9 @@ def _component_mps(observed: Observation, number: int) -> float:
 def alternate_likeness(observed: Observation) -> float | None:
     """Compare autocorrelations of neighbouring and alternate periods.
 
-    The value is at most about 1. Near 1 where a period is a step with a mirror image that looks the same to the radar;
-    less where left and right, or the two halves of a stride, differ. Noise lowers both alike; rows without signal are
-    left out (K+ of E-38).
+    The value is at most about 1. It is near 1 if a period is a step and left and right steps have the same signature.
+    It is lower if left and right, or the two halves of a stride, differ. Noise lowers both autocorrelations alike. Rows
+    without signal are left out (K+ of E-38).
     """
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None

@@ -15,11 +15,11 @@ from doppelgait.core.plugins import Group, Plugin
 FloatArray = npt.NDArray[np.float64]
 
 NEEDS = ("gait_frequency", "direction", "envelope", "line")
-"""What a feature can need of an :class:`doppelgait.features.observed.Observation`."""
+"""Requirements that a feature can have of an :class:`doppelgait.features.observed.Observation`."""
 
 
 def check_feature(feature: Plugin[Any]) -> None:
-    """Refuse a feature with facts that cannot be used (:class:`ConfigError`)."""
+    """Raise :class:`ConfigError` for a feature with invalid facts."""
     where, needs = f"feature {feature.name!r} of {feature.module}", feature.facts.get("needs", ())
     if not isinstance(needs, tuple | list) or not set(needs) <= set(NEEDS):
         raise ConfigError(f"{where}: needs {needs!r} is not allowed; it is a tuple of {', '.join(NEEDS)}")
@@ -34,19 +34,18 @@ FEATURES: Group[Callable[[Any], float | None]] = Group(
 )
 """All features by name: functions of an :class:`doppelgait.features.observed.Observation`.
 
-A function is called only where everything that it needs is known; None, or a value that is not finite, means
+A function is called only if everything that it needs is known. A result of None, or one that is not finite, means
 undetermined. Facts of a plug-in:
 
 unit : str
     ``"1"`` for a plain number.
 source : str
-    Where the definition comes from: literature or our equations.
+    Source of the definition: literature or an equation of the documentation.
 needs : tuple of str
-    What must be known, in this order: ``"gait_frequency"``, ``"direction"`` (the target moves towards or away from the
-    radar), ``"envelope"`` (half of the columns or more stand above the noise), ``"line"`` (the main line can be
-    followed).
+    Requirements, in this order: ``"gait_frequency"``, ``"direction"`` (the target moves towards or away from the
+    radar), ``"envelope"`` (half of the columns or more are above the noise), ``"line"`` (the main line is known).
 set_f : int, optional
-    Place in the report's feature set F (E-39), from 0; all others are extended features.
+    Position in the report's feature set F (E-39), from 0; all others are extended features.
 """
 
 FEATURE_UNITS = {
@@ -62,7 +61,7 @@ FEATURE_UNITS = {
 
 @dataclass(frozen=True)
 class GaitFeatures:
-    """Six gait features; None where one cannot be determined.
+    """Six gait features; None where a feature cannot be determined.
 
     Parameters
     ----------
@@ -71,7 +70,7 @@ class GaitFeatures:
     doppler_bandwidth_hz : float or None
         B_mu.
     step_length_m : float or None
-        L_m = |v_m| / f_mu: radial; the stride length for asymmetric gaits.
+        L_m = |v_m| / f_mu, along the line of sight; the stride length for asymmetric gaits.
     harmonic_ratio_2, harmonic_ratio_3 : float or None
         beta_1, beta_2.
     limb_torso_ratio : float or None
@@ -108,7 +107,7 @@ class Extraction:
     ----------
     features : GaitFeatures
     gait_frequency_hz, torso_doppler_hz, n_periods : float or None
-        f_mu, the main line's mean Doppler, and observed periods.
+        f_mu, the mean Doppler of the main line, and the number of observed periods.
     quality : mapping
         Diagnostics by name.
     flags : tuple of str

@@ -29,22 +29,22 @@ from doppelgait.features.observed import Observation
 
 MIN_SNR_DB = 0.0
 MAX_HOP_SHARE = 0.5
-"""Columns farther apart than half a processing interval do not resolve the modulation between them: it aliases."""
+"""Largest hop as a share of the processing interval; with a larger hop the modulation aliases."""
 MIN_PERIODS = 1.5
 LOW_CONFIDENCE = 0.7
 FEW_PERIODS = 2.0
 CLOSE_OCTAVE = 0.1
-"""Above this probability of half or twice f_mu, step or stride is said to be a close decision."""
+"""Probability of half or twice f_mu above which the decision between step and stride is flagged as close."""
 FULL_BAND_SHARE = 0.9
-"""Envelopes farther apart than this share of the pulse rate may be folded."""
+"""Bandwidth between the envelopes, as a share of the pulse rate, above which Doppler may be folded."""
 NO_GAIT_RATIO = 0.1
-"""A target that oscillates less than this against its own mean (rho) has no gait; walkers and dogs: 0.4 and more."""
+"""Smallest limb-torso ratio rho of a target with a gait; walkers and dogs have 0.4 or more."""
 
 
 def snr_mu_db(signature: Plain, floor_v2: float) -> float:
     """Compute the signature SNR in dB.
 
-    It is the median over time of the strongest cell above the floor, over the floor; inf without noise.
+    The SNR is the median over time of (strongest cell - floor) / floor; inf without noise.
 
     Examples
     --------
@@ -74,12 +74,12 @@ def extract(observed: Observation, *, bandwidth_threshold: float, cpi_s: float, 
     bandwidth_threshold : float
         t_mu of the threshold form of the bandwidth.
     cpi_s, window_steepness : float
-        T_d and sigma_w, for the width that a single line has by itself.
+        T_d and sigma_w, for the width of a single line.
 
     Returns
     -------
     Extraction
-        With all features None and the flag ``no_signal`` where nothing stands above the noise.
+        If nothing is above the noise, all features are None and the flag is ``no_signal``.
 
     See Also
     --------
@@ -200,7 +200,7 @@ def _add_gait(
 def _set_f(observed: Observation, *, name: str) -> float | None:
     """Return a feature of the set F.
 
-    :func:`extract` measures the set together because each feature needs those before it.
+    :func:`extract` measures the whole set, because each feature needs the features before it.
     """
     value: float | None = getattr(observed.extraction.features, name)
     return value

@@ -1,13 +1,15 @@
 """Posterior of the gait frequency f_mu of a signature (E-33).
 
-Four sets of rows speak: the whole signature and the limbs relative to the torso, each unchanged and whitened over time
-with rows of equal weight (coloured noise). For each frequency of a grid they give nine terms each: how well the rows
-repeat after one period, half of it, one and a half and a third, and which share of the power lies at the harmonics and
-halfway between them. A weighted sum of these and of a weak prior is the logarithm of the posterior. Weights are those
-of maximum likelihood on half of the models and of the recordings (``studies/gait_frequency.py --fit``), with the sign
-that a term's meaning asks for: repetition and power at the harmonics count for a frequency, power halfway between them
-against it. Free signs fit better and double whatever is more regular than the examples. Limbs that are noise have
-flat terms and decide nothing.
+The estimate uses four sets of rows: the whole signature and the limbs relative to the torso, each unchanged and
+whitened over time with rows of equal weight (for coloured noise). Each set gives nine terms for each frequency of a
+grid: the autocorrelation of the rows at 1, 1/2, 3/2 and 1/3 period, and the shares of the power at the harmonics and
+halfway between them. The log posterior is a weighted sum of these terms and of a weak prior.
+
+The weights are maximum-likelihood estimates on half of the models and half of the recordings
+(``studies/gait_frequency.py --fit``). The sign of each weight is fixed: autocorrelation and power at the harmonics
+support a frequency, power halfway between them contradicts it. Weights with free signs fit the examples better, but
+they double the frequency of any motion that is more regular than the examples. Limb rows that contain only noise have
+constant terms and do not influence the decision.
 """
 
 from __future__ import annotations
@@ -27,19 +29,22 @@ from doppelgait.features.limbs import Rows, average_columns, detrend_rows, group
 FloatArray = npt.NDArray[np.float64]
 
 GRID_HZ: FloatArray = 0.5 * 2.0 ** (np.arange(193) / 48.0)
-"""0.5 to 8 Hz in steps of 1.45 %."""
+"""Frequency grid: 0.5 to 8 Hz in steps of 1.45 %."""
 LOG_GRID: FloatArray = np.log(GRID_HZ)
 SQUARE_LOG_GRID: FloatArray = LOG_GRID**2
 NEAR_STEPS = 3
-"""Frequencies this many steps either side are the same one: 4.4 %."""
+"""Number of grid steps (4.4 %) within which two frequencies are the same."""
 LEAST_PERIODS = 1.1
 WHITENING = 0.7
-"""Coefficient of the first-order whitening filter at 40 columns a second."""
+"""Coefficient of the first-order whitening filter at 40 columns per second."""
 WEAK_ROW = 1e-3
-"""Rows weaker than this part of the strongest one lose their equal weight: without noise they are rounding errors."""
+"""Power of a row relative to the strongest one below which it has no equal weight.
+
+Without noise such a row contains only rounding errors.
+"""
 PADDING = 8
 SLOWEST_MPS = 0.25
-"""Torso velocities below this say nothing about the length of a step."""
+"""Lowest torso velocity from which the step length is estimated for the prior."""
 WEIGHTS: FloatArray = np.array(
     [
         [0, 0, 0, 10.5, 0, 12.5, 3.76, 0.0837, 0],
@@ -48,10 +53,16 @@ WEIGHTS: FloatArray = np.array(
         [0, 0, 0, 2.02, 28.5, 43.8, 0.352, 3.37, 0],
     ]
 )
-"""Of the nine terms of :func:`doppelgait.core.kernels.periodicity.rhythm_evidence`, by set of rows: whole, whole
-whitened, limbs, limbs whitened."""
+"""Weights of the nine terms of :func:`doppelgait.core.kernels.periodicity.rhythm_evidence`.
+
+There is one row per set: whole, whole whitened, limbs, limbs whitened.
+"""
 PRIOR_WEIGHTS: FloatArray = np.array([2.27, -0.971, -1.34, -0.0757, -14.6])
-"""Of ln f, its square, ln of step length (torso velocity over f), its square, ln of the periods lacking to three."""
+"""Weights of the terms of the prior.
+
+The terms are ln f, its square, ln of the step length (torso velocity over f), its square, and ln of the number of
+periods that are missing to three.
+"""
 
 # Exact frequency
 N_HARMONICS = 6
@@ -59,10 +70,10 @@ HIGHEST_HARMONIC_HZ = 14.0
 LOWEST_HZ = 0.5
 SALIENT_HZ = 20.0
 SEARCH = 0.06
-"""Half width of the search for the exact frequency, relative."""
+"""Relative half width of the search for the exact frequency."""
 FINE_STEPS = 97
 TOP = 6
-"""The top of the sum is this many steps either side."""
+"""Number of steps on each side of the maximum for the fit of a parabola."""
 WIDTH_DROP = 0.02
 
 
@@ -73,15 +84,15 @@ class GaitFrequency:
     Parameters
     ----------
     frequency_hz : float or None
-        f_mu, mode of the posterior; None where nothing moves or the record is shorter than 1.1 periods of 8 Hz.
+        f_mu, mode of the posterior; None if nothing moves or if the record is shorter than 1.1 periods of 8 Hz.
     confidence : float or None
-        Probability that f_mu is right to within 5 %, 0 to 1.
+        Probability that f_mu is correct within 5 %, 0 to 1.
     uncertainty_hz : float or None
-        Standard deviation to expect if the octave is right; None where the harmonics have no top.
+        Standard deviation, provided that the octave is correct; None if the sum over the harmonics has no maximum.
     half_probability, double_probability : float or None
         Posterior within 4.4 % of half and of twice f_mu, 0 to 1.
     second_hz : float or None
-        The most probable frequency more than 9 % off.
+        Most probable frequency that differs by more than 9 %.
     periodicity : float or None
         Normalised autocorrelation n of the whole signature at one period, -1 to 1.
     salience : float or None
@@ -115,11 +126,11 @@ class Rhythm:
     Parameters
     ----------
     likeness : ndarray, shape (J,)
-        Square-difference autocorrelation n (E-33) at whole lags.
+        Square-difference autocorrelation n (E-33) at integer lags.
     rate_hz : float
         Lags per second.
     share : ndarray, shape (Q,)
-        Power over that above 0.5 Hz times T_o: a line has 1 at its top, at most.
+        Power divided by the power above 0.5 Hz and multiplied by T_o; the maximum of a line is at most 1.
     step_hz : float
         Spacing of the spectrum.
     """
@@ -144,12 +155,12 @@ def estimate_gait_frequency(
     floor_v2 : float
         Noise floor nu.
     velocity_mps : float
-        Radial velocity of the torso, for the weak prior on the length of a step.
+        Radial velocity of the torso, for the weak prior on the step length.
 
     Returns
     -------
     GaitFrequency
-        Empty where the signature does not change or the record is too short for any frequency.
+        Empty if the signature does not change or the record is too short for any frequency.
 
     Examples
     --------
@@ -165,6 +176,8 @@ def estimate_gait_frequency(
     >>> round(found.frequency_hz, 1), round(recording.truth[0].gait_frequency_hz, 1)  # estimated, true
     (1.8, 1.8)
     """
+    from doppelgait.core.kernels.periodicity import highest_between, share_near_harmonics
+
     rhythms = measure_target_rhythms(aligned, excess, floor_v2)
     whole, limbs = rhythms[0], rhythms[2]
     seconds = whole.likeness.size / whole.rate_hz
@@ -177,6 +190,7 @@ def estimate_gait_frequency(
     start_hz = math.exp(float(posterior[around] @ LOG_GRID[around] / posterior[around].sum()))
     frequency_hz, width_hz = refine_on_harmonics(start_hz, [whole, limbs])
     others = np.where(np.abs(np.arange(GRID_HZ.size) - best) > 2 * NEAR_STEPS, near, 0.0)
+    lag, last = whole.rate_hz / frequency_hz, float(whole.likeness.size - 1)
     return GaitFrequency(
         frequency_hz=frequency_hz,
         confidence=min(float(near[best]), 1.0),
@@ -184,8 +198,8 @@ def estimate_gait_frequency(
         half_probability=_sum_posterior(near, 0.5 * frequency_hz),
         double_probability=_sum_posterior(near, 2.0 * frequency_hz),
         second_hz=float(GRID_HZ[others.argmax()]),
-        periodicity=_find_autocorrelation_near(whole, frequency_hz),
-        salience=_measure_salience(whole, frequency_hz, seconds),
+        periodicity=highest_between(whole.likeness, 0.95 * lag, min(1.05 * lag, last), 9) if lag <= last else 0.0,
+        salience=share_near_harmonics(whole.share, whole.step_hz, LOWEST_HZ, SALIENT_HZ, frequency_hz, 1.2 / seconds),
         n_periods=frequency_hz * seconds,
     )
 
@@ -205,9 +219,8 @@ def _compute_cell_noise(
 ) -> FloatArray:
     """Compute the noise of a cell in averaged columns.
 
-    It is the standard deviation in each column of :func:`average_columns`; shape (J',).
-
-    Columns that are averaged overlap nearly whole, so that their noise is one and the same.
+    The noise is the standard deviation in each column of :func:`average_columns`, shape (J',). The averaged columns
+    overlap almost completely, so they have the same noise.
     """
     from doppelgait.core.kernels.features import positive_sums
 
@@ -222,8 +235,8 @@ def _compute_cell_noise(
 def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm, ...]:
     """Measure autocorrelation and spectrum of sets of rows.
 
-    Each plain and whitened: ``v_j - 0.7 v_(j-1)``, and every row divided by its energy after that, so that noise which
-    is strongest at low cadence and in strong rows hides nothing elsewhere.
+    Each set is measured unchanged and whitened. Whitening is ``v_j - 0.7 v_(j-1)``, followed by a division of each row
+    by its energy. Noise that is strongest at low cadence and in strong rows then does not mask other rows.
 
     Parameters
     ----------
@@ -235,7 +248,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
     Returns
     -------
     tuple of Rhythm
-        Plain and whitened of the first set, then those of the next.
+        Unchanged and whitened rhythm of the first set, then those of the next sets.
     """
     from scipy import fft
 
@@ -249,7 +262,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
     values, stops = np.concatenate(rows, axis=1), np.cumsum([some.shape[1] for some in rows])
     (n_columns, n_rows), n_series = values.shape, 2 * len(rows)
     length, padded, window = _choose_lengths(n_columns)
-    # two rows make one of complex numbers
+    # two real rows form one complex row
     pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
     until = np.empty((n_series, n_columns + 1))
     weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, until)
@@ -268,7 +281,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
     """Return transform lengths and a Hann window over lag.
 
-    The window has the shape (J,) and keeps side lobes below 2.5 %.
+    The window has the shape (J,); its side lobes are below 2.5 %.
     """
     from scipy import fft
 
@@ -277,9 +290,9 @@ def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
 
 
 def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
-    """Return the log posterior's terms on the grid.
+    """Return the terms of the log posterior on the grid.
 
-    Shapes (4, 9, frequency) of the rows and (5, frequency) of the prior.
+    The terms have the shapes (4, 9, frequency) for the rows and (5, frequency) for the prior.
     """
     from doppelgait.core.kernels.periodicity import rhythm_evidence
 
@@ -295,7 +308,7 @@ def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[Flo
 
 
 def compute_posterior(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
-    """Compute the posterior on the grid, sum 1."""
+    """Compute the posterior on the grid, with sum 1."""
     from doppelgait.core.kernels.periodicity import posterior
 
     evidence, prior = compute_terms(rhythms, velocity_mps)
@@ -306,31 +319,14 @@ def compute_posterior(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> Float
 
 
 def _sum_posterior(near: FloatArray, frequency_hz: float) -> float:
-    """Return the posterior near a frequency, else 0."""
+    """Return the posterior near a frequency, 0 outside the grid."""
     place = round(48.0 * math.log2(frequency_hz / GRID_HZ[0]))
     return min(float(near[place]), 1.0) if 0 <= place < near.size else 0.0
 
 
-def _find_autocorrelation_near(rhythm: Rhythm, frequency_hz: float) -> float:
-    """Return the highest autocorrelation within 5 %."""
-    from doppelgait.core.kernels.periodicity import highest_between
-
-    lag, last = rhythm.rate_hz / frequency_hz, float(rhythm.likeness.size - 1)
-    return highest_between(rhythm.likeness, 0.95 * lag, min(1.05 * lag, last), 9) if lag <= last else 0.0
-
-
-def _measure_salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
-    from doppelgait.core.kernels.periodicity import share_near_harmonics
-
-    found: float = share_near_harmonics(
-        rhythm.share, rhythm.step_hz, LOWEST_HZ, SALIENT_HZ, frequency_hz, 1.2 / seconds
-    )
-    return found
-
-
 @lru_cache(maxsize=16)
 def _make_parabola_matrix(first: int, stop: int) -> FloatArray:
-    """Compute the matrix of a parabola's fit."""
+    """Compute the matrix that fits a parabola."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
 
 
@@ -340,22 +336,21 @@ FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[float, float]:
     """Refine a frequency by the power of its harmonics.
 
-    This is a multi-harmonic fit; the width of its maximum is returned, too.
-
-    For white noise and resolved harmonics the maximum of ``sum_h S(h f)`` is the least-squares fit of a periodic signal
-    (Quinn and Thomson 1991). Each spectrum counts by its share of power above 0.5 Hz.
+    The method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of ``sum_h S(h f)`` is the
+    least-squares fit of a periodic signal (Quinn and Thomson 1991). Each spectrum is weighted by its share of power
+    above 0.5 Hz.
 
     Parameters
     ----------
     frequency_hz : float
-        Within 6 % of the wanted one.
+        Start value, within 6 % of the result.
     rhythms : list of Rhythm
 
     Returns
     -------
     tuple of float
-        Frequency in Hz, from a parabola through the top, and the distance in Hz at which that parabola has fallen by
-        2 %; NaN where the sum has no top within 6 %.
+        Frequency in Hz at the maximum of a parabola, and the distance in Hz at which the parabola is 2 % lower. The
+        distance is NaN if the sum has no maximum within 6 %.
     """
     from doppelgait.core.kernels.periodicity import add_harmonics
 

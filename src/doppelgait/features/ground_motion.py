@@ -15,45 +15,53 @@ from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, compute_str
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
 CLEAR_COSINE = 0.6
-"""From this |cos psi| on (to 53 degrees) the whole body's step frequency is right; below it may be the stride's."""
+"""Smallest |cos psi| (up to 53 degrees) at which the whole body gives the step frequency.
+
+Below it the measured frequency may be that of the stride.
+"""
 HIDDEN_COSINE = 0.25
-"""Below this |cos psi| (beyond 75.5 degrees) neither the body's nor the limbs' modulation gives the step frequency."""
+"""Smallest |cos psi| (up to 75.5 degrees) at which the modulation of the limbs gives the step frequency."""
 MIN_OBSERVATION_S = 3.0
 ENDS_S = 0.4
-"""The columns of a recording of 3 s span 2.9 s, half a processing interval less at either end; in the gate of a track,
-which begins and ends with a scan, 2.7 s."""
+"""Largest difference between the length of a recording and the time of its columns.
+
+The columns of 3 s span 2.9 s, because half a processing interval is lost at each end. In the gate of a track, which
+begins and ends with a scan, they span 2.7 s.
+"""
 ITERATIONS = 4
 CAUCHY_TUNING = 2.385
 LEAST_SCALE_M = 1e-6
 OUTLIER_SD = 3.0
 
 RANGE_SD_M = 0.02
-"""Error of a range of unknown error: the body's sway against its path."""
+"""Default error of a range: sway of the body relative to its path."""
 ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
-"""What a steady walker's mean acceleration, speed and direction depart from constant velocity. Set on simulated people,
-dogs and cats of other seeds than those of the tables."""
+"""Standard deviations of a steady walker's mean acceleration, speed and direction from constant velocity.
+
+They were chosen on simulated people, dogs and cats with other seeds than those of the tables.
+"""
 STRAIGHT_LEVEL = 1e-3
-"""Ranges that fit straight motion with a lower chance than this are of another path."""
+"""Probability of straight motion below which the path is not straight."""
 GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 15.0
-"""Above either standard deviation there is no number."""
+"""Largest standard deviations with which speed and aspect are reported."""
 GRID_SPEEDS, GRID_SD = 128, 5.0
-"""Across speeds that are compared: from 0 to this many standard deviations above the best."""
+"""Grid of speeds across the line of sight: number, and upper end in standard deviations above the most likely speed."""
 
 
 @dataclass(frozen=True)
 class GroundMotion:
-    """Straight motion that explains a range history.
+    """Straight motion, estimated from a range history.
 
     Parameters
     ----------
     ground_speed_mps : float or None
-        v_g; None where ``reason`` says why.
+        v_g; None if ``reason`` is not empty.
     aspect_deg : float or None
-        psi at the middle of the observation, 0 approaching, 180 receding.
+        psi at the middle of the observation; 0 is approaching, 180 is receding.
     ground_speed_sd_mps, aspect_sd_deg : float or None
-        Their standard deviations; known, too, where the fit is good but too uncertain for a statement.
+        Standard deviations of the two; they are known also if the fit is good but too uncertain.
     reason : str
-        Empty, ``"unknown"`` without a track, ``"too_short"`` (a recording shorter than 3 s, its history than 2.6 s),
+        Empty, ``"unknown"`` without a track, ``"too_short"`` (recording shorter than 3 s, history shorter than 2.6 s),
         ``"path_is_not_straight"`` or ``"too_uncertain"`` (above 10 % of the speed or 15 degrees).
 
     Examples
@@ -78,25 +86,25 @@ def estimate_ground_motion(
 ) -> GroundMotion:
     r"""Estimate straight motion from a range history.
 
-    R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2 (E-34b): least squares with weights 1/R^2 and Cauchy weights against
-    outliers. Its coefficients and their covariance, with errors that last for 0.5 s, give the radial speed
-    :math:`v_r = -c_1 / (2 \sqrt{c_0})` and the square of the speed across the line of sight,
-    :math:`u = c_2 - v_r^2`, with a Gaussian error. All speeds across :math:`v_t \ge 0` being as likely before, the
-    density of :math:`v_t` is that of u at :math:`v_t^2`; ground speed :math:`\sqrt{v_r^2 + v_t^2}` and aspect
-    :math:`\arctan(v_t / v_r)` are its means, their uncertainties its standard deviations.
+    The model R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2 (E-34b) is fitted by least squares with weights 1/R^2 and
+    Cauchy weights against outliers. The coefficients and their covariance, for errors with a correlation time of 0.5 s,
+    give the radial speed :math:`v_r = -c_1 / (2 \sqrt{c_0})` and the square of the speed across the line of sight,
+    :math:`u = c_2 - v_r^2`, with a Gaussian error. With a uniform prior on the speed across, :math:`v_t \ge 0`, the
+    density of :math:`v_t` is that of u at :math:`v_t^2`. Ground speed :math:`\sqrt{v_r^2 + v_t^2}` and aspect
+    :math:`\arctan(v_t / v_r)` are means over this density; their uncertainties are its standard deviations.
 
     Parameters
     ----------
     time_s, range_m : array_like, shape (J,)
         Range track of the body.
     range_sd_m : float, optional
-        Standard deviation of a range, that of a tracker's smoothed one for its track.
+        Standard deviation of a range; for the track of a tracker, that of its smoothed ranges.
 
     Returns
     -------
     GroundMotion
-        Without numbers where ranges fit straight, steady motion with a chance below 0.001
-        (:func:`doppelgait.core.straight.compute_straight_probability_of_square`) or say too little.
+        Without numbers if the probability of straight, steady motion is below 0.001
+        (:func:`doppelgait.core.straight.compute_straight_probability_of_square`), or if the result is too uncertain.
 
     Examples
     --------
@@ -117,7 +125,7 @@ def estimate_ground_motion(
     found = np.empty(7)
     straight_motion(times, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, OUTLIER_SD, found)
     c0, c1, _, across_2, square_m2, across_variance, radial_variance = found.tolist()
-    if not c0 > 0:  # NaN, too: of fewer than three times, or an unknown range
+    if not c0 > 0:  # also for NaN: fewer than three times, or an unknown range
         return GroundMotion(reason="path_is_not_straight")
     radial_mps, sd_m = -c1 / (2.0 * math.sqrt(c0)), range_sd_m or RANGE_SD_M
     probability = compute_straight_probability_of_square(
@@ -133,7 +141,7 @@ def estimate_ground_motion(
 
 
 def _compute_posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
-    """Compute means and standard deviations over the speed across."""
+    """Integrate over the speed across the line of sight."""
     from doppelgait.core.kernels.robust import speeds_across
 
     found = np.empty(4)
@@ -155,10 +163,10 @@ class SegmentMotion:
     Parameters
     ----------
     ground_speed_mps, aspect_deg : float or None
-        As :class:`GroundMotion`; None where the segment is shorter than 3 s or no straight motion.
+        As for :class:`GroundMotion`; None if the segment is shorter than 3 s or the motion is not straight.
     visibility : {"clear", "limbs_only", "hidden", "unknown"}
-        What the aspect leaves of the gait: everything from \|cos psi\| = 0.6 on, the limbs against the torso from
-        0.25 on, nothing to trust below; unknown without an aspect.
+        Visibility of the gait at this aspect: ``clear`` from \|cos psi\| = 0.6 on, ``limbs_only`` (limbs relative to
+        the torso) from 0.25 on, ``hidden`` below, and ``unknown`` without an aspect.
     """
 
     ground_speed_mps: float | None
@@ -174,9 +182,9 @@ def estimate_segment_motion(
     Parameters
     ----------
     time_s, range_m : array_like, shape (J,)
-        Range track of the body, rising times.
+        Range track of the body, with ascending times.
     start_s, stop_s : float
-        The segment, both ends included.
+        Limits of the segment, both included.
 
     Returns
     -------
@@ -185,7 +193,7 @@ def estimate_segment_motion(
     Raises
     ------
     AnalysisError
-        If times and ranges are not of one length, or the segment holds fewer than three of them.
+        If times and ranges differ in length, or if the segment has fewer than three of them.
     """
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
@@ -193,7 +201,7 @@ def estimate_segment_motion(
     inside = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
     if inside.sum() < 3:
         raise AnalysisError(
-            f"the segment from {start_s:g} to {stop_s:g} s holds {int(inside.sum())} ranges of the track; 3 are needed"
+            f"the segment from {start_s:g} to {stop_s:g} s has {int(inside.sum())} ranges of the track; 3 are needed"
         )
     found = estimate_ground_motion(times[inside], ranges[inside])
     return SegmentMotion(found.ground_speed_mps, found.aspect_deg, classify_visibility(found))
@@ -202,7 +210,7 @@ def estimate_segment_motion(
 def classify_visibility(motion: GroundMotion) -> Visibility:
     """Classify the visibility of the gait at an aspect.
 
-    The classes are those of :class:`SegmentMotion`.
+    The classes are described in :class:`SegmentMotion`.
     """
     if motion.aspect_deg is None:
         return "unknown"

@@ -15,14 +15,14 @@ FloatArray = npt.NDArray[np.float64]
 
 SEARCH = 0.15
 MIN_SNR = 4.0
-"""A harmonic must stand 6 dB above the local median of the power spectrum."""
+"""Smallest ratio (6 dB) of a harmonic to the local median of the power spectrum."""
 NEAR_SHARE, NEAR_HZ = 0.06, 0.25
 
 
 def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float | None:
     """Compare a harmonic with the fundamental (E-37).
 
-    A self-check, near ``harmonic`` when f_mu is right.
+    The ratio is a check of f_mu: it is near ``harmonic`` if f_mu is correct.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
     Returns
     -------
     float or None
-        None where no local maximum within 15 % of the expected place stands 6 dB above the local median.
+        None if no local maximum within 15 % of the expected frequency is 6 dB above the local median.
 
     See Also
     --------
-    limb_torso_ratio : oscillating over constant power.
+    limb_torso_ratio : ratio of oscillating to constant power.
 
     Examples
     --------
@@ -78,9 +78,9 @@ class LimbTorsoRatio:
 def limb_torso_ratio(
     step_doppler: xr.DataArray, mean_spectrum: FloatArray, frequency_hz: float, occupied: npt.NDArray[np.bool_]
 ) -> LimbTorsoRatio:
-    """Compute oscillating over constant Doppler power (E-38).
+    """Compute the ratio of oscillating to constant Doppler power (E-38).
 
-    The rows are the same on both sides of the fraction.
+    Numerator and denominator use the same rows.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def limb_torso_ratio(
     frequency_hz : float
         f_mu.
     occupied : ndarray of bool, shape (K,)
-        Rows K+ that stand above the noise.
+        Rows K+ above the noise.
 
     Returns
     -------
     LimbTorsoRatio
-        None where no row is occupied.
+        Both forms are None if no row is occupied.
 
     See Also
     --------
@@ -122,7 +122,7 @@ def limb_torso_ratio(
 
 
 def highest_cadence_hz(frequency_hz: float) -> float:
-    """Return the highest cadence that :func:`ratio_of_rows` looks at."""
+    """Return the highest cadence that :func:`ratio_of_rows` uses."""
     return 4.0 * frequency_hz + NEAR_HZ
 
 

@@ -1,6 +1,6 @@
 """Feature extraction of the report (section 4.5), for comparison.
 
-It is literal where the report is definite.
+The code follows the text of the report wherever the report is unambiguous.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from doppelgait.features.measures import find_local_maxima
 FloatArray = npt.NDArray[np.float64]
 
 HARMONIC_WINDOW = 0.2
-"""The report says "close to where it is expected"; this half width, relative, is our reading."""
+"""Relative half width of the search for a harmonic; the report specifies only "close to where it is expected"."""
 
 
 def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: float) -> float:
     """Compute B_mu from the mean Doppler spectrum.
 
-    It is the span from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold.
+    B_mu is the span from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold.
     """
     above = np.flatnonzero(mean_spectrum >= threshold * mean_spectrum.max())
     return float(doppler_hz[above[-1]] - doppler_hz[above[0]])
@@ -48,8 +48,8 @@ def extract(
     Returns
     -------
     Extraction
-        f_m at the highest peak of D_g in no band; v_m at the highest bin of D_1; L_m = v_m / f_m with its sign;
-        rho = (A_m + A_2 + A_3) / A_fd.
+        f_m is at the highest peak of D_g, without limits to a band. v_m is at the highest bin of D_1. L_m = v_m / f_m
+        has the sign of v_m. rho = (A_m + A_2 + A_3) / A_fd.
     """
     check_signal(spectrum, CADENCE_SPECTRUM)
     best = int(mean_spectrum.argmax())

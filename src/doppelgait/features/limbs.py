@@ -1,6 +1,6 @@
 """Limb rows of Doppler relative to the torso (E-33).
 
-Steps show in them, and the body's sway does not.
+The limb rows contain the steps and exclude the sway of the body.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from doppelgait.core.labels import NORMALISED_SIGNATURE, Plain, check_signal, re
 FloatArray = npt.NDArray[np.float64]
 
 TORSO_BAND_HZ = 40.0
-"""The torso line is the centroid of the cells within this of the main line."""
+"""Half width of the band around the main line in which the torso line is the centroid of the cells."""
 TORSO_SMOOTHING_S = 0.06
 """Standard deviation of the Gaussian that smooths the torso line."""
 TORSO_WIDTH_HZ = 30.0
-"""Rows nearer to the torso line than this show the torso: a single line is 14 Hz wide (E-35), swinging hips more."""
+"""Half width of the torso's band around the torso line; a single line has 14 Hz (E-35), swinging hips more."""
 COLUMN_RATE_HZ = 40.0
-"""Columns are averaged down to no less than this rate: a signature of T_d = 0.1 s holds nothing above 15 Hz."""
+"""Lowest rate of averaged columns; a signature with T_d = 0.1 s contains no modulation above 15 Hz."""
 ROW_WIDTH_HZ = 16.0
 CLIPPED_MEAN, CLIPPED_SD = 0.399, 0.584
-"""Mean and standard deviation of max(x, 0) for a standard normal x: what noise leaves above the floor."""
+"""Mean and standard deviation of max(x, 0) for a standard normal x: noise that is clipped at the floor."""
 OCCUPIED_SIGMAS = 3.0
 INDEPENDENT_AFTER_S = 0.06
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Doppler rows over time, as plain numbers.
+    """Doppler rows over time, without labels.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ class Rows:
 
 
 def average_columns(normalised: xr.DataArray | Plain) -> Rows:
-    """Average columns of a normalised signature in groups.
+    """Average groups of columns of a normalised signature.
 
-    No less than 40 columns a second remain.
+    The result has at least 40 columns per second.
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
     rate_hz = sampling_rate_hz(read_axis(normalised, "time"))
@@ -73,7 +73,7 @@ def group_size(rate_hz: float) -> int:
 def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
     """Sum groups of columns and of rows.
 
-    Incomplete last groups are dropped.
+    Incomplete groups at the end are dropped.
     """
     from doppelgait.core.kernels.features import sum_groups
 
@@ -85,7 +85,7 @@ def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArra
 def torso_line_hz(rows: Rows) -> FloatArray:
     """Follow the Doppler of the torso (E-33 step 4).
 
-    In every column it is the power-squared centroid about the main line, smoothed.
+    The torso's Doppler is the smoothed centroid of the squared power around the main line in each column.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def torso_line_hz(rows: Rows) -> FloatArray:
     Returns
     -------
     ndarray, shape (J,)
-        ``t[j] = sum F u^2 / sum u^2`` over the cells within 40 Hz of the median column peak, circular in Doppler, then
-        a Gaussian of 60 ms standard deviation. A column without power there has the median.
+        ``t[j] = sum F u^2 / sum u^2`` over the cells within 40 Hz of the median column peak, circular in Doppler,
+        smoothed by a Gaussian with 60 ms standard deviation. A column without power in this band has the median.
     """
     from doppelgait.core.kernels.lines import torso_line
 
@@ -110,7 +110,7 @@ def torso_line_hz(rows: Rows) -> FloatArray:
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     """Extract rows beyond 30 Hz of the torso.
 
-    They are cleaned of noise, in amplitude, and detrended; Doppler is relative to the torso.
+    The rows are amplitudes without noise, detrended; their Doppler is relative to the torso.
 
     Parameters
     ----------
@@ -122,9 +122,10 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     Returns
     -------
     Rows
-        Every column shifted by its torso line; one standard deviation of noise subtracted from every cell; rows whose
-        mean does not stand 3 standard deviations above what noise leaves are 0; neighbours summed to 16 Hz; square
-        root, so that the weak echoes of fast limbs count next to the strong ones of slow ones.
+        Result of five steps: each column is shifted by its torso line. One standard deviation of noise is subtracted
+        from each cell. Rows with a mean less than 3 standard deviations above that of clipped noise are set to 0.
+        Neighbouring rows are summed to 16 Hz. The square root is taken, so that the weak echoes of fast limbs
+        contribute in addition to the strong echoes of slow limbs.
     """
     from doppelgait.core.kernels.features import limb_amplitudes, shift_columns
 
@@ -135,7 +136,7 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     shift_columns(
         np.ascontiguousarray(rows.values), whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved
     )
-    # rows that stand above the noise: as E-38, for cells that were clipped at the floor
+    # rows above the noise, as in E-38, for cells that were clipped at the floor
     independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
     spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)
     starts, stops, centre_hz = _make_limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
@@ -152,7 +153,8 @@ def _make_limb_groups(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
     """Return limb groups of 16 Hz around the torso.
 
-    First row of every group, one past its last, and the Doppler of its middle; incomplete groups are dropped.
+    Returns the first row of each group, one past its last row, and the Doppler of its middle. Incomplete groups are
+    dropped.
     """
     torso, size = int(TORSO_WIDTH_HZ / bin_hz), _group_rows(bin_hz)
     starts, stops = [], []
@@ -191,7 +193,7 @@ def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
 def _make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation.
 
-    The result has the shape (J, order + 1) and is read only.
+    The result has the shape (J, order + 1) and is read-only.
     """
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
     basis.flags.writeable = False

@@ -1,6 +1,6 @@
 """Intermediate results of one target that several features share.
 
-Envelopes, the torso's line and powers about it are computed once.
+Envelopes, the torso line and the powers around it are computed once.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from doppelgait.features.measures import compute_quantile, compute_square_differ
 TIME_SHARES = (0.05, 0.95)
 OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
-"""Slower than this along the line of sight a target has no direction: the sign of its velocity is chance."""
+"""Lowest radial speed at which a target has a direction; below it the sign of the velocity is random."""
 SEEN_SHARE = 0.5
 TORSO_REACH_MPS = 0.8
-"""The torso's velocity is sought this close to the main line (E-33: 40 Hz at 7.29 GHz)."""
+"""Largest distance of the torso's velocity from the main line (E-33: 40 Hz at 7.29 GHz)."""
 TORSO_BAND_MPS = 0.4
 NEAR_REACH_MPS = 1.6
-"""Bands of the power shares: 20 and 80 Hz at 7.29 GHz, stated as velocities to hold for any carrier."""
+"""Limits of the bands of the power shares (20 and 80 Hz at 7.29 GHz), as velocities that are valid for any carrier."""
 CADENCE_HZ = (0.5, 20.0)
 MIN_PERIODS_OF_HALVES = 2.0
-"""From here on the half of f_mu is distinguished from the polynomial that has been removed."""
+"""Fewest periods at which a component at f_mu / 2 can be distinguished from the removed polynomial."""
 SMOOTHED_OVER_S = 0.04
-"""Standard deviation of the Gaussian that smooths the torso's line (E-33)."""
+"""Standard deviation of the Gaussian that smooths the torso line (E-33)."""
 
 REASONS = {
     "signal": "no_signal",
@@ -41,18 +41,18 @@ REASONS = {
     "envelope": "signal_in_too_few_columns",
     "line": "main_line_lost_in_noise",
 }
-"""Why a feature is None, by what it lacks."""
+"""Reason why a feature is None, by the requirement that is not met."""
 
 
 ORDERS = np.arange(1, 5)
-"""Of f_mu / 2, of which the torso's swing is made."""
+"""Multiples of f_mu / 2 that are the components of the torso's swing."""
 
 
 class Envelopes(NamedTuple):
-    """Envelopes about the main line (E-35b).
+    """Envelopes around the main line (E-35b).
 
-    Of the columns with power above the noise. The leading envelope is the one in the direction of motion; low and
-    high are the 5th and 95th percentile over time.
+    They cover the columns with power above the noise. The leading envelope is in the direction of motion. ``low`` and
+    ``high`` are the 5th and 95th percentile over time.
     """
 
     seen_share: float
@@ -70,10 +70,10 @@ class Envelopes(NamedTuple):
 
 
 class LinePower(NamedTuple):
-    """Power above noise about the main line, range removed (E-28).
+    """Power above noise around the main line, range removed (E-28).
 
-    Sums over time within 0.4 and 1.6 m/s and of all rows, cells at the edge in part; mean and standard deviation over
-    time within 1.6 m/s.
+    It has the sums over time within 0.4 m/s, within 1.6 m/s and of all rows, with fractional cells at the edges, and
+    the mean and standard deviation over time within 1.6 m/s.
     """
 
     torso_v2: float
@@ -112,13 +112,13 @@ class Observation:
     n_independent : float
         Independent columns J_eff.
     track_mps : float, optional
-        Mean radial velocity of the gate's range; None where the gate is fixed.
+        Mean radial velocity of the gate's range; None for a fixed gate.
     bend_mps : float
-        What a straight line leaves out of it.
+        Mean velocity minus the mean of a straight line (:class:`doppelgait.processing.main_line.TrackVelocity`).
     agreed : bool
-        Main line and track agree on the velocity, or their difference is resolved.
+        True if main line and track agree on the velocity, or if their difference is resolved.
     extraction : Extraction
-        The six features and what qualifies them; empty until :func:`doppelgait.features.extract` has been called.
+        The six features with quality and flags; empty until :func:`doppelgait.features.extract` has been called.
 
     See Also
     --------
@@ -154,9 +154,9 @@ class Observation:
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
     def describe_missing(self, needs: tuple[str, ...]) -> str | None:
-        """Return why one of these is missing, or None.
+        """Return why a requirement is not met, or None.
 
-        A signal is always needed.
+        A signal is always required.
         """
         if not self.has_signal:
             return REASONS["signal"]
@@ -167,7 +167,7 @@ class Observation:
 
     @cached_property
     def has_signal(self) -> bool:
-        """True if anything stands above the noise."""
+        """True if any cell is above the noise."""
         return self.extraction.torso_doppler_hz is not None
 
     @cached_property
@@ -208,7 +208,7 @@ class Observation:
     def count_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
         """Count cells above the raised level of B_mu (E-35).
 
-        Blocks lie between ``edges``, in columns; shape (blocks, K).
+        The blocks lie between ``edges``, in columns; the result has the shape (blocks, K).
         """
         from doppelgait.core.kernels.columns import count_above
 
@@ -220,7 +220,7 @@ class Observation:
     def raised_level_v2(self) -> npt.NDArray[Any]:
         """Level of B_mu raised by noise (E-35), (J,).
 
-        It is as exact as the cells that are compared with it.
+        It has the same precision as the cells that are compared with it.
         """
         n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
         return raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins).astype(self.excess.values.dtype)
@@ -256,9 +256,9 @@ class Observation:
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.bool_]:
-        """Doppler rows K+ that stand above the noise (E-38).
+        """Doppler rows K+ above the noise (E-38), shape (K,).
 
-        Their mean power is 3 standard deviations above it; shape (K,).
+        Their mean power is 3 standard deviations above the noise.
         """
         spread = self.floor_v2 / np.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
         return np.asarray(_average_rows(self.excess.values) > OCCUPIED_SIGMAS * spread)
@@ -316,7 +316,7 @@ class Observation:
 
     @cached_property
     def edges(self) -> Envelopes:
-        """Envelopes about the main line (E-35b)."""
+        """Envelopes around the main line (E-35b)."""
         from doppelgait.core.kernels.robust import edge_statistics
 
         found, (low_hz, high_hz) = np.empty(len(Envelopes._fields)), self.envelopes_hz
@@ -336,9 +336,9 @@ class Observation:
 
     @property
     def forward_mps(self) -> FloatArray:
-        """Lead of the leading envelope (E-35b).
+        """Lead of the leading envelope over the main line (E-35b).
 
-        It covers the columns with power above the noise.
+        It has the columns with power above the noise.
         """
         low, high = self.edges_mps
         lead = high - self.line_mps if self.direction >= 0 else self.line_mps - low
@@ -348,7 +348,7 @@ class Observation:
     def backward_mps(self) -> FloatArray:
         """Lag of the trailing envelope behind the main line.
 
-        It covers the columns with power above the noise and is positive behind.
+        It has the columns with power above the noise and is positive behind the line.
         """
         low, high = self.edges_mps
         lag = self.line_mps - low if self.direction >= 0 else high - self.line_mps
@@ -358,8 +358,8 @@ class Observation:
     def envelope_width_hz(self) -> float | None:
         """Bandwidth between the envelopes (E-35b).
 
-        The 95th percentile over time of the upper minus the 5th of the lower; None where less than half of the columns
-        stand above the noise.
+        It is the 95th percentile over time of the upper envelope minus the 5th percentile of the lower one. It is None
+        if less than half of the columns are above the noise.
         """
         return self.edges.full_width_mps / self.mps_per_hz if self.has_envelope else None
 
@@ -367,16 +367,16 @@ class Observation:
     def range_weight(self) -> FloatArray:
         """Factor that removes the radar equation (E-28); shape (J,).
 
-        It is the fourth power of the gate's range over its mean.
+        It is (range / mean range)^4 of the gate.
         """
         centre_m = read_axis(self.signature, "centre_range")
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
     def about_line(self) -> tuple[LinePower, FloatArray, FloatArray]:
-        """Power about the main line.
+        """Power around the main line.
 
-        Also sum and moment of the squared power within 0.8 m/s of it, V^4 and V^4 bins; shapes (J,).
+        Also returns the sum (V^4) and the moment (V^4 bins) of the squared power within 0.8 m/s of it, shapes (J,).
         """
         from doppelgait.core.kernels.lines import powers_about_line
 
@@ -389,10 +389,11 @@ class Observation:
 
     @cached_property
     def torso_ripple_mps(self) -> FloatArray:
-        """Torso velocity about the main line, detrended.
+        """Torso velocity around the main line, detrended, shape (J,).
 
-        Shape (J,). It is the smoothed centroid of the squared power near that line, columns without power filled from
-        their neighbours; NaN where half of them have none. The slow part is a polynomial of the order that E-29 allows.
+        It is the smoothed centroid of the squared power near the line. Columns without power are filled from their
+        neighbours; the result is NaN if half of the columns have no power. The removed slow part is a polynomial with
+        the order of E-29.
         """
         from doppelgait.core.kernels.lines import torso_swing
 
@@ -429,8 +430,8 @@ class Observation:
     def harmonic_powers(self) -> list[float]:
         """Power of four harmonics of f_mu above the noise.
 
-        Each is the highest value of S within half a resolution cell; the noise is the median of S between the harmonics
-        (E-38), 0 where there is nothing between them.
+        Each is the highest value of S within half a resolution cell. The noise is the median of S between the harmonics
+        (E-38), and 0 if there are no values between them.
         """
         cadence_hz, power = self.cadence
         turns = cadence_hz / self.frequency_hz
@@ -457,7 +458,7 @@ def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
 def make_slow_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation.
 
-    The result has the shape (J, order + 1) and is read only.
+    The result has the shape (J, order + 1) and is read-only.
     """
     positions = np.linspace(-1.0, 1.0, n_columns)
     basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(positions, order))[0], dtype=np.float64)
@@ -468,14 +469,14 @@ def make_slow_basis(n_columns: int, order: int) -> FloatArray:
 def compute_autocorrelation_at(rows: FloatArray, lag: float) -> float | None:
     """Compute the normalised autocorrelation at a fractional lag (E-33).
 
-    It is the square-difference form; None beyond the record.
+    The autocorrelation is the square-difference form; it is None for lags longer than the record.
 
     Parameters
     ----------
     rows : ndarray, shape (J,) or (J, K)
-        Without their mean.
+        Rows without their mean.
     lag : float
-        Columns; between two whole lags the value is interpolated.
+        Lag in columns; the value is interpolated between two integer lags.
     """
     whole = int(np.floor(lag))
     if whole < 1 or whole + 1 >= rows.shape[0]:

@@ -1,8 +1,9 @@
-"""Four numbers per frame, as TI's xWRL6432 classifies with.
+"""Four features per frame, as in the classifier of TI's xWRL6432.
 
-Its motion and presence detection describes every frame of a track by two velocities, a power and an entropy, and learns
-from windows of frames. With the same numbers from simulated and recorded signatures a classifier for that sensor can be
-trained here. The exact forms are ours; the chip has its own Doppler spectrum of the track's range bins.
+The motion and presence detection of this sensor describes each frame of a track by two velocities, a power and an
+entropy, and is trained on windows of frames. With the same features from simulated and recorded signatures you can
+train a classifier for the sensor. The exact forms are specific to doppelgait; the sensor computes the features from its
+Doppler spectrum of the track's range bins.
 """
 
 from __future__ import annotations
@@ -16,29 +17,29 @@ from doppelgait.core.labels import SIGNATURE, check_signal, read_axis
 NUMBERS = ("lower_velocity_mps", "upper_velocity_mps", "power_v2", "spectral_entropy")
 """Columns of :func:`measure_columns`."""
 LOWER, UPPER = 0.125, 0.875
-"""Shares of a frame's power below the two velocities."""
+"""Shares of the power of a frame below the two velocities."""
 
 
 def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> xr.DataArray:
     """Measure four numbers of every column of a signature.
 
-    ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, velocities ascending. Lower and upper velocity
-    are those of the first row up to which 12.5 % and 87.5 % of the power lie; the power is the sum of p over the rows
-    from one to the other, both included; the entropy is ``-sum(q ln q) / ln K``, from 0 (one row) to 1 (all K rows
-    alike).
+    Let ``p[k] = max(mu[t, k] - nu, 0)`` and ``q[k] = p[k] / sum(p)``, with ascending velocities. The lower and upper
+    velocities are those of the first rows at which the cumulative power reaches 12.5 % and 87.5 %. The power is the sum
+    of p from the lower to the upper row, both included. The entropy is ``-sum(q ln q) / ln K``, from 0 (one row) to 1
+    (K equal rows).
 
     Parameters
     ----------
     signature : DataArray (time, doppler)
         V^2, clutter removed.
     noise_floor_v2 : float
-        Mean noise power nu of a cell (E-28), which is taken away.
+        Mean noise power nu of a cell (E-28), which is subtracted.
 
     Returns
     -------
     DataArray (time, number)
-        float32: lower and upper velocity in m/s, positive approaching, power in V^2, entropy. Velocities and entropy
-        are NaN where nothing is above the noise.
+        float32: lower and upper velocity in m/s (positive when approaching), power in V^2, entropy. Velocities and
+        entropy are NaN in columns with no power above the noise.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def measure_columns(signature: xr.DataArray, *, noise_floor_v2: float = 0.0) -> 
     below = np.cumsum(power, axis=1)
     some = total > 0
     share = power / np.where(some, total, 1.0)[:, None]
-    # the last sum may be below the total by rounding
+    # rounding may make the last sum smaller than the total
     lower, upper = (
         (below < part * total[:, None]).sum(axis=1).clip(max=velocity_mps.size - 1) for part in (LOWER, UPPER)
     )
@@ -95,14 +96,15 @@ def measure_windows(numbers: npt.ArrayLike, *, frames: int | None = None) -> npt
     Parameters
     ----------
     numbers : array_like, shape (T, 4)
-        As of :func:`measure_columns`; the power is taken in dB.
+        Result of :func:`measure_columns`; the power is converted to dB.
     frames : int, optional
-        Frames of a window; windows follow each other, and a rest is left out. One window of all frames by default.
+        Frames per window. Windows do not overlap, and remaining frames are left out. By default one window of all
+        frames.
 
     Returns
     -------
     ndarray, shape (windows, 8)
-        The four means, then the four standard deviations, over the frames with power; NaN where there are none.
+        Four means and four standard deviations over the frames with power; NaN in a window without such frames.
 
     See Also
     --------

@@ -1,13 +1,13 @@
 """Standard deviations of features between gait periods.
 
-The record is cut into blocks of one gait period. What repeats in every period cancels; what is left (noise, uneven
-strides, glints) differs from block to block, and that scatter gives the error of a mean over the blocks. Only the
-constants below were set by simulation (``studies/feature_quality.py``: walking and running people, dogs in seven gaits,
-SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other targets than those of its table.
+The record is divided into blocks of one gait period. Periodic effects are equal in all blocks and cancel. The rest
+(noise, uneven strides, glints) differs between blocks, and its scatter gives the error of a mean over the blocks. Only
+the constants below were chosen by simulation (``studies/feature_quality.py``: walking and running people, dogs in seven
+gaits, SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other targets than those of its table.
 
-The figures hold where the gait frequency is the right one and not its half or double. They say how much a value would
-scatter from one record to the next; they do not contain what noise hides from every record alike, such as feet too weak
-to widen the bandwidth.
+The values are valid if the gait frequency is correct, and not its half or double. They describe the scatter of a value
+between records. They do not include a bias that noise causes in every record, such as feet that are too weak to
+increase the bandwidth.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from doppelgait.features.observed import Observation
 
 CAUCHY_TUNING = 2.385
 VELOCITY_BLOCK_S = 0.5
-"""Block length where there is no gait frequency."""
+"""Block length for targets without a gait frequency."""
 VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.006, 0.05
 FREQUENCY_FACTOR, FREQUENCY_LEAST_SHARE = 0.55, 0.0015
-"""Uneven steps that alternate are no error of the mean: errors are this much smaller than the scatter."""
+"""Factor from scatter to error, and smallest relative error; alternating uneven steps are no error of the mean."""
 RATIO_FACTOR, RATIO_END_SHARE = 0.5, 0.05
-"""Effect of an unfinished period at the ends on rho, of its share in the record."""
+"""Factor from scatter to error of rho, and effect of an incomplete period at the ends, relative to its share."""
 HARMONIC_FACTOR = 1.45
 MIN_BLOCKS = 3
 GROUPS = 8
-"""Groups of periods of which the bandwidth's jackknife leaves out one at a time."""
+"""Number of groups of periods in the jackknife estimate for the bandwidth."""
 HARMONICS = np.arange(1.0, 4.0)
 
 UNCERTAIN_SHARE = {
@@ -44,13 +44,13 @@ UNCERTAIN_SHARE = {
     "doppler_bandwidth_hz": 0.2,
     "limb_torso_ratio": 0.2,
 }
-"""A standard deviation above this share of the value is flagged."""
+"""Standard deviation as a share of the value above which the feature is flagged."""
 
 
 def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
     """Estimate standard deviations of the features and gait frequency.
 
-    Each has the unit of its value.
+    Each standard deviation has the unit of its feature.
 
     Parameters
     ----------
@@ -59,8 +59,9 @@ def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
     Returns
     -------
     dict
-        By the feature's name and ``gait_frequency_hz``; None where the feature is None or fewer than three periods
-        were seen. Always None for ``harmonic_ratio_3``: its error could not be predicted within a factor of two.
+        Standard deviations by the name of the feature or ``gait_frequency_hz``; None if the feature is None or if fewer
+        than three periods are observed. ``harmonic_ratio_3`` is always None, because its error could not be predicted
+        within a factor of two.
     """
     extraction, features = observed.extraction, observed.extraction.features
     found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
@@ -89,9 +90,8 @@ def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
 def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
     """Flag features with a large standard deviation.
 
-    A feature is flagged above a share of its value.
-
-    5 % for the gait frequency, 10 % for the step length, 20 % for velocity, bandwidth and limb-torso ratio.
+    A feature is flagged if its standard deviation is above a share of its value: 5 % for the gait frequency, 10 % for
+    the step length, 20 % for velocity, bandwidth and limb-torso ratio.
     """
     values = {**extraction.features.as_dict(), "gait_frequency_hz": extraction.gait_frequency_hz}
     flags = []
@@ -105,17 +105,16 @@ def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None])
 def velocity_sd_mps(observed: Observation) -> float | None:
     """Estimate the standard deviation of v_m (E-34).
 
-    It is that of a robust mean of dependent columns.
-
-    The line is an M-estimate with Cauchy weights, tapered in time. Its variance is the sum over blocks of the squared
-    sum of the influence in a block, over the squared sum of the influence's slope: independent blocks, any dependence
-    within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 6 mm/s are added.
+    The main line is an M-estimate with Cauchy weights, tapered in time. Its variance is the sum over blocks of the
+    squared sum of the influence function in a block, divided by the squared sum of the slope of the influence function.
+    This is the sandwich estimate for clusters (Huber 1967): blocks are independent, and columns within a block may
+    depend on each other. A share of the torso's swing and 6 mm/s are added.
     """
     from doppelgait.core.kernels.robust import scatter_of_blocks
 
     known = observed.extraction.gait_frequency_hz
     edges = observed.compute_block_edges(VELOCITY_BLOCK_S) if known is None else observed.period_edges
-    starts = np.concatenate([[0], edges[1:-1]])  # what is left at the ends belongs to the blocks there
+    starts = np.concatenate([[0], edges[1:-1]])  # remaining columns at the ends belong to the blocks there
     if starts.size < MIN_BLOCKS:
         return None
     residual = observed.peaks_hz * observed.mps_per_hz - observed.line_mps
@@ -129,7 +128,7 @@ def velocity_sd_mps(observed: Observation) -> float | None:
 def bandwidth_sd_hz(observed: Observation) -> float | None:
     """Estimate the standard deviation of B_mu (E-35).
 
-    It is a jackknife over groups of periods, plus the rounding to Doppler bins.
+    The estimate is a jackknife over groups of periods, plus the rounding to Doppler bins.
     """
     edges = observed.period_edges
     if edges.size - 1 < MIN_BLOCKS:
@@ -168,7 +167,8 @@ class Periods:
     def phase_parts(self) -> tuple[FloatArray, FloatArray]:
         """Harmonics of each period relative to their mean.
 
-        Imaginary part of every harmonic against its mean over the periods, and the real part's mean; (B, 3), (3,).
+        Returns the imaginary part of each harmonic relative to its mean over the periods, (B, 3), and the mean of the
+        real part, (3,).
         """
         from doppelgait.core.kernels.periodicity import against_mean
 
@@ -195,11 +195,10 @@ def _measure_periods(observed: Observation) -> Periods | None:
 def frequency_sd_hz(periods: Periods) -> float:
     """Estimate the standard deviation of f_mu.
 
-    It follows from how unevenly the periods follow each other.
-
-    Every period is early or late by a phase, the least-squares shift of its first three harmonics against their mean.
-    The increments of that phase from period to period, independent of each other, add up to the error of a frequency
-    that counts periods from the first to the last: ``0.55 f rms(increment) / (2 pi sqrt(B - 1))``; and 0.15 % is added.
+    The estimate uses the irregularity of the periods. The phase of each period is the least-squares shift of its first
+    three harmonics relative to their mean. The frequency is determined by the number of periods from the first to the
+    last, so independent phase increments from period to period add to its error,
+    ``0.55 f rms(increment) / (2 pi sqrt(B - 1))``; 0.15 % is added.
     """
     imaginary, real = periods.phase_parts
     phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
@@ -212,9 +211,9 @@ def frequency_sd_hz(periods: Periods) -> float:
 def estimate_ratio_sd(periods: Periods) -> float:
     """Estimate the standard deviation of rho (E-38).
 
-    It is half of the scatter of the ratio of single periods, over the root of their number: neighbours are unlike.
-
-    What an unfinished period at the ends may change is added: 5 % of the ratio over the number of periods.
+    The estimate is half of the scatter of the ratio of single periods, divided by the square root of their number. The
+    factor of one half is due to the negative correlation of neighbouring periods. The possible effect of an incomplete
+    period at the ends is added: 5 % of the ratio divided by the number of periods.
     """
     parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
     energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
@@ -228,14 +227,14 @@ def estimate_ratio_sd(periods: Periods) -> float:
 def estimate_harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
     """Estimate the standard deviation of beta (E-37).
 
-    It follows from how well the phases of a harmonic and of f_mu lie on straight lines.
+    The estimate uses the deviations of the phases of the harmonic and of f_mu from straight lines.
     """
     imaginary, real = periods.phase_parts
     n = periods.centre_s.size
     time_s = periods.centre_s - float(periods.centre_s.sum()) / n
     square_s2, spread = float(time_s @ time_s), 0.0
     for h in (1, harmonic):
-        phase_rad = imaginary[:, h - 1] / (h * real[h - 1])  # of the fundamental
+        phase_rad = imaginary[:, h - 1] / (h * real[h - 1])  # in phase of the fundamental
         residual = phase_rad - float(phase_rad.sum()) / n - float(time_s @ phase_rad) / square_s2 * time_s
         spread += float(residual @ residual) / (n - 2) / square_s2
     return HARMONIC_FACTOR * harmonic * math.sqrt(spread) / (2.0 * math.pi * periods.frequency_hz)

@@ -13,9 +13,9 @@ ComplexArray = npt.NDArray[np.complex128]
 
 PADDING = 4
 BACKGROUND_HZ = (0.1, 2.0)
-"""Band for the median that is a window's own level: wide against a breath's line."""
+"""Band over which the median gives the level of a window; it is much wider than the line of a breath."""
 SIDE_CELLS = (2.0, 6.0)
-"""Limits of a line's sides, in cells of 1 / window from it."""
+"""Distances from a line between which its two sides lie, in cells of 1 / window."""
 LEAST_LOWER_CELL = 0.75
 BREATHS_IN_WINDOW = 3.0
 
@@ -27,16 +27,16 @@ class BreathSpectrum:
     Parameters
     ----------
     frequency_hz : ndarray, shape (F,)
-        From 0.
+        Starts at 0.
     power : ndarray, shape (W, F, N)
-        Power at plus and minus each frequency, over the window's own level in that bin.
+        Power at plus and minus each frequency, divided by the window's level in that bin.
     mean_power : ndarray, shape (F, N)
         Median over the windows of the unnormalised power.
     starts : ndarray, shape (W,)
         First sample of every window.
     window_pulses, fft_length : int
     rate_hz : float
-        Samples a second.
+        Samples per second.
     """
 
     frequency_hz: FloatArray
@@ -62,14 +62,14 @@ class BreathSpectrum:
 def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
     """Compute spectra of half-overlapping, detrended and tapered windows.
 
-    A straight line is removed and Hann's window applied.
+    A straight line is removed from each window and a Hann window is applied.
 
     Parameters
     ----------
     series : ndarray, shape (I, N)
     rate_hz : float
     window_s : float
-        A recording below 1.5 windows is one window.
+        A recording shorter than 1.5 windows is one window.
     """
     total = series.shape[0]
     length = round(window_s * rate_hz)
@@ -98,9 +98,9 @@ def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: f
 def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
     """Compare mean power with the level around each frequency.
 
-    The level is the highest of three medians: over the wide band, and over the cells on either side of the line (a
-    harmonic or a second line hardly moves them), brought to the mean of gamma-distributed values. Where the lower side
-    holds less than a cell, below three breaths in a window, and outside the band, the ratio is 0.
+    The level is the highest of three medians: over the wide band, and over the cells on each side of the line. A
+    harmonic or a second line hardly changes these medians. They are scaled to the mean of gamma-distributed values.
+    The ratio is 0 outside the band, and where the lower side is narrower than a cell (below three breaths per window).
 
     Returns
     -------
@@ -121,13 +121,14 @@ def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: floa
 
 
 def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
-    """Compute the ratio that white noise exceeds with this chance.
+    """Compute the threshold ratio for a probability of false alarm.
 
-    It counts over all rates and all bins.
+    The probability is that of white noise above the threshold at any rate and in any bin.
 
-    Sum of 2 W exponential variables against the level of 2 W n, n independent cells in the wide band: F distribution
-    with (4 W, 4 W n / 2) degrees of freedom (a median is worth about half its values), over so many independent cells
-    as the band and the bins hold. The level of the sides makes it rarer.
+    The ratio compares the sum of 2 W exponential variables with the level of 2 W n variables, where n is the number of
+    independent cells in the wide band. It has an F distribution with (4 W, 4 W n / 2) degrees of freedom, because a
+    median has the accuracy of a mean over about half the values. The number of trials is the number of independent
+    cells in the band, over all bins. The level of the sides makes false alarms rarer still.
     """
     from scipy.stats import f as f_distribution
 
@@ -139,10 +140,7 @@ def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: f
 
 
 def compute_median_over_mean(count: int) -> float:
-    """Compute the median over mean of exponential sums.
-
-    There are ``count`` variables.
-    """
+    """Compute the median over the mean of ``count`` summed exponential variables."""
     return float((1.0 - 1.0 / (9.0 * count)) ** 3)
 
 
@@ -151,9 +149,9 @@ def _select_background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 LEAST_RADIUS_SD = 4.0
-"""Radius over the spread about it below which noise would break the phase's thread."""
+"""Smallest ratio of an arc's radius to the spread about it; below it, noise causes errors in phase unwrapping."""
 RADIUS_ERROR = 0.2
-"""Relative error of an arc's radius up to which its displacement is known."""
+"""Largest relative error of an arc's radius at which the scale of the displacement is known."""
 
 
 def fit_circle(values: ComplexArray) -> tuple[complex, float]:
@@ -190,25 +188,26 @@ def fit_circle(values: ComplexArray) -> tuple[complex, float]:
 def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
     r"""Compute displacement along the range from the phase.
 
-    It is relative to its mean and positive away from the radar; the scale may be unknown.
+    The displacement is relative to its mean and positive away from the radar; its scale may be unknown.
 
-    An echo that moves by d turns by :math:`-4 \pi d / \lambda` on a circle about the static part of the bin (E-18):
-    centre and radius come from the points, the phase is unwrapped. Where the arc is too short or too noisy for that
-    (radius below four times the spread about it, or the radius' error :math:`\sigma \sqrt{720 / I} / (r\, \alpha^2)`
-    for an arc of angle alpha above 20 %), the points are projected on their main direction; that has the right shape,
-    but sign and scale are not known.
+    An echo that moves by d rotates by :math:`-4 \pi d / \lambda` on a circle around the static part of the bin (E-18).
+    Centre and radius are fitted to the points, and the phase is unwrapped. The arc may be too short or too noisy for
+    this: the radius is below four times the spread about it, or the relative error of the radius,
+    :math:`\sigma \sqrt{720 / I} / (r\, \alpha^2)` for an arc of angle alpha, is above 20 %. The points are then
+    projected on their main direction, which gives the shape of the motion without its sign and scale.
 
     Parameters
     ----------
     values : ndarray, shape (I,)
-        One bin, static part in it.
+        One range bin, including its static part.
     wavelength_m : float
 
     Returns
     -------
     displacement_m : ndarray, shape (I,)
-        Relative to the strongest swing if the scale is not known.
+        Relative to the largest swing if the scale is not known.
     known : bool
+        True if the scale is known.
     """
     centre, radius = fit_circle(values)
     if math.isfinite(radius):
@@ -226,28 +225,28 @@ def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[
 
 
 APART_M = 0.75
-"""Bins nearer than this to a bin do not count for it: they may show the same body."""
+"""Bins nearer than this to a bin are no reference for it: they may show the same body."""
 LEAST_WEIGHT = 1e3
-"""Power of the static echoes over their own fluctuation that makes a reference; its phase is good to 0.02 rad."""
+"""Smallest power of the static echoes over their fluctuation for a reference; the phase error is then 0.02 rad."""
 PASSES = 3
 
 
 def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
-    r"""Divide each bin's series by the other bins' gain.
+    r"""Divide each bin's series by the gain of the other bins.
 
     The gain of frame i for bin n is
 
     .. math:: g_{i,n} = \sum_m w_m y_{i,m} \bar y_m^* / \sum_m w_m |\bar y_m|^2, \qquad
               w_m = 1 / \overline{|y_m - \bar y_m|^2}
 
-    over the bins m at least 0.75 m away, so that a body's own motion is never in its own reference. Three passes: the
-    weights become those of the corrected series. Bins with a reference that is too weak, or that fluctuate more with it
-    than without, stay unchanged.
+    over the bins m at least 0.75 m away, so that the motion of a body is never part of its own reference. There are
+    three passes, each with the weights of the series that the last pass corrected. A bin stays unchanged if its
+    reference is too weak, or if the correction increases its fluctuation.
 
     Parameters
     ----------
     values : ndarray, shape (I, N)
-        Static echoes still in it.
+        Still contains the static echoes.
     range_m : ndarray, shape (N,)
 
     Returns

@@ -32,10 +32,10 @@ WORKING_RATE_HZ = 10.0
 LEAST_RATE_HZ = 3.0
 SHORTEST_S = 10.0
 COHERENT = 0.8
-"""Two places with this correlation of motion are one breath: an echo by a second path, or a shadowed echo."""
+"""Correlation of motion above which two places show the same breath: a multipath echo, or a shadowed echo."""
 WINDOW_FALSE_ALARM = 1e-3
 SHORT_WINDOWS_S = (15.0, 12.0)
-"""Lengths of single windows in which people are looked for who keep still for a part of the time only."""
+"""Lengths of the single windows that detect people who keep still for a part of the time only."""
 SHORT_HOP_S = 3.0
 NAN = float("nan")
 
@@ -52,15 +52,16 @@ class BreathingSettings(FrozenModel):
     window_s : float
         Length of a processing window; windows overlap by half. A shorter recording is one window.
     false_alarm : float
-        Maximum probability of a target in a recording of white noise; drifting echoes give more.
+        Maximum probability of a target in a recording of white noise; drifting echoes raise the probability.
     gap_m : float
-        Range bins with breathing are one person where they are closer than this.
+        Range bins with breathing that are closer than this are one person.
     extent_m : float
-        Within this distance of a stronger person, a weaker one of the same rate or of a multiple of it is that person.
+        A weaker detection within this distance of a stronger one, with the same rate or a multiple of it, is the same
+        person.
     largest_displacement_m : float
-        Largest amplitude of the chest; larger motion is not breathing.
+        Largest amplitude of the chest motion; larger motion is not breathing.
     least_share : float
-        Smallest share of the slow motion that is at the rate and its double; irregular motion has less.
+        Smallest share of the slow motion at the rate and at twice the rate; irregular motion has a smaller share.
     """
 
     low_hz: float = Field(default=0.1, gt=0, le=5)
@@ -81,24 +82,25 @@ class BreathingSettings(FrozenModel):
 
 @dataclass(frozen=True)
 class BreathingTarget:
-    """One person who breathes.
+    """A person detected by breathing.
 
     Parameters
     ----------
     range_m : float
-        Centre of the bins within 6 dB of that with the strongest breath.
+        Centre of the bins within 6 dB of the bin with the strongest breath.
     rate_hz : float
         Breaths per second, median over the windows with a breath.
     displacement_m : float
-        Amplitude (half of peak to peak) of the motion along the range at that rate; NaN where the phase turns too
-        little or too noisily.
+        Amplitude (half of peak to peak) of the motion along the range at that rate; NaN if the phase changes too
+        little or is too noisy.
     snr_db : float
         Power at the rate over the power next to it, in the spectra of all windows.
     confidence : float
-        0 to 1: share of the windows with a breath, times the share of the motion between 0.05 Hz and the end of the
-        band that is at the rate and its double.
+        0 to 1: share of the windows with a breath, times the share of the motion at the rate and at twice the rate,
+        relative to all motion between 0.05 Hz and the end of the band.
     start_s, stop_s : float
-        From the first to the last window of the longest run with a breath, or the short windows that show it.
+        Start of the first and end of the last window of the longest run with a breath, or of the short windows that
+        show it.
     """
 
     range_m: float
@@ -121,7 +123,7 @@ class _Candidate:
 
 @dataclass(frozen=True)
 class _SlowSeries:
-    """Slow series (I, N) with axes, spectra and settings."""
+    """Decimated series (I, N) with axes, spectra and settings."""
 
     series: ComplexArray
     times: FloatArray
@@ -136,22 +138,25 @@ class _SlowSeries:
 def find_breathing(
     baseband: xr.DataArray, *, wavelength_m: float, settings: BreathingSettings | None = None
 ) -> list[BreathingTarget]:
-    """Find people who stay where they are and breathe.
+    """Detect motionless people by their breathing.
 
-    Pulses are averaged to about 10 Hz and frames divided by the gain that distant bins have in common (jitter and drift
-    of the clock), so that static echoes do not seem to breathe. Each bin's spectrum, both signs of Doppler together, is
-    averaged over windows of 30 s, each divided by the window's own level in that bin: episodes of body motion count
-    little. Single windows of 15 and 12 s, 3 s apart, add people who keep still for such a time only. A breath is a line
-    that stands above what is at lower *and* at higher frequencies: the slope of a drift is none. The threshold is a
-    quantile of the F distribution for all bins and rates together. Neighbouring bins are one person; multiples of the
-    rate, and places that move as a stronger one does, belong to that one. Displacement and rate come from the phase
-    about the centre of the arc that the strongest bin describes.
+    Pulses are averaged to about 10 Hz. Frames are divided by the gain that distant bins have in common (jitter and
+    drift of the clock), so that static echoes do not seem to breathe. The spectrum of each bin combines both signs of
+    Doppler and is averaged over windows of 30 s. Each window is divided by its level in that bin, so that episodes of
+    body motion have little weight. Single windows of 15 s and 12 s at steps of 3 s detect people who keep still for
+    such a time only.
+
+    A breath is a spectral line with more power than the lower *and* the higher frequencies around it; the slope of a
+    drift has no such line. The threshold is a quantile of the F distribution for all bins and rates together.
+    Neighbouring bins are one person. Multiples of the rate, and places with the same motion as a stronger place,
+    belong to the stronger one. Displacement and rate are measured from the phase around the centre of the arc of the
+    strongest bin.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-        10 s or more at 3 Hz or more, static echoes still in it (:func:`remove_clutter` would take the scale of the
-        displacement, and slow breaths).
+        10 s or more at 3 Hz or more, with its static echoes (:func:`remove_clutter` would remove slow breaths and the
+        scale of the displacement).
     wavelength_m : float
         Above 0.
     settings : BreathingSettings, optional
@@ -159,7 +164,7 @@ def find_breathing(
     Returns
     -------
     list of BreathingTarget
-        The strongest breath first.
+        Strongest breath first.
 
     Raises
     ------
@@ -177,7 +182,7 @@ def find_breathing(
             f"breathing needs {SHORTEST_S:g} s or more at {LEAST_RATE_HZ:g} Hz or more; this recording has "
             f"{pulse_times.size / rate_hz:.3g} s at {rate_hz:.4g} Hz"
         )
-    # averaged to about 10 Hz
+    # average to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
     values = np.concatenate([average_blocks(tile, size) for _, tile in read_tiles(baseband, size)])
@@ -185,7 +190,7 @@ def find_breathing(
         raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
     people = [one.target for one in _find_in(values, times, range_m, wavelength_m, options)]
-    # who moves for a part of the time: single windows, which share the chance of a false breath
+    # people who move for a part of the time: single windows, which share the probability of a false alarm
     spans = [
         (start_s, start_s + window_s)
         for window_s in SHORT_WINDOWS_S
@@ -202,7 +207,7 @@ def find_breathing(
         if any(abs(person.range_m - one.range_m) <= options.extent_m for one in people):
             continue
         same = [n for n, one in enumerate(brief) if _is_same(person, one, options.extent_m)]
-        for n in same:  # the clearest window gives the numbers, the others may lengthen its time
+        for n in same:  # the window with the highest SNR gives the values, the others may lengthen its time span
             start_s, stop_s = min(person.start_s, brief[n].start_s), max(person.stop_s, brief[n].stop_s)
             brief[n] = replace(brief[n], start_s=start_s, stop_s=stop_s)
         if not same:
@@ -211,9 +216,9 @@ def find_breathing(
 
 
 def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -> bool:
-    """Return True if breaths of two windows match.
+    """Return True if two breaths are of one person.
 
-    They are at one place, or at one rate at one time: an echo by a second path.
+    They are at the same range, or have the same rate at the same time (a multipath echo).
     """
     if abs(person.range_m - other.range_m) <= extent_m:
         return True
@@ -224,16 +229,16 @@ def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -
 def _find_in(
     values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
 ) -> list[_Candidate]:
-    """Find breaths in a recording, strongest first."""
+    """Find the breaths in a series, strongest first."""
     series = remove_common_gain(values, range_m)
     spectrum = compute_breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
     ratio = compute_line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
     limit = compute_threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
     look = _SlowSeries(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)
-    bins = np.flatnonzero(ratio.max(axis=0) > limit)  # bins with a breath, in groups of neighbours
+    bins = np.flatnonzero(ratio.max(axis=0) > limit)  # bins with a breath
     groups = np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > options.gap_m) + 1) if bins.size else []
     found = [candidate for candidate in (_measure_cluster(look, group) for group in groups) if candidate is not None]
-    kept: list[_Candidate] = []  # without those that a stronger one explains
+    kept: list[_Candidate] = []  # without candidates that a stronger one explains
     for candidate in sorted(found, key=lambda one: -one.power):
         if not any(_is_part_of(candidate, other, options.extent_m, 1.0 / spectrum.window_s) for other in kept):
             kept.append(candidate)
@@ -243,11 +248,11 @@ def _find_in(
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
     """Measure rate, displacement and time span of one cluster.
 
-    They are those of its strongest bin; None if it is no breath.
+    The values are those of its strongest bin; None if the cluster is no breath.
     """
     spectrum, settings = look.spectrum, look.settings
-    # add the bins nearby with a quarter of the threshold ratio at its rate: the strongest echo of a body is not always
-    # the one with the steadiest line
+    # add nearby bins that reach a quarter of the threshold ratio at this rate: the strongest echo of a body is not
+    # always the echo with the steadiest line
     frequency_hz = spectrum.frequency_hz
     line = int(np.argmax(look.ratio[:, bins].max(axis=1)))
     near = np.abs(frequency_hz - frequency_hz[line]) <= 1.5 / spectrum.window_s
@@ -286,7 +291,7 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
         start_s=float(look.times[spectrum.starts[run[0]]]),
         stop_s=float(look.times[spectrum.starts[run[-1]] + spectrum.window_pulses - 1]),
     )
-    # both quadratures of the bin about its rate, plus and minus half of it, for the whole recording
+    # in-phase and quadrature parts of the bin, band-pass filtered at 0.5 to 1.5 times its rate, over the recording
     series = look.series[:, chosen]
     both_hz = np.abs(np.fft.fftfreq(series.size, 1.0 / spectrum.rate_hz))
     inside = np.abs(both_hz - rate_hz) <= 0.5 * rate_hz
@@ -297,9 +302,9 @@ def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candida
 def _find_windows_with_breath(
     spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
 ) -> npt.NDArray[np.bool_]:
-    """Find the windows where a bin shows breath.
+    """Find the windows in which a bin shows the breath.
 
-    The line is within 1.5 cells of the rate; the strongest window always counts.
+    The line must be within 1.5 cells of the rate; the strongest window is always included.
     """
     single = np.stack(
         [
@@ -318,11 +323,10 @@ def _find_windows_with_breath(
 def _measure_strongest_rate(
     motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
 ) -> tuple[float, float, float]:
-    """Measure a real motion's rate, share and amplitude.
+    """Measure rate, share and amplitude of a real-valued motion.
 
-    The share is that of its slow power at the rate and its double.
-
-    The rate is that of the line, or half of it: a swing beyond a wide arc shows its double most.
+    The share is the part of the slow power at the rate and at twice the rate. The rate is the frequency of the line or
+    half of it, because a motion over a wide arc is strongest at twice its rate.
     """
     t = np.arange(motion.size) - (motion.size - 1) / 2.0
     taper = np.hanning(motion.size + 2)[1:-1]

@@ -1,7 +1,7 @@
 """Signature of pulse bursts with pauses.
 
-Frames of sensors that sleep in between and microcontrollers that sample and send in turn give such data. A processing
-interval must not cross a pause, so every burst becomes one column.
+Two kinds of sensor record in bursts: sensors that sleep between frames, and microcontrollers that alternate between
+sampling and sending. A processing interval must not cross a pause, so every burst becomes one column.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from doppelgait.processing.gate import Gate, compute_bin_share
 FloatArray = npt.NDArray[np.float64]
 
 PAUSE = 1.5
-"""A step of slow time this many times the usual one is a pause between bursts."""
+"""Ratio of a slow-time step to the usual step above which the step is a pause between bursts."""
 UNEVEN = 0.1
-"""Largest deviation of a pause between columns from the usual one that is not worth a warning."""
+"""Largest relative deviation of a burst period from the usual period that causes no warning."""
 
 
 def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
     """Count the pulses per burst from pauses.
 
-    The result is None where there is no pause.
+    The result is None if there is no pause.
 
     Parameters
     ----------
     slow_time_s : array_like, shape (I,)
-        Rising times of the pulses.
+        Times of the pulses, ascending.
 
     Returns
     -------
@@ -79,9 +79,10 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
 
 
 def get_burst_pulses(baseband: xr.DataArray) -> int | None:
-    """Return the pulses in each burst of a recording.
+    """Return the number of pulses per burst of a recording.
 
-    It is the attribute ``burst_pulses``, else found from the times, else None.
+    The number is the attribute ``burst_pulses`` if it is set, and is otherwise derived from the pulse times. It is
+    None for a recording without bursts.
 
     See Also
     --------
@@ -100,7 +101,7 @@ def get_burst_pulses(baseband: xr.DataArray) -> int | None:
 
 
 def average_bursts(baseband: xr.DataArray) -> xr.DataArray:
-    """Average the pulses of every burst, for slow motion.
+    """Average the pulses of each burst, to observe slow motion.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def average_bursts(baseband: xr.DataArray) -> xr.DataArray:
     Returns
     -------
     DataArray (slow_time, range)
-        One value a burst, at its middle; the same object where there are no bursts.
+        One value per burst, at its middle; the same object if there are no bursts.
     """
     pulses = get_burst_pulses(baseband)
     if pulses is None:
@@ -130,7 +131,7 @@ class _Bursts:
     count, pulses : int
         Whole bursts J and pulses in each, M.
     prf_hz, period_s : float
-        Pulses per second within a burst; time from burst to burst (the burst's own with one burst).
+        Pulses per second within a burst; time from burst to burst (with a single burst, its duration).
     time_s : ndarray, shape (J,)
         Middle of every burst.
     """
@@ -153,32 +154,33 @@ def burst_signature(
 ) -> xr.DataArray:
     """Compute the micro-Doppler signature with one column per burst.
 
-    It follows E-23 to E-27 with M = pulses of a burst.
+    The signature follows E-23 to E-27 with M equal to the pulses of a burst:
 
-    ``mu[j, k] = sum_n g[j, n] |sum_m w[m] (Y[jM + m, n] - mean_m) e^{-j 2 pi k m / K}|^2``, g the share of range
-    bin n inside the gate. What is periodic in the columns aliases above half a column per burst period.
+    ``mu[j, k] = sum_n g[j, n] |sum_m w[m] (Y[jM + m, n] - mean_m) e^{-j 2 pi k m / K}|^2``,
+
+    where g is the share of range bin n inside the gate. Cadences above half the burst rate alias.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
         V.
     gate : Gate, optional
-        None takes every range bin. Data without range (one bin) lie inside any gate as a whole.
+        None selects every range bin. Data without range (one bin) are inside any gate.
     analysis : Analysis
         ``window_steepness``, ``doppler_bins`` (K >= M), ``gate_edges`` and ``method`` (K = M by default for
-        ``liland2018``) count; ``cpi_s`` and ``hop`` do not, the burst is the processing interval.
+        ``liland2018``) are used. ``cpi_s`` and ``hop`` are not used: the burst is the processing interval.
     wavelength_m : float
         For the velocity axis.
     burst_pulses : int, optional
-        Pulses of a burst, 5 or more; by default the attribute of the recording, else found from its times.
+        Pulses per burst, 5 or more; by default the attribute of the recording, or derived from its times.
     remove_mean : bool
-        Take the mean of every burst and range bin away first: static echoes and the receiver's offset.
+        Subtract the mean of every burst and range bin first. This removes static echoes and the receiver's offset.
 
     Returns
     -------
     DataArray (time, doppler)
-        float32, V^2, with the coordinates and attributes of :func:`doppelgait.processing.signature`; ``prf_hz`` is
-        that within a burst, ``cpi_pulses`` M, ``hop`` the pulses at that rate from burst to burst.
+        float32, V^2, with the coordinates and attributes of :func:`doppelgait.processing.signature`. ``prf_hz`` is
+        the rate within a burst, ``cpi_pulses`` is M, and ``hop`` is the burst period in pulses at that rate.
 
     Raises
     ------
@@ -280,7 +282,7 @@ def _split_bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
     uneven = int((np.abs(periods_s - period_s) > UNEVEN * period_s).sum())
     if uneven:
         warn_caller(
-            f"{uneven} of {periods_s.size} pauses between bursts differ from the usual {period_s:.4g} s: bursts are "
-            "missing or late, so frequencies in the rhythm of the columns are off there"
+            f"{uneven} of {periods_s.size} periods between bursts differ from the usual {period_s:.4g} s: bursts are "
+            "missing or late, and cadence frequencies are inaccurate there"
         )
     return _Bursts(count, pulses, prf_hz, period_s, middle_s)

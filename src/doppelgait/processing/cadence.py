@@ -28,13 +28,13 @@ from doppelgait.processing.normalise import copy_rows
 FloatArray = npt.NDArray[np.float64]
 
 WIDTH = 18
-"""Length of the interpolation kernel in grid steps; with the rates below it leaves an error of 1e-13."""
+"""Length of the interpolation kernel in grid steps; with the sampling rates used here the error is 1e-13."""
 LOWEST_OVERSAMPLING = 2.0
 GROUP = 64
-"""Rows that are worked on together, so that all buffers stay in the second-level cache."""
+"""Rows that are processed together, so that all buffers stay in the second-level cache."""
 
 LARGEST_BUFFER = 1 << 20
-"""Values that a thread keeps memory for; a long recording gives its memory back at once."""
+"""Largest number of values in a buffer that a thread keeps; a larger buffer is freed after use."""
 
 _buffers = local()
 
@@ -44,19 +44,24 @@ def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kep
 
     .. math:: X_{q,k} = \left| \sum_j a_j v_{j,k}\, e^{-2 \pi i q j / L} \right|, \quad q = 0 \ldots Q - 1
 
-    A padded transform repeats what it knows, and a fast column rate adds unwanted lines. So (1) the rows
-    are smeared onto a coarser time grid by a kernel with a transform that vanishes (1e-13) where its aliases fall on
-    the lines wanted; (2) a transform with little padding gives every d-th line; (3) the lines between are interpolated
-    by the same kernel in frequency, exactly for a record of finite length. Both smears are divided out: (1) after the
-    transform, (3) before it. This is the non-uniform fast Fourier transform (Kaiser-Bessel kernel) on uniform grids.
+    A padded transform computes redundant lines, and a fast column rate adds lines that are not wanted. The
+    computation therefore has three steps:
+
+    1. The rows are spread onto a coarser time grid by a kernel. The transform of the kernel vanishes (1e-13) where its
+       aliases fall on wanted lines.
+    2. A transform with little padding gives every d-th line.
+    3. The lines between are interpolated by the same kernel in frequency, which is exact for a record of finite length.
+
+    The responses of both kernels are divided out: that of step 1 after the transform, that of step 3 before it. This
+    is the non-uniform fast Fourier transform (Kaiser-Bessel kernel) on uniform grids.
 
     Parameters
     ----------
     rows : ndarray, shape (J, K)
     weights : ndarray, shape (J,)
-        a, of every column.
+        Weight a of each column.
     length : int
-        L, J or more.
+        L, at least J.
     n_kept : int
         Q, at most L / 2 + 1.
 
@@ -82,8 +87,8 @@ def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kep
 def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
     r"""Compute the sum over all rows of :func:`compute_magnitudes` squared.
 
-    It is the transform of the rows' summed autocorrelation, for which a padding to twice the record is enough: a fifth
-    of the cost of the magnitudes.
+    The sum is the transform of the rows' summed autocorrelation. Padding to twice the record is enough for it, which
+    takes a fifth of the time of the magnitudes.
 
     Parameters and errors are those of :func:`compute_magnitudes`.
 
@@ -101,7 +106,7 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
         return np.asarray(sum_powers(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response**2)
     n_columns, n_rows = rows.shape
     padded = fft.next_fast_len(2 * n_columns, real=True)
-    # two rows make one of complex numbers; of the squares of its transform the even part is that of both rows
+    # two real rows form one complex row; the even part of its power spectrum is the sum of both rows' power spectra
     pairs = _get_buffer("pairs", (padded, (n_rows + 1) // 2), np.complex128)
     lay_pairs(np.ascontiguousarray(rows), weights, pairs.view(np.float64))
     powers = np.empty(padded // 2 + 1, np.complex128)
@@ -114,17 +119,14 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
 def _find_coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
     """Find the largest allowed decimation of the column rate.
 
-    It is whole and leaves 1.5 times the two-sided band.
+    It is an integer, and the decimated rate is at least 1.5 times the two-sided band.
     """
     steps = (d for d in range(1, length // (3 * n_kept) + 1) if length % d == 0)
     return max((d for d in steps if n_columns / d + WIDTH + 1 <= length / d), default=1)
 
 
 def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step: int) -> tuple[FloatArray, FloatArray]:
-    """Apply step (1) of :func:`compute_magnitudes`.
-
-    The kernel's response is returned, too.
-    """
+    """Apply step 1 of :func:`compute_magnitudes`; also return the kernel's response."""
     from doppelgait.core.kernels.cadence import smear
 
     taps, shape_factor = _time_taps(step, length / step / (2.0 * n_kept))
@@ -134,31 +136,31 @@ def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step
 
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
-    """Apply steps (2) and (3) of :func:`compute_magnitudes`.
+    """Apply steps 2 and 3 of :func:`compute_magnitudes`.
 
-    A transform of ``length``, and ``between`` lines for each of its own.
+    The transform has ``length`` values, and each of its lines gives ``between`` lines of the result.
     """
     from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular
 
     n_columns, n_rows = rows.shape
     taps, shape_factor = _compute_line_taps(between, length / n_columns)
-    # the kernel needs time 0 in the middle of the record; magnitudes do not care
+    # the kernel needs time 0 in the middle of the record; this does not change magnitudes
     sharper = weights / _transform_kernel(n_columns, n_columns // 2, length, shape_factor)
     rows, found = np.ascontiguousarray(rows), np.empty((n_kept, n_rows))
     for first in range(0, n_rows, GROUP):
         size = min(GROUP, n_rows - first)
         circular = _get_buffer("circular", (size, length))
-        lay_circular(rows, sharper, first, circular)  # (2): their transforms take half the time side by side
+        lay_circular(rows, sharper, first, circular)  # step 2: transforms of contiguous rows take half the time
         lines = _get_buffer("lines", (size, length // 2 + 1), np.complex128)
         np.fft.rfft(circular, axis=1, out=lines)
-        fine_magnitudes(lines, taps, first, found)  # (3): the lines between
+        fine_magnitudes(lines, taps, first, found)  # step 3: the lines between
     return found
 
 
 def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
-    """Return memory of this thread for repeated use.
+    """Return a reusable buffer of this thread.
 
-    The first touch of fresh memory takes longer than the transforms.
+    The first access to new memory takes longer than the transforms.
     """
     size = math.prod(shape)
     if size > LARGEST_BUFFER:
@@ -172,9 +174,9 @@ def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> 
 
 @lru_cache(maxsize=16)
 def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
-    """Compute the kernel at fine columns about a coarse one.
+    """Compute the kernel at the fine columns around a coarse one.
 
-    It has the shape (step WIDTH - 1,); its shape factor is returned, too.
+    Returns the kernel, shape (step WIDTH - 1,), and its shape factor.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     return _evaluate_kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
@@ -182,9 +184,9 @@ def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
 
 @lru_cache(maxsize=16)
 def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
-    """Compute the kernel of fine lines over coarse ones.
+    """Compute the kernel that interpolates fine lines from coarse ones.
 
-    For ``between`` fine lines in a coarse step, shape (between, WIDTH); also returns its shape factor.
+    Returns the kernel for ``between`` fine lines per coarse step, shape (between, WIDTH), and its shape factor.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
     coarse = np.arange(WIDTH) - (WIDTH // 2 - 1)
@@ -194,7 +196,7 @@ def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, f
 def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
     """Compute the Kaiser-Bessel kernel within W / 2.
 
-    I_0(b sqrt(1 - (2 s / W)^2)), scaled so that nothing overflows.
+    The kernel is I_0(b sqrt(1 - (2 s / W)^2)), scaled to avoid overflow.
     """
     inside = 1.0 - (2.0 * distance / WIDTH) ** 2
     values = np.i0(shape_factor * np.sqrt(np.maximum(inside, 0.0))) * math.exp(-shape_factor)
@@ -205,7 +207,7 @@ def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
 def _transform_kernel(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
     """Compute the Fourier transform of the kernel.
 
-    W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length; shape (count,), read only.
+    The transform is W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length; shape (count,), read-only.
     """
     cycles_per_step = (np.arange(count) - centre) / length
     root = np.sqrt(shape_factor**2 - (math.pi * WIDTH * cycles_per_step) ** 2)
@@ -215,16 +217,19 @@ def _transform_kernel(count: int, centre: int, length: int, shape_factor: float)
 
 
 MAX_CADENCE_HZ = 20.0
-"""Cadences above are dropped: no gait has content there."""
+"""Highest cadence that is kept; no gait has content above it."""
 TAPER_FROM_S = 4.0
 PADDING = 8
-"""Zero padding of the cadence transform: a bin of 1 / T_o alone is coarser than 10 % below five periods (E-30)."""
+"""Zero-padding factor of the cadence transform.
+
+Without padding, a bin of 1 / T_o is coarser than 10 % for fewer than five periods (E-30).
+"""
 
 
 def observation_s(signature: xr.DataArray | Plain) -> float:
     """Compute the observed time T_o of a signature.
 
-    T_o is columns times their spacing.
+    T_o is the number of columns times their spacing.
 
     Examples
     --------
@@ -241,7 +246,7 @@ def observation_s(signature: xr.DataArray | Plain) -> float:
 def detrend_order(seconds: float) -> int:
     """Compute the order of the detrending polynomial (E-31).
 
-    round(1.2 T_o), 1 to 6.
+    The order is round(1.2 T_o), limited to 1 to 6.
 
     See Also
     --------
@@ -302,7 +307,7 @@ def _project_rows(values: FloatArray, order: int) -> FloatArray:
 def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
     """Compute orthonormal polynomials over the observation.
 
-    The result has the shape (J, order + 1) and is read only.
+    The result has the shape (J, order + 1) and is read-only.
     """
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
     basis.flags.writeable = False
@@ -312,21 +317,21 @@ def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float6
 def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = None) -> Signal:
     """Compute the cadence-velocity diagram D (E-30).
 
-    The magnitude of the Fourier transform of every Doppler row over time.
+    D is the magnitude of the Fourier transform of each Doppler row over time.
 
     Parameters
     ----------
     rows : DataArray (time, doppler)
         Normalised signature (D with its constant column), or detrended (D_0).
     padded : bool
-        Zero-pad eightfold; without, the bin is 1 / T_o as in the report.
+        Zero-pad by a factor of 8. If False, the bin is 1 / T_o as in the report.
     tapered : bool, optional
-        Hann taper; by default from 4 s on.
+        Apply a Hann taper; by default for observations of 4 s or more.
 
     Returns
     -------
     DataArray (cadence, doppler)
-        ``D[q,k] = |sum_j a_j v[j,k] e^{-j 2 pi q j / J_fft}| / sum(a)``, cadence 0 to 20 Hz.
+        ``D[q,k] = |sum_j a_j v[j,k] e^{-j 2 pi q j / J_fft}| / sum(a)`` for cadences of 0 to 20 Hz.
 
     See Also
     --------
@@ -350,9 +355,9 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
 
 
 class CadenceParts:
-    """The spectrum S and single rows of the diagram D.
+    """Spectrum S and single rows of the diagram D.
 
-    Their rows are smeared onto a coarser time grid once (step (1) of :func:`compute_magnitudes`).
+    The rows are spread onto a coarser time grid once (step 1 of :func:`compute_magnitudes`).
 
     Parameters
     ----------
@@ -383,7 +388,7 @@ class CadenceParts:
     def spectrum(self) -> Plain:
         """Compute the power spectrum S (E-32).
 
-        It is what :func:`cadence_spectrum` makes of :func:`cadence_map`, within 1e-12 of its largest value.
+        The result equals :func:`cadence_spectrum` of :func:`cadence_map` within 1e-12 of the largest value.
         """
         powers = sum_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
         return make_like(self._like, CADENCE_SPECTRUM, powers, {"cadence": self.cadence_hz})
@@ -415,7 +420,7 @@ def _smear_basis(n_columns: int, rate_hz: float, order: int, step: int) -> Float
 def _make_cadence_grid(
     rows: xr.DataArray | Plain, padded: bool, tapered: bool | None
 ) -> tuple[FloatArray, int, FloatArray]:
-    """Return weights of columns, the transform's length and cadences."""
+    """Return the column weights, the transform length and the cadences."""
     return _make_grid(rows.shape[0], sampling_rate_hz(read_axis(rows, "time")), padded, tapered)
 
 
@@ -472,7 +477,7 @@ def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     ----------
     step_doppler : DataArray (cadence, doppler)
     power : bool
-        True: S[q] = sum D^2, in which noise rows weigh less (E-32). False: the report's D_g = sum D.
+        If True, S[q] = sum D^2, in which noise rows have less weight (E-32). If False, D_g = sum D as in the report.
 
     Returns
     -------
@@ -480,7 +485,7 @@ def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
 
     See Also
     --------
-    cadence_map : power over cadence and Doppler.
+    cadence_map : magnitude over cadence and Doppler.
 
     Examples
     --------

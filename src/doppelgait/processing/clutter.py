@@ -32,10 +32,10 @@ FloatArray = npt.NDArray[np.float64]
 
 CLUTTER_TIME_S = 2.0
 MTI_CUTOFF_HZ = 3.0
-"""3 dB point of the high-pass: of the 2 to 5 Hz in which it must lie, what costs a torso at 0.3 m/s 0.01 dB."""
+"""3 dB point of the high-pass filter, chosen from the possible 2 to 5 Hz: a torso at 0.3 m/s loses 0.01 dB."""
 MTI_ORDER = 2
 MEDIAN_BLOCK_S = 0.1
-"""Length of the blocks for the median of block means: a walking body leaves almost nothing in such a mean."""
+"""Length of the blocks for the median of block means; a walking body hardly changes such a mean."""
 
 
 def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
@@ -51,11 +51,11 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     Returns
     -------
     DataArray (slow_time, range)
-        The same object for ``clutter = "none"``, and for ``"auto"``, as in a fixed gate.
+        The same object for ``clutter = "none"`` and ``"auto"``, as for a fixed gate.
 
     See Also
     --------
-    remove_static_clutter : the same by the kind of filter.
+    remove_static_clutter : the same, with the filter as a parameter.
 
     Examples
     --------
@@ -75,30 +75,35 @@ def remove_static_clutter(
 ) -> xr.DataArray:
     r"""Remove static clutter from the baseband.
 
-    ``mean`` takes off every range bin's time mean: a notch of width :math:`1 / T_o` at 0 Hz, which leaves all that
-    moves by more than half a wavelength in the recording. Of a body that stands for a part p of the recording the mean
-    has that part, which is then an echo at its place for all the rest of the time. ``median`` takes off the median of
-    the means over 0.1 s, real and imaginary part each: nothing of a body that stands for less than half of the
-    recording, and the same notch as the mean. ``exponential`` takes off a running mean
+    ``mean`` subtracts the time mean of each range bin. This is a notch of width :math:`1 / T_o` at 0 Hz, which keeps
+    all motion of more than half a wavelength within the recording. If a body stands still for a share p of the
+    recording, the mean contains p times its echo, which then appears at this range for the rest of the time.
+
+    ``median`` subtracts the median of the means over 0.1 s, for real and imaginary part separately. The notch is the
+    same as for the mean, and a body that stands still for less than half of the recording leaves no echo.
+
+    ``exponential`` subtracts a running mean
 
     .. math:: c_i = c_{i-1} + \alpha (y_i - c_{i-1}), \quad \alpha = 1 - e^{-1 / (f_p \tau)}, \quad c_0 = \bar y
 
-    over the time constant :math:`\tau`, which follows slow drift too and is a high-pass with its 3 dB point at
-    :math:`1 / 2 \pi \tau`; :math:`c_0` is the mean of the first :math:`\tau`. Slower motion fades with it: at 2 s and
-    7.29 GHz that of below 1.6 mm/s, so that breathing stays and the torso of a person who crosses at 90 degrees loses
-    only what lies within 0.08 Hz of 0. ``mti`` is a Butterworth high-pass of order 2 at ``cutoff_hz``, started as if
-    the mean of its first period had always been there. It also removes swaying motion: breathing, curtains, drift of
-    the phase; and at 3 Hz and 7.29 GHz everything that is slower than 0.06 m/s, a crossing torso among it.
+    with the time constant :math:`\tau`, which also follows slow drift. It is a high-pass filter with its 3 dB point at
+    :math:`1 / 2 \pi \tau`; :math:`c_0` is the mean of the first :math:`\tau`. Slower motion is attenuated: below
+    1.6 mm/s at 2 s and 7.29 GHz. Breathing is kept, and the torso of a person who crosses at 90 degrees loses only the
+    power within 0.08 Hz of 0.
 
-    Their gain at a Doppler frequency is :func:`clutter_gain`; what a gate lost to them is
-    :func:`measure_share_removed`. A two-pulse canceller, :math:`|2 \sin(\pi f / f_p)|`, is not on offer: at 1 kHz it
-    takes 18 dB off 20 Hz.
+    ``mti`` is a Butterworth high-pass filter of order 2 at ``cutoff_hz``. Its initial state is the mean of its first
+    period. It also removes swaying motion (breathing, curtains, phase drift) and, at 3 Hz and 7.29 GHz, everything
+    slower than 0.06 m/s, including a crossing torso.
+
+    :func:`clutter_gain` returns the gain at a Doppler frequency, and :func:`measure_share_removed` the share of the
+    power in a gate that was removed. A two-pulse canceller, :math:`|2 \sin(\pi f / f_p)|`, is not available: at 1 kHz
+    it attenuates 20 Hz by 18 dB.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
     kind : {"auto", "none", "mean", "median", "exponential", "mti"}
-        ``"auto"`` removes nothing here: it is ``"none"`` where nothing is tracked.
+        ``"auto"`` removes nothing here: without tracking it means ``"none"``.
     time_s : float
         Time constant of ``exponential``.
     cutoff_hz : float
@@ -145,7 +150,7 @@ def remove_static_clutter(
 def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
     """Remove static clutter from planes by ``analysis.clutter``.
 
-    They have the shape (2, bins, n_pulses or more); see :func:`remove_static_clutter`.
+    The planes have the shape (2, bins, n_pulses or more); see :func:`remove_static_clutter`.
     """
     kind = analysis.clutter
     if kind in ("none", "auto"):
@@ -164,10 +169,7 @@ def _count_block_pulses(n_pulses: int, prf_hz: float) -> int:
 
 
 def _average_static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: int, block_pulses: int) -> Planes:
-    """Return the mean or median of planes over pulses.
-
-    The result is (2, bins, 1), float32.
-    """
+    """Return mean or median over pulses, (2, bins, 1), float32."""
     if kind == "mean":
         total = sum(planes.sum(axis=-1, dtype=np.float64, keepdims=True) for planes in tiles)
         return np.asarray(total / n_pulses, dtype=np.float32)
@@ -176,14 +178,17 @@ def _average_static_part(tiles: Iterable[Planes], kind: ClutterKind, n_pulses: i
 
 
 Clean = Callable[[Planes, FloatArray, Any], tuple[Planes, Any]]
-"""Gets planes, the level before the first of all pulses, and the state before these; returns them clean, and the state
-after them."""
+"""Filter of a tile of planes.
+
+The arguments are the planes, the level before the first pulse of the recording and the filter state before the tile.
+The function returns the filtered planes and the filter state after the tile.
+"""
 
 
 def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
     """Return a filter along the pulses, and its first averaging length.
 
-    Its first level is the mean of so many pulses.
+    The initial level is the mean of this number of pulses.
     """
     from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
@@ -200,7 +205,7 @@ def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = 
     if not 0.0 < cutoff_hz < prf_hz / 2.0:
         raise AnalysisError(
             f"clutter removal 'mti' at {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} frames per second, and the "
-            f"recording has {prf_hz:g}; take 'mean', 'median' or 'exponential'"
+            f"recording has {prf_hz:g}; use 'mean', 'median' or 'exponential'"
         )
     sections = np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
 
@@ -215,7 +220,7 @@ def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = 
 def _filter_baseband(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
     """Filter a baseband along its pulses.
 
-    A long one is filtered tile by tile, on demand.
+    A long recording is filtered tile by tile, on demand.
     """
     count = baseband.sizes["slow_time"]
 
@@ -249,7 +254,7 @@ def _filter_baseband(baseband: xr.DataArray, clean: Clean, start_pulses: int) ->
 def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
     """Average real values over blocks along the last axis.
 
-    A rest shorter than a block is left out.
+    A remainder shorter than a block is left out.
     """
     n_blocks = values.shape[-1] // block_pulses
     blocks = values[..., : n_blocks * block_pulses].reshape(*values.shape[:-1], n_blocks, block_pulses)
@@ -262,13 +267,15 @@ def clutter_gain(
 ) -> FloatArray:  # fmt: skip
     r"""Compute the amplitude of an echo after clutter removal.
 
-    The echo has a constant Doppler frequency.
+    The echo has a constant Doppler frequency f, with :math:`\theta = \pi f / f_p`. The gain is
 
-    With :math:`\theta = \pi f / f_p`: ``mean`` over I pulses leaves, as a mean over the recording,
-    :math:`\sqrt{1 - D^2}, D = \sin(I \theta) / (I \sin \theta)`, and so does ``median`` to within 0.04;
-    ``exponential``, in the steady state,
-    :math:`|2 \sin \theta| (1 - \alpha) / |1 - (1 - \alpha) e^{-2 j \theta}|`; ``mti``, in the steady state,
-    :math:`1 / \sqrt{1 + (\tan(\pi f_c / f_p) / \tan \theta)^4}`, the Butterworth gain through the bilinear transform.
+    - for ``mean`` over I pulses, as a mean over the recording,
+      :math:`\sqrt{1 - D^2}, D = \sin(I \theta) / (I \sin \theta)`;
+    - for ``median`` the same to within 0.04;
+    - for ``exponential``, in the steady state,
+      :math:`|2 \sin \theta| (1 - \alpha) / |1 - (1 - \alpha) e^{-2 j \theta}|`;
+    - for ``mti``, in the steady state, :math:`1 / \sqrt{1 + (\tan(\pi f_c / f_p) / \tan \theta)^4}`, the Butterworth
+      gain after the bilinear transform.
 
     Parameters
     ----------
@@ -276,7 +283,7 @@ def clutter_gain(
     kind : {"none", "mean", "median", "exponential", "mti"}
     prf_hz : float
     n_pulses : int, optional
-        I, length of the recording; needed for ``mean`` and ``median``.
+        I, length of the recording; required for ``mean`` and ``median``.
     time_s, cutoff_hz : float
         As for :func:`remove_static_clutter`.
 
@@ -288,7 +295,7 @@ def clutter_gain(
     Raises
     ------
     AnalysisError
-        If ``mean`` or ``median`` has no number of pulses.
+        If ``n_pulses`` is missing for ``mean`` or ``median``.
 
     See Also
     --------
@@ -324,18 +331,19 @@ def measure_share_removed(
 ) -> xr.DataArray:  # fmt: skip
     r"""Measure the power share of a body lost to clutter removal.
 
-    The share is that in the body's gate, over time.
+    The share refers to the gate of the body and is a function of time.
 
-    Static clutter is in a range bin all the time, a body only while its gate covers the bin. The mean c of every bin
-    over the pulses when the gate is *elsewhere* (at another place, or before its first time or after its last) is
-    therefore clutter without the body, and the body alone is the baseband before removal minus c:
+    Static clutter is in a range bin all the time, a body only while its gate covers the bin. The mean c of each bin
+    over the pulses at which the gate does *not* cover it is therefore clutter without the body. The body alone is the
+    baseband before removal minus c:
 
     .. math:: \text{share} = 1 - \frac{\sum |y_{after}|^2}{\sum |y_{before} - c|^2}
 
-    summed over the gate's bins and the pulses of a time block, not below 0. Noise is in both sums, so that the share is
-    of body and noise together. Where the gate leaves a bin too seldom there is no reference: a body that stays and
-    clutter are the same to a radar, and the result is NaN rather than a guess; :func:`predict_torso_share_removed` then
-    predicts the share from the range history alone. Clutter that drifts counts as removed body.
+    summed over the gate's bins and the pulses of a time block, and limited to 0 or more. Both sums contain noise, so
+    the share refers to body and noise together. A bin that the gate covers nearly all the time has no reference,
+    because a radar cannot distinguish a body that stays from clutter. The result is then NaN, and
+    :func:`predict_torso_share_removed` predicts the share from the range history alone. Drifting clutter is counted as
+    removed power of the body.
 
     Parameters
     ----------
@@ -343,21 +351,21 @@ def measure_share_removed(
         Baseband before and after clutter removal.
     gate : Gate
     total : ndarray, shape (range,), optional
-        Sum of ``before`` over all pulses, where it is known: the work is then that of the gate's own pulses.
+        Sum of ``before`` over all pulses. If it is set, only the pulses of the gate are read.
     block_s : float
         Length of a time block.
     reference_share : float
-        Share of the recording that the gate must be elsewhere for a bin to be used; 0 to 1.
+        Smallest share of the recording in which the gate does not cover a bin, for the bin to be used; 0 to 1.
 
     Returns
     -------
     DataArray (time)
-        One share for every block of the gate's times, 0 to 1; NaN where fewer than half of the gate's bins have a
+        One share per block of the gate's times, 0 to 1; NaN where fewer than half of the gate's bins have a
         reference.
 
     See Also
     --------
-    predict_torso_share_removed : the same from the filter alone.
+    predict_torso_share_removed : prediction from the filter alone.
 
     Examples
     --------
@@ -391,7 +399,7 @@ def measure_share_removed(
         count -= inside.sum(axis=0)
     clutter, usual = elsewhere / np.maximum(count, 1), count >= reference_share * n_pulses
     length = min(max(1, round(block_s * sampling_rate_hz(times))), times.size)
-    # of every pulse: the power that is left, that of the body, bins with a reference, bins of the gate
+    # per pulse: remaining power, power of the body, bins with a reference, bins of the gate
     sums = np.empty((4, times.size))
     for (first, values), (_, cleaned) in zip(read_tiles(before), read_tiles(after), strict=True):
         inside = covered(first, values.shape[0])
@@ -422,21 +430,21 @@ def predict_torso_share_removed(
     gate: Gate, time_s: npt.ArrayLike, *, kind: ClutterKind, wavelength_m: float, prf_hz: float,
     n_pulses: int | None = None, clutter_time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
 ) -> FloatArray:  # fmt: skip
-    r"""Predict the torso's power share that clutter removal takes.
+    r"""Predict the share of torso power that clutter removal removes.
 
-    It uses the gain of the filter and the range history of the gate alone.
+    The prediction uses the gain of the filter and the range history of the gate only.
 
-    The torso's Doppler frequency is that of the gate's centre, :math:`f = -2 \dot R / \lambda`, and the share
-    :math:`1 - |H(f)|^2` with the gain of :func:`clutter_gain`. Nothing is read from the data: it also holds where body
-    and clutter cannot be distinguished, as for a person who crosses at 90 degrees within one gate. Limbs, which move,
-    lose less.
+    The torso's Doppler frequency is that of the gate's centre, :math:`f = -2 \dot R / \lambda`, and the share is
+    :math:`1 - |H(f)|^2` with the gain of :func:`clutter_gain`. No data are read, so the prediction also holds where
+    body and clutter cannot be distinguished, for example for a person who crosses at 90 degrees within one gate. Limbs
+    move faster and lose less.
 
     Parameters
     ----------
     gate : Gate
         Two or more times.
     time_s : array_like, shape (J,)
-        When, for example the columns of a signature.
+        Times of the prediction, for example the columns of a signature.
     kind, prf_hz, n_pulses, clutter_time_s, cutoff_hz
         As for :func:`clutter_gain`.
     wavelength_m : float
@@ -448,7 +456,7 @@ def predict_torso_share_removed(
 
     See Also
     --------
-    measure_share_removed : the same measured in a recording.
+    measure_share_removed : measurement in a recording.
 
     Examples
     --------

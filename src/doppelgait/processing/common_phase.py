@@ -20,41 +20,43 @@ FloatArray = npt.NDArray[np.float64]
 
 ZONE_M = 0.75
 ZONE_BINS = 5
-"""Zones of range nearer than this to a zone do not count for it: they may show the same body."""
+"""Zones of range nearer than this to a zone are no reference for it: they may show the same body."""
 LEAST_WEIGHT = 1e3
-"""Power of the static echoes over their own fluctuation that makes a reference; its phase is good to 0.02 rad."""
+"""Smallest power of the static echoes over their fluctuation for a reference; the phase error is then 0.02 rad."""
 MARGIN = 10.0
-"""Weight of a reference over that of a bin's own static echo: the phase error then adds a twentieth of its noise."""
+"""Smallest ratio of a reference's weight to that of a static echo; the phase error then adds 1/20 of its noise."""
 BLOCK_S = 0.1
 """Time in which the phase of a clock hardly changes."""
 LEAST_VARIANCE = 1e-14
-"""Variance of |y| over its power that rounding leaves of an echo that never changes."""
+"""Variance of |y| over its power that rounding errors cause in a constant echo."""
 TINY = float(np.finfo(np.float32).tiny)
 
 
 def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     r"""Remove the phase that other bins share.
 
-    Every range bin is turned back by the phase that bins of other zones share.
+    The phase that the bins of other zones have in common is subtracted from each range bin.
 
-    A clock that drifts turns the static echoes of all ranges alike, and what no longer stands still looks like a body.
-    The phase of frame i for the bins of a zone of 0.75 m, or of five bins where they are wide, is
+    A drifting clock rotates the static echoes of all ranges by the same phase, and rotating static echoes look like a
+    body. For the bins of a zone of 0.75 m, or of five bins if they are wide, the phase of frame i is
 
     .. math:: \varphi_i = \arg \sum_m w_m y_{i,m} \bar c_m, \qquad w_m = 1 / \mathrm{var}\,|y_m|
 
-    over the bins m of all zones but this and its neighbours, so that a body's own motion is not in its own reference. A
-    common phase leaves :math:`|y_m|` unchanged and a body that moves from cell to cell does not: hence the weights. One
-    that stays in its cell and breathes is a reference for others where there is next to no clutter. The static echoes
-    :math:`c_m` are means over blocks that were aligned one to the next, so that the phase may drift by any number of
-    turns. The weight of a reference :math:`S = \sum w_m |c_m|^2` must be 1000, and ten times that of the echo it
-    corrects: the error of its phase, of variance 1 / 2S, turns a static echo into noise. Where a frame has less, so
-    many frames are summed that it gets there, 0.1 s at most; bins with a weaker reference, and those that vary more
-    with it than without, are left as they are.
+    over the bins m of all zones except this zone and its neighbours, so that the motion of a body is not part of its
+    own reference. A common phase leaves :math:`|y_m|` unchanged; a body that moves from cell to cell changes it. This
+    is the reason for the weights. A body that stays in its cell and breathes is a reference for other bins only if
+    there is almost no clutter. The static echoes :math:`c_m` are means over successively aligned blocks, so that the
+    phase may drift by any number of cycles.
+
+    The weight of a reference, :math:`S = \sum w_m |c_m|^2`, must be at least 1000 and at least ten times the weight of
+    the echo that it corrects, because its phase error (variance 1 / 2S) turns a static echo into noise. If the weight
+    in one frame is too small, up to 0.1 s of frames are summed to reach it. A bin stays unchanged if its reference is
+    still too weak, or if the correction increases its variance.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-        Static echoes still in it.
+        Still contains the static echoes.
 
     Returns
     -------
@@ -74,7 +76,7 @@ def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
     power, variance = _compute_moments(lambda: (np.abs(values) for _, values in tiles()), count)
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
-    # mean of every bin over the blocks, after each block was turned to the one before by the far bins
+    # mean of each bin over the blocks, after the far bins have aligned each block with the one before
     blocks = np.concatenate([average_blocks(values, block) for _, values in tiles()])
     steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
     phase_rad = np.cumsum(np.angle(steps), axis=0)
@@ -104,7 +106,7 @@ def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
 def _turn(pointer: Values, pulses: int) -> Values:
     """Return the rotation that corrects a zone.
 
-    The reference is summed over so many frames around each, fewer at both ends.
+    The reference is summed over ``pulses`` frames around each frame, and over fewer at both ends.
     """
     if pulses > 1:
         place = np.arange(pointer.size)
@@ -117,7 +119,7 @@ def _turn(pointer: Values, pulses: int) -> Values:
 def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
     """Average values over whole blocks of pulses.
 
-    The result has the shape (K, N); a rest shorter than a block is left out.
+    The result has the shape (K, N); a remainder shorter than a block is left out.
 
     Parameters
     ----------
@@ -131,9 +133,9 @@ def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
 
 
 def _compute_moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
-    """Compute mean power and variance of every column.
+    """Compute the power of the mean and the variance of each column.
 
-    The power is that of the mean. The ``tiles`` of ``count`` rows together are asked for twice.
+    ``tiles`` is called twice; each call yields ``count`` rows in total.
     """
     mean = variance = np.zeros(())
     for values in tiles():

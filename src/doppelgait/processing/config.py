@@ -18,23 +18,23 @@ Method = Literal["standard", "liland2018"]
 Normalisation = Literal["sum", "max", "r4"]
 
 LILAND2018_OWN = {"gate_span_m": None, "gate_edges": "sharp", "gate_doppler_hz": None, "normalisation": "max"}
-"""Choices of the report, with the values that may still be set because they agree."""
+"""Parameters that method ``liland2018`` fixes, each with the only value that may be set."""
 MIN_CPI_PULSES = 5
-"""Fewest pulses of a processing interval that say anything about Doppler."""
+"""Fewest pulses of a processing interval from which Doppler can be measured."""
 
 
 class Analysis(FrozenModel):
-    """Analysis parameters, by default those of datasets.
+    """Analysis parameters; the defaults are those of datasets.
 
     Parameters
     ----------
     method : {"standard", "liland2018"}
-        ``liland2018`` takes the report's own choices: hop 1, K = M, zero padding at the ends, columns divided by
-        their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and Doppler gate from
-        the truth; it excludes parameters that contradict these.
+        ``liland2018`` uses the choices of the report: hop 1, K = M, zero padding at the ends, columns divided by
+        their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and the Doppler gate
+        from the truth. Parameters that contradict these choices are rejected.
     clutter : {"auto", "none", "mean", "median", "exponential", "mti"}
         Removal of static clutter before the analysis (:func:`doppelgait.processing.remove_clutter`). ``auto`` is
-        ``median`` for tracking, which needs it, and ``none`` for any other gate.
+        ``median`` for tracking, which needs clutter removal, and ``none`` for any other gate.
     clutter_time_s : float
         Time constant of ``exponential``.
     cpi_s : float
@@ -42,15 +42,15 @@ class Analysis(FrozenModel):
     window_steepness : float
         sigma_w of the Gaussian window (E-23).
     doppler_bins : int, optional
-        Transform length K; by default the next 2^a, 3 2^a or 5 2^a not below M.
+        Transform length K; by default the smallest 2^a, 3 2^a or 5 2^a that is at least M.
     hop : int, optional
-        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which loses nothing. A hop that
+        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which is lossless. A hop that
         divides the default changes no feature (:func:`doppelgait.processing.decimate`).
     gate_span_m : float
         Range extent of the gate, the same for every class (E-26).
     gate_edges : {"fractional", "sharp"}
-        A range bin at the edge of the gate is weighted by the share of its cell inside (``fractional``), or by 1 or 0
-        as in the report (``sharp``); sharp edges jump from bin to bin and put steps into the signature.
+        Weight of a range bin at the edge of the gate: the share of its cell inside the gate (``fractional``), or 1 or
+        0 as in the report (``sharp``). Sharp edges jump from bin to bin and cause steps in the signature.
     gate_doppler_hz : (float, float), optional
         Doppler band of the gate; none by default.
     normalisation : {"sum", "max", "r4"}
@@ -58,10 +58,10 @@ class Analysis(FrozenModel):
     bandwidth_threshold : float
         t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
     extended : bool
-        Compute the extended features and the standard deviations; not with ``liland2018``.
+        Compute the extended features and the standard deviations; not available with ``liland2018``.
     parts : bool
-        Resolve the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40). It takes several
-        times as long as the rest of the analysis in a fixed gate.
+        Separate the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40). In a fixed gate
+        this takes several times as long as the rest of the analysis.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class Analysis(FrozenModel):
         stated = {name: getattr(self, name) for name in LILAND2018_OWN if name in self.model_fields_set}
         ignored = [name for name, value in stated.items() if value != LILAND2018_OWN[name]]
         if self.method == "liland2018" and ignored:
-            raise ValueError(f"method 'liland2018' has its own {', '.join(ignored)}; leave that out or take 'standard'")
+            raise ValueError(f"method 'liland2018' fixes {', '.join(ignored)}; leave this out or use method 'standard'")
         return self
 
     @model_serializer(mode="wrap")
@@ -108,15 +108,12 @@ class Analysis(FrozenModel):
 
     @property
     def sharp_edges(self) -> bool:
-        """True if the gate takes range bins whole."""
+        """True if each range bin is entirely inside or outside the gate."""
         return self.gate_edges == "sharp" or self.method == "liland2018"
 
     @property
     def zero_padded(self) -> bool:
-        """True if zero padding extends the signature.
-
-        This is for reproduction only.
-        """
+        """True if zero padding extends the signature, for reproduction only."""
         return self.method == "liland2018"
 
 
@@ -133,7 +130,7 @@ class Transform:
     hop : int
         Pulses from column to column.
     first_pulse : int
-        Pulse at which the window of column 0 starts; -h with zero padding.
+        Pulse at which the window of column 0 starts; -h if the ends are zero-padded.
     n_columns : int
     """
 
@@ -156,7 +153,7 @@ class Transform:
 def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
     """Compute a Gaussian window of shape (M,) (E-23).
 
-    exp(-0.5 ((m - h) / (sigma_w h))^2), h = (M - 1) / 2.
+    The window is exp(-0.5 ((m - h) / (sigma_w h))^2) with h = (M - 1) / 2.
 
     Examples
     --------
@@ -171,15 +168,15 @@ def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
 def find_fast_length(n_pulses: int) -> int:
     """Find the smallest fast transform length.
 
-    2^a, 3 2^a or 5 2^a that is not below ``n_pulses``.
+    It is 2^a, 3 2^a or 5 2^a, and at least ``n_pulses``.
     """
     return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
 
 
 def find_lossless_hop(cpi_pulses: int) -> int:
-    """Compute the largest hop that loses nothing (E-23).
+    """Compute the largest lossless hop (E-23).
 
-    T_d f_p / 12, rounded down: the columns are band-limited by the window.
+    It is T_d f_p / 12, rounded down. The window limits the bandwidth of the columns.
     """
     return max(1, cpi_pulses // 12)
 
@@ -187,7 +184,7 @@ def find_lossless_hop(cpi_pulses: int) -> int:
 def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
     """Plan window, transform length, hop and columns.
 
-    It has ``n_pulses`` at ``prf_hz``.
+    The recording has ``n_pulses`` at ``prf_hz``.
 
     Raises
     ------

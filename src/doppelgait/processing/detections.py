@@ -12,13 +12,13 @@ class Detection:
     Parameters
     ----------
     range_m, velocity_mps : float
-        Centre; radial velocity positive when approaching.
+        Centre; the radial velocity is positive when approaching.
     power_v2 : float
-        Power above the noise of all its cells.
+        Power above the noise, summed over all cells.
     range_sd_m, velocity_sd_mps : float
-        Standard deviations of the centre as a measurement of the body's place, above 0.
+        Standard deviations of the centre as a measurement of the body's range and velocity, above 0.
     range_low_m, range_high_m, velocity_low_mps, velocity_high_mps : float
-        The box that holds nearly all of its power.
+        Limits of the box that contains nearly all of its power.
     n_cells : int
         Cells above the threshold.
     """

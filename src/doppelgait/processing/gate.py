@@ -19,7 +19,7 @@ from doppelgait.processing.track.live import Track
 FloatArray = npt.NDArray[np.float64]
 GateName = Literal["track", "truth"]
 GateChoice = GateName | tuple[float, float]
-"""Gates that a user may choose: targets to be found, the simulation's truth, or two ranges in m."""
+"""Gates that a user may choose: detected targets, the simulation's truth, or two ranges in m."""
 
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
@@ -27,11 +27,11 @@ SLACK_S = 1e-9
 
 
 class TrueTrack(Protocol):
-    """Truth of a target, as a gate reads it."""
+    """Truth of a target, as used by a gate."""
 
     @property
     def label(self) -> str:
-        """Class; only the report's method looks at it."""
+        """Class; used only by the report's method."""
 
     @property
     def centre_range_m(self) -> FloatArray:
@@ -43,7 +43,7 @@ class TrueTrack(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """Ranges and Doppler frequencies of a target (E-26).
+    """Limits in range and Doppler around a target (E-26).
 
     The range extent is constant.
 
@@ -56,9 +56,9 @@ class Gate:
     doppler_hz : (float, float), optional
         Doppler band B_L to B_H; all Doppler frequencies by default.
     source : str
-        Where the track comes from: ``"truth"``, ``"track"`` or ``"given"``.
+        Source of the track: ``"truth"``, ``"track"`` or ``"given"`` (set by the user).
     range_sd_m : float, optional
-        Standard deviation of the ranges R_c, if a tracker states it.
+        Standard deviation of the ranges R_c, if a tracker provides it.
 
     Raises
     ------
@@ -113,17 +113,17 @@ class Gate:
         cls, low_m: float, high_m: float, *, time_s: npt.ArrayLike, range_m: npt.ArrayLike | None = None,
         source: str = "given",
     ) -> Self:  # fmt: skip
-        """Make a gate that stays between two ranges.
+        """Make a gate between two fixed ranges.
 
-        It lasts from the first to the last of some times.
+        The gate lasts from the first to the last of the times.
 
         Parameters
         ----------
         low_m, high_m : float
         time_s : array_like
         range_m : array_like, optional
-            Range axis of the recording: the gate is cut to its cells. A recording without range (one cell) is inside
-            any gate.
+            Range axis of the recording: the gate is limited to its cells. A recording without range (one cell) is
+            inside any gate.
         source : str
 
         Raises
@@ -132,7 +132,7 @@ class Gate:
             If the limits are not two rising numbers, or lie outside the recorded frame.
         """
         if not -np.inf < low_m < high_m < np.inf:
-            raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: give two rising ranges in m, for example 1.2 to 2.8")
+            raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: use two rising ranges in m, for example 1.2 to 2.8")
         cells_m = np.zeros(1) if range_m is None else np.asarray(range_m, dtype=float)
         if cells_m.size > 1:
             first_m, last_m = frame_limits_m(cells_m)
@@ -153,10 +153,10 @@ class Gate:
         ----------
         track : Track
         time_s : array_like, shape (I,)
-            Pulse times of the recording. Kept are those from half a processing interval before the first detection to
-            as much after the last: a scan uses the pulses within this distance of its time.
+            Pulse times of the recording. Times from half a processing interval before the first detection to half an
+            interval after the last are kept, because a scan uses the pulses within this distance of its time.
         span_m : float
-            The same for every body.
+            Range extent, the same for every body.
         cpi_s : float
             Processing interval of the scans.
         doppler_hz : (float, float), optional
@@ -171,7 +171,8 @@ class Gate:
         times_s = times_s[(times_s >= first_s) & (times_s <= last_s)]
         if times_s.size < 2:
             raise AnalysisError(
-                f"track from {track.first_s:g} to {track.last_s:g} s: the recording has {times_s.size} pulses then"
+                f"track from {track.first_s:g} to {track.last_s:g} s: the recording has {times_s.size} pulses in this "
+                "time; two or more are needed"
             )
         before_s, after_s = np.minimum(times_s - track.first_s, 0.0), np.maximum(times_s - track.last_s, 0.0)
         centre_m = np.interp(times_s, track.times_s, track.range_m)
@@ -191,16 +192,16 @@ class Gate:
         time_s : array_like, shape (I,)
             Pulse times.
         analysis : Analysis
-            Span and Doppler band. The report's method takes the span by class and the true Doppler band instead.
+            Span and Doppler band. The report's method uses the span by class and the true Doppler band instead.
         wavelength_m : float, optional
             Only for the report's method.
         error_m : float
-            Constant range error, as a tracker would have.
+            Constant range error, to simulate that of a tracker.
         """
         span_m, band_hz = analysis.gate_span_m, analysis.gate_doppler_hz
         if analysis.method == "liland2018":
             if wavelength_m is None:
-                raise AnalysisError("the gate of method 'liland2018' has the true Doppler band: give wavelength_m")
+                raise AnalysisError("the gate of method 'liland2018' uses the true Doppler band: set wavelength_m")
             span_m = LILAND_SPAN_M.get(truth.label, LILAND_SPAN_M["human"])
             doppler_hz = truth.doppler_hz(wavelength_m)
             band_hz = (float(doppler_hz.min()), float(doppler_hz.max()))
@@ -222,12 +223,12 @@ class Gate:
         lowest_m : float
             Lowest range that is allowed.
         where : str
-            Key or option for the message; without, the message is only what the value must be.
+            Key or option for the message. If empty, the message names only the allowed values.
 
         Raises
         ------
         ConfigError
-            If it is none of these.
+            If the value is none of these.
         """
         said = f"{where}: {value!r} is not allowed; it " if where else ""
         for name in names:
@@ -243,7 +244,7 @@ class Gate:
             raise ConfigError(f"{said}must be two rising ranges in m{lowest}, for example 1.2:2.8")
         return low_m, high_m
 
-    # What it is -------------------------------------------------------------------------------------------------------
+    # Properties -------------------------------------------------------------------------------------------------------
 
     @property
     def low_m(self) -> FloatArray:
@@ -292,19 +293,19 @@ class Gate:
         return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, middle))
 
     def shares(self, other: Gate) -> npt.NDArray[np.bool_]:
-        """Mark the times at which another gate shares ranges."""
+        """Mark the times at which another gate overlaps in range."""
         inside = (self.time_s >= other.start_s) & (self.time_s <= other.stop_s)
         other_low, other_high = (np.interp(self.time_s, other.time_s, limit) for limit in (other.low_m, other.high_m))
         return np.asarray(inside & (self.low_m < other_high) & (other_low < self.high_m))
 
     def overlaps(self, other: Gate) -> bool:
-        """Return True if two gates share ranges."""
+        """Return True if two gates overlap in range."""
         return bool(self.shares(other).any())
 
-    # What it takes out of data ---------------------------------------------------------------------------------------
+    # Selection of data ---------------------------------------------------------------------------------------
 
     def during(self, start_s: float, stop_s: float) -> Gate:
-        """Cut the gate to its times between two others."""
+        """Limit the gate to its times between two others."""
         chosen = (self.time_s >= start_s - SLACK_S) & (self.time_s <= stop_s + SLACK_S)
         return replace(self, time_s=self.time_s[chosen], centre_m=self.centre_m[chosen])
 
@@ -318,10 +319,8 @@ class Gate:
     def edges(self, range_m: FloatArray, time_s: npt.ArrayLike, *, sharp: bool) -> tuple[FloatArray, FloatArray]:
         """Compute lower and upper edges in range bins.
 
-        A bin's cell extends half a bin to either side.
-
-        Sharp edges are put between bins, so that every cell is inside or outside (:meth:`whole_bins`). A recording
-        without range (one bin) is inside as a whole.
+        The cell of a bin extends half a bin to either side. Sharp edges are placed between bins, so that every cell is
+        entirely inside or outside (:meth:`whole_bins`). A recording without range (one bin) is inside.
         """
         if range_m.size == 1:
             low = np.full(np.shape(time_s), -0.5)
@@ -353,9 +352,9 @@ class Gate:
         return first, int(np.floor(self.span_m / bin_spacing_m + 1e-9)) + 1
 
     def touched_bins(self, low: FloatArray, high: FloatArray, range_m: FloatArray) -> slice:
-        """Return the range bins that these edges ever touch.
+        """Return the range bins that the edges touch at any time.
 
-        See :meth:`edges`.
+        The edges are those of :meth:`edges`.
 
         Raises
         ------
@@ -369,7 +368,7 @@ class Gate:
     def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
         """Zero the Doppler cells outside the gate's band.
 
-        This is done in place; ``power`` has the shape (J, K).
+        ``power``, shape (J, K), is changed in place.
         """
         if self.doppler_hz is not None:
             low_hz, high_hz = self.doppler_hz
@@ -377,10 +376,7 @@ class Gate:
 
 
 def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:
-    """Compute where the range axis's cells begin and end.
-
-    The axis has two or more cells.
-    """
+    """Compute the limits of a range axis with two or more cells."""
     half_m = float(range_m[1] - range_m[0]) / 2
     return float(range_m[0]) - half_m, float(range_m[-1]) + half_m
 
@@ -388,7 +384,7 @@ def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:
 def _make_frame_error(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisError:
     first_m, last_m = frame_limits_m(range_m)
     return AnalysisError(
-        f"gate {low_m:.4g} to {high_m:.4g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; take "
+        f"gate {low_m:.4g} to {high_m:.4g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; use "
         "ranges inside"
     )
 
@@ -396,6 +392,6 @@ def _make_frame_error(low_m: float, high_m: float, range_m: FloatArray) -> Analy
 def compute_bin_share(baseband: xr.DataArray) -> float:
     """Return the independent noise values per range bin.
 
-    They are an attribute of the recording; 1 where it is missing.
+    The number is an attribute of the recording; it is 1 if the attribute is missing.
     """
     return float(baseband.attrs.get("independent_bin_share", 1.0))

@@ -20,12 +20,12 @@ ITERATIONS = 6
 CAUCHY_TUNING = 2.385
 """Tuning constant of the Cauchy weights: 95 % efficiency on Gaussian errors."""
 AGREEING_SHARE, DIFFERING_SHARE = 0.05, 0.1
-"""Main line and track differ by less, or so much that a value is doubtful: share of the track's velocity."""
+"""Difference of main line and track, as a share of the track's velocity: agreement below, doubtful values above."""
 LEAST_APART_MPS = 0.03
 TRACK_ERROR_M = 0.15
-"""Error of a track's way: over a short time its velocity is worth less."""
+"""Error of the path length of a track; it reduces the weight of the track's velocity over a short time."""
 UNFOLDED_SHARE = 0.8
-"""Torso lines nearer to half the pulse rate may be folded: a track says nothing about them."""
+"""Share of half the pulse rate above which a torso line may be folded and cannot be compared with a track."""
 NEAR_TRACK_MPS = 0.4
 BODY_SHARE = 0.1
 RIDGE_REACH_MPS, RIDGE_COST, RIDGE_SMOOTH_S = 0.8, 2.0, 0.04
@@ -36,7 +36,8 @@ ALIGN_ABOVE_HZ = 10.0
 def find_column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
     """Find every column's strongest cell and its Doppler.
 
-    The power of the cell, V^2, and the Doppler refined by a parabola through its neighbours, Hz; shapes (J,).
+    Returns the power of the cell in V^2 and its Doppler in Hz, refined by a parabola through its neighbours; both have
+    the shape (J,).
     """
     from doppelgait.core.kernels import columns
 
@@ -57,14 +58,14 @@ def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool =
     order : int
         Order of the Legendre polynomial, 0 or more.
     tapered : bool
-        Weigh the columns with a parabola in time, 0 at both ends. The mean of the straight line is then what the slope
-        of a straight line fitted to the range would be, and steps that are cut off at the ends hardly bias it.
+        Weight the columns with a parabola in time, 0 at both ends. The mean of the straight line is then equivalent to
+        the slope of a straight line fitted to the range, and incomplete steps at the ends hardly bias it.
 
     Returns
     -------
     ndarray, shape (J,)
-        Main line m[j] in Hz: iteratively reweighted least squares with Cauchy weights, so that columns in which a leg
-        or a stance foot is strongest count little.
+        Main line m[j] in Hz, fitted by iteratively reweighted least squares. Cauchy weights reduce the influence of
+        columns in which a leg or a stance foot is strongest.
 
     See Also
     --------
@@ -86,7 +87,7 @@ def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool =
 def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
     """Fit the line of :func:`main_line_hz` through column peaks.
 
-    Several lines then share one search for the peaks.
+    Several fits can share one search for the peaks.
     """
     from doppelgait.core.kernels.robust import robust_fit
 
@@ -99,9 +100,9 @@ def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool =
 
 @lru_cache(maxsize=8)
 def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute a fit's Legendre basis, taper and ones.
+    """Compute the Legendre basis and weights of a fit.
 
-    Legendre polynomials over the observation, shape (order + 1, J), the parabola that tapers it, and ones.
+    Returns the Legendre polynomials over the observation, shape (order + 1, J), the parabolic taper, and ones.
     """
     position = np.linspace(-1.0, 1.0, n_columns)
     basis = np.ascontiguousarray(np.polynomial.legendre.legvander(position, order).T, dtype=np.float64)
@@ -126,9 +127,9 @@ def bin_width_hz(signature: xr.DataArray | Plain) -> float:
 
 
 def choose_line_order(observation_s: float) -> int:
-    """Choose the line order that leaves the steps (E-29).
+    """Choose the order of a line that does not follow steps (E-29).
 
-    1 below 1.3 s, 2 below 2.5 s, else 3.
+    The order is 1 below 1.3 s, 2 below 2.5 s, and 3 otherwise.
 
     See Also
     --------
@@ -165,7 +166,7 @@ def needs_alignment(signature: xr.DataArray | Plain) -> bool:
 def has_drift(straight_hz: FloatArray) -> bool:
     """Return True if a straight line drifts over 10 Hz.
 
-    The drift is over the observation; the line has order 1 and is not tapered.
+    The drift is the change over the observation. The line is fitted with order 1 and without taper.
     """
     return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
 
@@ -173,7 +174,7 @@ def has_drift(straight_hz: FloatArray) -> bool:
 def align(array: Signal, line_hz: FloatArray) -> Signal:
     """Shift every column by minus the line (E-29).
 
-    Circularly, with cubic convolution between Doppler bins.
+    The shift is circular, with interpolation by cubic convolution between Doppler bins.
 
     Parameters
     ----------
@@ -183,12 +184,12 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
     Returns
     -------
     DataArray (time, doppler)
-        The line is at 0 Hz; column sums are kept.
+        Signature with the line at 0 Hz and unchanged column sums.
 
     Raises
     ------
     AnalysisError
-        If the line has another number of columns.
+        If the line has a different number of columns.
 
     See Also
     --------
@@ -209,7 +210,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
 
     if np.shape(line_hz) != (array.sizes["time"],):
         raise AnalysisError(
-            f"line_hz has shape {np.shape(line_hz)}; it must be ({array.sizes['time']},), one frequency a column"
+            f"line_hz has shape {np.shape(line_hz)}; it must be ({array.sizes['time']},), one frequency per column"
         )
     shift = line_hz / bin_width_hz(array)
     whole = np.floor(shift)
@@ -225,11 +226,11 @@ class TrackVelocity:
     Parameters
     ----------
     line_mps : ndarray, shape (J,)
-        Straight line; its mean is the slope of a straight line through the ranges.
+        Straight line of the velocity; its mean is the slope of a straight line through the ranges.
     bend_mps : float
-        What the mean velocity, the way over the time, exceeds that slope by.
+        Mean velocity minus the mean of ``line_mps``.
     mean_mps : float
-        The way over the time.
+        Mean velocity: change of range over the time.
     """
 
     line_mps: FloatArray
@@ -240,8 +241,9 @@ class TrackVelocity:
 def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
     """Measure the radial velocity of a range track (E-34).
 
-    Of the cubic R = sum_n a_n P_n(x) in Legendre polynomials the slope is -2 a_1 / T_o; the way over the time,
-    -2 (a_1 + a_3) / T_o, has the third coefficient besides: that of a person who walks past.
+    The ranges are fitted by a cubic R = sum_n a_n P_n(x) in Legendre polynomials. The slope of the straight line is
+    -2 a_1 / T_o. The mean velocity, -2 (a_1 + a_3) / T_o, also contains the third coefficient, which is large for a
+    person who walks past the radar.
 
     Parameters
     ----------
@@ -263,10 +265,10 @@ def _make_cubic_basis(n_columns: int) -> tuple[FloatArray, FloatArray]:
 def choose_velocity(
     signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Decide between main line and track velocity (E-34).
+    """Choose between main line and track velocity (E-34).
 
-    The track's where limbs outshine the trunk or a person stops, provided that the body is there: its strongest cells
-    near the track's line are within 10 dB of the strongest of all.
+    The track's velocity is chosen if limbs are stronger than the trunk or if a person stops. The condition is that the
+    strongest cells near the track's line are within 10 dB of the strongest cells overall.
 
     Parameters
     ----------
@@ -279,7 +281,7 @@ def choose_velocity(
     -------
     line_hz : ndarray, shape (J,)
     agreed : bool
-        False where they differ by more than 10 % and the track's line holds too little power.
+        False if the lines differ by more than 10 % and there is too little power near the track's line.
     """
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
     seconds = float(np.ptp(read_axis(signature, "time")))
@@ -302,8 +304,9 @@ def choose_velocity(
 def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray) -> FloatArray:
     """Follow the torso's radial velocity over time (E-34c).
 
-    It is the strongest smooth ridge within 0.8 m/s of the gate's range rate, or of the main line where the gate is
-    fixed or the rate farther than that from it, refined by the centroid of three cells; shape (J,), m/s.
+    The result, shape (J,), in m/s, is the strongest smooth ridge within 0.8 m/s of the gate's range rate, refined by
+    the centroid of three cells. The main line replaces the range rate if the gate is fixed, or if the two differ by
+    more than 0.8 m/s.
 
     Parameters
     ----------

@@ -25,17 +25,16 @@ INDEPENDENT_AFTER_S = 0.06
 QUIET_SHARE = 1.0 / 3.0
 LEAST_QUIET_ROWS = 12
 COUNTED_EVERY = 4
-"""Neighbouring columns share most of their pulses: every fourth shows as much of the noise's spread as all."""
+"""Every fourth column is used: neighbouring columns share most of their pulses and add no information on the noise."""
 
 
 def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
     """Estimate the mean noise of a signature (E-28).
 
-    It is found from the quiet Doppler rows.
-
-    The third of the rows with the least mean power gives a first value; all rows that agree with it give the second.
-    A cell of pure noise sums N_g exponential variables: its median is (1 - 1/(9 N_g))^3 of its mean (ln 2 up to
-    N_g = 1; a gate of about one bin that moves across bin edges then reads up to 12 % high).
+    The estimate uses the Doppler rows of least power. The third of the rows with the least mean power gives a first
+    value; all rows that agree with it give the second. A cell of pure noise sums N_g exponential variables, and its
+    median is (1 - 1/(9 N_g))^3 times its mean (ln 2 times for N_g <= 1; if a gate of about one bin moves across bin
+    edges, the estimate is then up to 12 % too high).
 
     Parameters
     ----------
@@ -45,7 +44,7 @@ def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
     Returns
     -------
     float
-        nu = s^2 sum(w^2) N_g, V^2; practically 0 for a noise-free simulation.
+        nu = s^2 sum(w^2) N_g in V^2; practically 0 for a noise-free simulation.
 
     See Also
     --------
@@ -82,7 +81,7 @@ def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
 
 
 def copy_rows(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-    """Copy Doppler rows; (time, rows)."""
+    """Copy Doppler rows, (time, rows)."""
     from doppelgait.core.kernels.columns import take_rows
 
     found = np.empty((values.shape[0], rows.size), values.dtype)
@@ -91,12 +90,11 @@ def copy_rows(values: npt.NDArray[Any], rows: npt.NDArray[np.int64]) -> npt.NDAr
 
 
 def count_independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
-    """Count a noise cell's independent range bins (E-27).
+    """Estimate the number of independent range bins (E-27).
 
-    They are counted from the quiet Doppler rows: the squared mean of their cells over the variance, at least 1.
-
-    Range bins that share their noise, as those of a chip with a filter after the sampler, are fewer than there are. Of
-    fewer than 12 quiet rows the number is not counted: it is the signature's own, ``n_gate_bins``.
+    The number is the squared mean over the variance of the cells in the Doppler rows of least power, at least 1. It is
+    smaller than the number of bins if range bins share noise, for example because of a filter after the sampler. If
+    there are fewer than 12 such rows, the signature's ``n_gate_bins`` is returned.
 
     Parameters
     ----------
@@ -107,7 +105,7 @@ def count_independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> 
 
     See Also
     --------
-    count_independent_columns : the same over time.
+    count_independent_columns : the number of independent columns.
 
     Examples
     --------
@@ -137,7 +135,7 @@ def count_independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> 
 def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
     """Compute the median of cells without NaN.
 
-    It is several times faster than np.median, which partitions about two values.
+    It is several times faster than np.median, which partitions the array around two values.
     """
     middle = cells.size // 2
     ordered = np.partition(cells, middle, axis=None)
@@ -149,11 +147,11 @@ def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
 def count_independent_columns(signature: xr.DataArray | Plain) -> float:
     """Count the practically independent columns, J_eff (E-38).
 
-    T_o / 60 ms, at least 1.
+    J_eff is T_o / 60 ms, at least 1.
 
     See Also
     --------
-    count_independent_bins : the same over range.
+    count_independent_bins : the number of independent range bins.
 
     Examples
     --------
@@ -176,10 +174,10 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
     signature : DataArray (time, doppler)
         V^2.
     floor_v2 : float
-        Noise floor; 0 to leave it in.
+        Noise floor; 0 subtracts nothing.
     mode : {"sum", "max", "r4"}
-        ``sum``: each column sums to 1. ``max``: each column's maximum is 1. ``r4``: multiplied by the fourth power of
-        the gate's range over its mean, which undoes the radar equation.
+        ``sum``: each column sums to 1. ``max``: the maximum of each column is 1. ``r4``: each column is multiplied by
+        (range / mean range)^4 of the gate, which compensates the radar equation.
 
     Returns
     -------

@@ -1,11 +1,11 @@
 """Torso, legs and other limbs in range-Doppler maps (E-40).
 
-In the plane of range and radial velocity, both measured from the torso, a swinging limb circles the torso: it passes
-the torso's velocity when it is farthest ahead or behind, and the torso's range when it is fastest. The torso is what
-lies inside an ellipse around the origin. Its width in velocity is a share of the body's speed (the torso sways with
-every step) plus a share of the Doppler resolution. Its length is that of the body's own ridge: of what is at the
-torso's velocity for at least half of the time, which limbs are not and the long trunk of a dog is. What is faster or
-slower than arms ever are is a leg. Arms and thighs move alike, so the rest is not separated further.
+In the plane of range and radial velocity relative to the torso, a swinging limb moves around the torso: it has the
+torso's velocity when it is farthest ahead or behind, and the torso's range when it is fastest. The torso is the power
+inside an ellipse around the origin. The width of the ellipse in velocity is a share of the body's speed (the torso
+sways with every step) plus a share of the Doppler resolution. Its length is that of the power at the torso's velocity
+for at least half of the time; this includes the long trunk of a dog and excludes limbs. Power at velocities above or
+below those of arms belongs to legs. Arms and thighs move alike, so the remaining power is not separated further.
 """
 
 from __future__ import annotations
@@ -29,27 +29,30 @@ from doppelgait.processing.signature import plan_for, range_doppler
 FloatArray = npt.NDArray[np.float64]
 
 PARTS = ("torso", "legs", "limbs")
-"""Names along ``part``; ``limbs`` are arms and those parts of legs that move like arms."""
+"""Names along ``part``; ``limbs`` are arms and the parts of legs that move like arms."""
 
-# studies/parts.py --tune: the share of energy assigned right to torso and limbs, mean of people and dogs, points and
-# ellipsoids, on its tuning seeds
+# studies/parts.py --tune chose these values: they maximise the share of energy that is assigned correctly to torso and
+# limbs on the tuning seeds (mean over people and dogs, points and ellipsoids)
 SWAY_SHARE, SWAY_CELLS = 0.19, 0.7
 """Half the torso's width in velocity: a share of its radial speed and of the Doppler resolution lambda / (2 T_d)."""
 LENGTH_M, LENGTH_EXTENTS = 0.05, 3.25
 """Half the torso's length in range: a constant, and times the half extent of the ridge's power."""
 LEGS_AHEAD, LEGS_BEHIND = 0.7, 0.5
-"""Legs alone are faster or slower than the body by more than these shares of its speed. On the tuning seeds more than
-three quarters of a person's energy there is of legs, whichever the direction and the scatterers."""
+"""Speed relative to the body, as a share of its speed, beyond which power belongs to legs.
+
+On the tuning seeds more than three quarters of a person's energy there is from legs, in both directions of motion and
+for both kinds of scatterer.
+"""
 SLOWEST, FASTEST = -1.5, 2.5
-"""No limb is slower or faster than the torso by more than these shares of its speed; beyond is noise."""
+"""Speed relative to the torso, as a share of its speed, beyond which power is noise: no limb moves at this speed."""
 LEAST_SPEED_CELLS = 3.0
-"""Below so many cells of Doppler resolution a band of fixed width is right as often, on the tuning seeds."""
+"""Lowest speed in cells of Doppler resolution; below it a band of fixed width is as accurate on the tuning seeds."""
 LEAST_SNR_DB = 5.0
-"""Median over time of a column's strongest cell over the noise floor; at 0 dB shares are off by 0.2 on these seeds."""
+"""Smallest ratio of a column's strongest cell to the noise floor (median over time); at 0 dB shares err by 0.2."""
 LEAST_BINS = 5
 RIDGE_STEP_M = 0.05
 BLOCK = 32
-"""Columns with maps that are computed together, in the bins that their gates touch."""
+"""Number of columns for which maps are computed together."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +66,15 @@ class PartMask:
     torso_mps, torso_range_m : ndarray, shape (J,)
         Torso line: radial velocity, positive when approaching, and range.
     speed_mps : float
-        Radial speed of the torso, its median, positive.
+        Median radial speed of the torso, positive.
     direction : float
         1 approaching, -1 receding.
     width_mps, length_m : float
         Semi-axes of the torso's ellipse; the length is infinite for a radar without range.
     beyond_mps : float
-        Added to the limits of the limbs: the Doppler resolution.
+        Doppler resolution, added to the velocity limits of the limbs.
     floor_v2 : float
-        Noise power of a cell of a range bin.
+        Noise power of a range-Doppler cell.
     low, high : ndarray, shape (J,)
         Edges of the gate in range bins.
     """
@@ -94,7 +97,7 @@ class PartMask:
         Parameters
         ----------
         baseband : DataArray (slow_time, range)
-            The recording that gave the mask, or the echo of a part of its scatterers.
+            Recording from which the mask was derived, or the echo of some of its scatterers.
         analysis : Analysis
         wavelength_m : float
 
@@ -137,7 +140,7 @@ def locate_parts(
     baseband : DataArray (slow_time, range)
         Without static clutter.
     signature : DataArray (time, doppler)
-        Of the same gate and settings, V^2; the mask has its columns.
+        Signature with the same gate and settings, V^2; the mask has its columns.
     gate : Gate
     analysis : Analysis
 
@@ -145,7 +148,7 @@ def locate_parts(
     -------
     mask : PartMask or None
     reason : str
-        Why there is none, with the limit; else empty.
+        Why there is no mask, with the limit; empty if there is one.
     """
     check_signal(signature, SIGNATURE)
     wavelength_m = float(signature.attrs["wavelength_m"])
@@ -186,7 +189,7 @@ def locate_parts(
     torso_range_m = np.asarray(fit(position))
     length_m = np.inf
     if high[0] - low[0] >= LEAST_BINS:
-        # what is there for half of the time is the body's own ridge; limbs pass
+        # power that is present for half of the time is the body's ridge; limbs are present for less
         off_m = np.arange(-gate.span_m / 2.0, gate.span_m / 2.0 + 1e-9, RIDGE_STEP_M)
         ridge = np.median(
             [
@@ -211,9 +214,9 @@ def _iterate_gated_maps(
     baseband: xr.DataArray, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray,
     wavelength_m: float,
 ) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:  # fmt: skip
-    """Yield range-Doppler blocks with place and shares.
+    """Yield blocks of range-Doppler maps, with columns and shares.
 
-    The maps have the bins that the gate touches; a share (J of the block, bins) is the part of a bin inside it.
+    The maps have the bins that the gate touches. A share (J of the block, bins) is the part of a bin inside the gate.
     """
     for start in range(0, columns.size, BLOCK):
         at = slice(start, min(start + BLOCK, columns.size))
@@ -233,15 +236,15 @@ def measure_parts(power: xr.DataArray) -> xr.Dataset:
     Parameters
     ----------
     power : DataArray (part, time, doppler)
-        Of :meth:`PartMask.power_v2`.
+        Result of :meth:`PartMask.power_v2`.
 
     Returns
     -------
     Dataset
-        ``power`` (part, time, doppler), V^2; ``label`` (time, doppler): number of the part with the most power, -1
-        where no part has any; ``share`` (part): energy share, sums to 1; ``velocity_mps`` and ``spread_mps``
-        (part, time): centroid and standard deviation of the radial velocity, NaN where a part has no power. The names
-        of the parts are the coordinate ``part``.
+        ``power`` (part, time, doppler): V^2. ``label`` (time, doppler): number of the part with the most power, -1 if
+        no part has power. ``share`` (part): share of the energy, with sum 1. ``velocity_mps`` and ``spread_mps``
+        (part, time): centroid and standard deviation of the radial velocity, NaN where a part has no power. The
+        coordinate ``part`` has the names of the parts.
     """
     check_signal(power, PART_POWER)
     values, velocity_mps = power.values.astype(np.float64), read_axis(power, "velocity")

@@ -1,6 +1,6 @@
 """Signatures of any radar as comparable images.
 
-In dB over their own noise floor, on a fixed grid of velocities.
+The levels are in dB over the noise floor, on a fixed grid of velocities.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ FloatArray = npt.NDArray[np.float64]
 Levels = npt.NDArray[np.float32]
 
 QUIET_SHARE = 1.0 / 3.0
-"""Of the Doppler rows: those of least power give the noise floor."""
+"""Share of the Doppler rows that give the noise floor: the rows with the least power."""
 
 
 class Patch(FrozenModel):
-    """Format of the input image of a network.
+    """Format of the input image of a neural network.
 
     Parameters
     ----------
     velocity_mps : float
-        The rows reach from minus to plus this radial velocity. 6.4 m/s takes in the feet of a running person and most
-        of a galloping dog's.
+        The rows cover radial velocities from minus to plus this value. 6.4 m/s includes the feet of a running person
+        and most of those of a galloping dog.
     n_velocity : int
-        Rows; 64 of 0.2 m/s are the resolution of T_d = 0.1 s at 7.29 GHz.
+        Number of rows; 64 rows of 0.2 m/s match the resolution of T_d = 0.1 s at 7.29 GHz.
     column_s : float
-        Time from column to column; 1/32 s holds cadences up to 16 Hz.
+        Time from column to column; 1/32 s represents cadences up to 16 Hz.
     n_time : int
-        Columns.
+        Number of columns.
     range_db : float
-        Levels from the noise floor, or from so far below the peak if that is higher, become 0 to 1 over this range.
+        Dynamic range that is mapped to 0 to 1. It starts at the noise floor, or at the peak minus this value if that is
+        higher.
 
     Examples
     --------
@@ -64,24 +65,24 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     Parameters
     ----------
     signature : DataArray (time, doppler)
-        Power in any linear unit, with the coordinate ``velocity`` (m/s, approaching positive) along ``doppler``: as
-        :func:`doppelgait.analyze`, a dataset or :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`
-        give it.
+        Power in any linear unit, with the coordinate ``velocity`` (m/s, approaching positive) along ``doppler``. It
+        can be from :func:`doppelgait.analyze`, from a dataset, or from
+        :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`.
     spec : Patch, optional
 
     Returns
     -------
     ndarray of float32, shape (n_velocity, n_time)
-        See :func:`levels`; a shorter signature is in the middle, with 0 (the noise floor) around it.
+        See :func:`levels`; a shorter signature is centred and padded with 0 (the noise floor).
 
     Raises
     ------
     AnalysisError
-        If it is no signature with even axes and known velocities.
+        If it is no signature with evenly spaced axes and known velocities.
 
     See Also
     --------
-    levels : the same over the whole observation.
+    levels : levels of the whole observation.
 
     Examples
     --------
@@ -101,10 +102,11 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
 def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     """Convert a whole signature to levels on an image grid.
 
-    The power is averaged over cells of velocity and time (finer or coarser axes, other pulse rates and carriers give
-    the same picture), then taken in dB over the noise floor or over ``range_db`` below the peak, whichever is higher,
-    and divided by ``range_db``. Noise floor: mean power of the third of the Doppler rows with the least, without
-    emptied rows. Peak: median over time of the strongest cell. The image does not depend on the gain.
+    The power is averaged over cells of velocity and time, so that finer or coarser axes, other pulse rates and other
+    carriers give the same image. It is then converted to dB, relative to the noise floor or to ``range_db`` below the
+    peak, whichever is higher, and divided by ``range_db``. The noise floor is the mean power of the third of the
+    Doppler rows with the least power, without rows that are 0. The peak is the median over time of the strongest cell.
+    The image does not depend on the gain.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     Returns
     -------
     ndarray of float32, shape (n_velocity, J)
-        0 at the floor and where the radar sees no such velocity, 1 at ``range_db`` above and higher.
+        0 at the floor and at velocities that the radar cannot measure, 1 from ``range_db`` above the floor on.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     """
     spec = spec or Patch()
     power, times_s, rows_mps = _validate(signature)
-    # Mean power of the quietest rows that hold any.
+    # Mean power of the rows with the least power, without rows that are 0.
     rows = np.sort(power.mean(axis=0))
     rows = rows[rows > 0]
     floor = float(rows[: max(1, int(QUIET_SHARE * rows.size))].mean()) if rows.size else 0.0
@@ -158,15 +160,12 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
 
 
 def levels_of(signature: xr.DataArray | None, spec: Patch) -> Levels | None:
-    """Return the levels of a signature; None below two columns."""
+    """Return the levels of a signature, or None below two columns."""
     return None if signature is None or signature.sizes["time"] < 2 else levels(signature, spec)
 
 
 def cut(whole: Levels, start: int, spec: Patch) -> Levels:
-    """Cut columns from ``start`` out of levels, shape (n_velocity, n_time).
-
-    ``n_time`` columns, 0 where there are none.
-    """
+    """Select ``n_time`` columns from ``start`` on, padded with 0."""
     picture = np.zeros((spec.n_velocity, spec.n_time), dtype=np.float32)
     first, stop = max(start, 0), min(start + spec.n_time, whole.shape[1])
     if stop > first:
@@ -175,9 +174,10 @@ def cut(whole: Levels, start: int, spec: Patch) -> Levels:
 
 
 def cut_pictures(whole: Levels, spec: Patch) -> Levels:
-    """Cut images that cover all levels.
+    """Divide levels into images that cover all columns.
 
-    The middle if one image holds all, else evenly spread ones that overlap by half or more.
+    One centred image is returned if it covers all columns. Otherwise the images are evenly spaced and overlap by half
+    or more.
 
     Returns
     -------
@@ -192,12 +192,12 @@ def cut_pictures(whole: Levels, spec: Patch) -> Levels:
 
 
 def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Check a signature; return power (J, K) and axes.
+    """Validate a signature; return its power (J, K) and axes.
 
-    The axes are even and rising.
+    The axes are evenly spaced and ascending.
     """
     if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
-        raise AnalysisError("a patch is made of a signature: a DataArray with the dimensions (time, doppler)")
+        raise AnalysisError("a patch needs a signature: a DataArray with the dimensions (time, doppler)")
     if "velocity" not in signature.coords or "time" not in signature.coords:
         raise AnalysisError("a patch needs the coordinates time and velocity of its signature")
     power = np.asarray(signature.values, dtype=np.float64)
@@ -208,17 +208,17 @@ def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArr
             raise AnalysisError(f"a patch needs a {name} axis of two rising values or more; the carrier must be known")
         if steps.max() > 1.05 * steps.min():
             raise AnalysisError(
-                f"a patch needs an even {name} axis; its steps are {steps.min():.4g} to {steps.max():.4g}"
+                f"a patch needs an evenly spaced {name} axis; its steps are {steps.min():.4g} to {steps.max():.4g}"
             )
     if not np.isfinite(power).all() or power.min() < 0:
-        raise AnalysisError("a patch needs finite power of 0 or more in every cell; levels in dB are no power")
+        raise AnalysisError("a patch needs finite power of 0 or more in every cell; convert levels in dB to power")
     return power, axes[0], axes[1]
 
 
 def _average(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:
     """Average along the last axis between edges.
 
-    The values are of cells around even centres; NaN where there are no cells.
+    The values belong to cells around evenly spaced centres; the average is NaN where there are no cells.
     """
     width = float(centres[-1] - centres[0]) / (centres.size - 1)
     place = np.clip((edges - centres[0]) / width + 0.5, 0.0, float(centres.size))  # in cells from the first one's edge

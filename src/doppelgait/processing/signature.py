@@ -33,10 +33,7 @@ from doppelgait.processing.gate import Gate, compute_bin_share
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
-    """Plan the transform of a baseband recording.
-
-    Its frame rate in Hz is returned, too.
-    """
+    """Plan a recording's transform; also return its frame rate in Hz."""
     check_signal(baseband, BASEBAND)
     return _plan(read_axis(baseband, "slow_time"), analysis)
 
@@ -52,7 +49,7 @@ def range_doppler(
 ) -> Iterator[xr.DataArray]:  # fmt: skip
     """Compute range-Doppler maps in blocks of time (E-24).
 
-    The whole cube never exists.
+    Only one block is in memory at a time.
 
     Parameters
     ----------
@@ -61,9 +58,9 @@ def range_doppler(
     wavelength_m : float
         For the velocity axis.
     columns : array_like of int, optional
-        Which columns (processing intervals); all by default.
+        Numbers of the columns (processing intervals); all by default.
     block : int
-        Columns in one block.
+        Number of columns in one block.
 
     Yields
     ------
@@ -104,9 +101,9 @@ def range_doppler(
 
 
 def _make_frame_reader(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
-    """Return a function that gives ``size`` pulses from each first one.
+    """Return a function that reads ``size`` pulses from each first pulse.
 
-    The baseband is padded by ``pad`` at both ends.
+    The baseband is zero-padded by ``pad`` pulses at both ends.
     """
     count = baseband.sizes["slow_time"]
     if count <= LONG_PULSES:
@@ -126,7 +123,7 @@ def _make_frame_reader(baseband: xr.DataArray, pad: int, size: int) -> Callable[
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
     """Compute the micro-Doppler signature mu (E-27).
 
-    Range-Doppler power summed over the gate.
+    The signature is the range-Doppler power summed over the gate.
 
     Parameters
     ----------
@@ -139,9 +136,9 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     Returns
     -------
     DataArray (time, doppler)
-        float32, V^2; coordinate ``gate_share`` is the part of the gate that lies inside the frame. Attributes hold the
-        window energy sum(w^2), the number of gate bins N_g (a fraction where edges are), hop, M and the gate's source,
-        so that levels and the noise floor can be computed from it alone.
+        float32, V^2. The coordinate ``gate_share`` is the part of the gate that lies inside the frame. The attributes
+        are the window energy sum(w^2), the number of gate bins N_g (not an integer for fractional edges), hop, M and
+        the gate's source, so that levels and the noise floor can be computed from the signature alone.
 
     Raises
     ------
@@ -201,7 +198,7 @@ class GatedTransform:
     low, high : ndarray, shape (J,)
         Edges of the gate in range bins.
     bin_share : float
-        Independent noise values per range bin; less than 1 where a window over the sweep joins neighbouring bins.
+        Independent noise values per range bin; less than 1 if a window over the sweep correlates neighbouring bins.
     """
 
     gate: Gate
@@ -221,16 +218,16 @@ class GatedTransform:
 
     @property
     def margin_pulses(self) -> int:
-        """Pulses that are read after the needed ones.
+        """Number of pulses that are read after the needed ones.
 
-        Their weight is zero, and they must be finite.
+        Their weight is zero, and their values must be finite.
         """
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
-        """Return each range bin's first and last pulse.
+        """Return the pulses that the signature needs per range bin.
 
-        First and one past the last that the signature may read, (N, 2); (I, 0) for none.
+        Each row, shape (N, 2), is the first pulse and one past the last pulse; (I, 0) for none.
 
         Raises
         ------
@@ -254,7 +251,7 @@ class GatedTransform:
 
 
 NEED_BLOCK = 32
-"""Columns that :meth:`GatedTransform.find_needed_pulses` looks at together."""
+"""Number of columns that :meth:`GatedTransform.find_needed_pulses` processes together."""
 
 
 def make_gated_transform(
@@ -273,12 +270,12 @@ def compute_plane_signature(
 ) -> xr.DataArray:  # fmt: skip
     """Compute the signature from planes of some range bins.
 
-    They are real and imaginary planes; the rest is as for :func:`signature`.
+    The planes are the real and imaginary parts; the rest is as for :func:`signature`.
 
     Parameters
     ----------
     plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
-        Rows are range bins ``first_bin`` and up; at least those of :meth:`GatedTransform.find_needed_pulses`.
+        The rows are range bins from ``first_bin`` on; at least those of :meth:`GatedTransform.find_needed_pulses`.
     first_bin : int
     cut : GatedTransform
     wavelength_m : float
@@ -295,22 +292,22 @@ def compute_plane_signature(
 
 
 TILE_PULSES = 1 << 10
-"""Pulses of a tile of a long recording."""
+"""Number of pulses in a tile of a long recording."""
 ReadTile = Callable[[slice, slice], Planes]
 LANES = 16
-"""Columns that the kernel transforms together; whole groups in every tile keep the bytes those of the whole."""
+"""Number of columns that the kernel transforms together; tiles of whole groups give the same bytes as one pass."""
 
 
 def compute_tiled_signature(read_tile: ReadTile, cut: GatedTransform, *, wavelength_m: float) -> xr.DataArray:
     """Compute a long recording's signature tile by tile.
 
-    The bytes are those of :func:`compute_plane_signature`; the memory of pulses and noise does not grow with the
-    recording.
+    The bytes are the same as those of :func:`compute_plane_signature`. The memory for pulses and noise does not grow
+    with the recording.
 
     Parameters
     ----------
     read_tile : callable
-        Gets a slice of pulses and one of range bins, and returns their planes, as :meth:`Samples.read_tile`.
+        Receives a slice of pulses and a slice of range bins, and returns their planes, as :meth:`Samples.read_tile`.
     cut : GatedTransform
     wavelength_m : float
 
@@ -374,10 +371,9 @@ def _label_signature(out: npt.NDArray[np.float32], cut: GatedTransform, waveleng
 def decimate(signature: Signal) -> Signal:
     """Decimate a signature to the lossless hop.
 
-    Every n-th column is kept where the hop is finer than the lossless one, else all are.
-
-    What is between them can be interpolated from them (E-23), so features gain nothing from it: they are the same as
-    for the lossless hop where that is a whole multiple of the hop, else those of the largest multiple below.
+    Every n-th column is kept if the hop is finer than the lossless hop; otherwise all are kept. The columns between
+    can be interpolated from the kept ones (E-23), so features do not depend on them. If the lossless hop is a multiple
+    of the hop, the features are those of the lossless hop; otherwise they are those of the largest multiple below.
 
     Examples
     --------
@@ -396,27 +392,27 @@ def decimate(signature: Signal) -> Signal:
 
 
 MIN_SHARE = 0.5
-"""A column counts while at least this part of its gate lies inside the frame."""
+"""Smallest part of a column's gate inside the frame; columns with less are removed."""
 MIN_COLUMNS = 8
 
 
 def crop_to_frame(signature: Signal) -> tuple[Signal, float]:
     """Crop a signature to the time inside the frame.
 
-    Time in which the gate is mostly outside is removed.
+    The time in which the gate is mostly outside is removed.
 
     Parameters
     ----------
     signature : DataArray (time, doppler)
-        With coordinate ``gate_share``.
+        Signature with the coordinate ``gate_share``.
 
     Returns
     -------
     signature : DataArray (time, doppler)
-        The longest run of columns with half of the gate or more inside; a column whose gate is cut is divided by the
-        part inside, so that its noise has the level of a whole gate.
+        Longest run of columns with half of the gate or more inside. A column with a part of its gate outside is divided
+        by the part inside, so that its noise has the level of a whole gate.
     share : float
-        Mean part of the gate that was inside over the whole recording; 1 when nothing was cut.
+        Mean part of the gate that was inside, over the whole recording; 1 if the gate was always inside.
 
     Raises
     ------

@@ -22,28 +22,28 @@ from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
 OVERLAP = 4
-"""Frames that overlap in the result: Hann windows squared, a quarter apart, sum to a constant."""
+"""Number of overlapping frames in the result: squared Hann windows at steps of 1/4 window sum to a constant."""
 FRAMES_AT_ONCE = 512
 ONSET = 1e-3
-"""A line below this share of its amplitude one hop later begins: it starts with its own phase."""
+"""Share of a line's amplitude one hop later below which the line is an onset and starts with its own phase."""
 TINY = float(np.finfo(np.float32).tiny)
 
 
 def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
     r"""Lengthen a signal without changing its frequencies.
 
-    The result has ``factor`` times as many samples.
+    The result has ``factor`` times as many samples. When it is played ``factor`` times as fast, its duration is
+    unchanged and every frequency is ``factor`` times as high.
 
-    Played ``factor`` times as fast, it lasts as long as before and every frequency is ``factor`` times as high.
-    Frame u of the result is the short-time spectrum X at the input's sample :math:`u H / P`, H the hop of the result
-    and P the factor, turned by what the phase gains over one hop:
+    Frame u of the result is the short-time spectrum X at the input's sample :math:`u H / P`, where H is the hop of the
+    result and P is the factor, rotated by the phase advance over one hop:
 
     .. math:: Y_u = X_u \frac{Z}{|Z|}, \qquad Z = \mathcal{L}(Y_{u-1}) \, \overline{\mathcal{L}(X'_u)}
 
-    where :math:`X'_u` is the input's spectrum one hop H before :math:`X_u`; the pair lies so that the frequency
-    measured between them is that of the middle of the hop. No phase is unwrapped, hence no limit on the hop, and no
-    symmetry of the spectrum is used, hence both signs of frequency. :math:`\mathcal{L}` sums each bin and its two
-    neighbours, which ties the bins of one line together (Puckette 1995, "Phase-locked vocoder").
+    :math:`X'_u` is the input's spectrum one hop H before :math:`X_u`. The pair is placed so that the frequency measured
+    between them is that of the middle of the hop. No phase is unwrapped, so the hop has no limit. No symmetry of the
+    spectrum is used, so both signs of frequency are allowed. :math:`\mathcal{L}` sums each bin and its two neighbours,
+    which locks the phases of the bins of one line (Puckette 1995, "Phase-locked vocoder").
 
     Parameters
     ----------
@@ -52,7 +52,8 @@ def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Va
     factor : float
         P, above 0.
     window_samples : int
-        Length of the Hann window, 16 at least: motion is resolved to this time, and lines to its inverse.
+        Length of the Hann window, at least 16. The time resolution is this length, the frequency resolution its
+        inverse.
 
     Returns
     -------
@@ -77,16 +78,16 @@ def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Va
 def _rotate_frames(
     padded: Values, starts: npt.NDArray[np.int64], hop: int, window: npt.NDArray[np.float32]
 ) -> Iterator[Values]:
-    """Yield frames with continued phases, one hop apart.
+    """Yield frames with continuous phases, at steps of one hop.
 
-    The second window is not yet applied.
+    The second window is not applied yet.
     """
     from scipy import fft
 
     size = window.size
     signs = np.where(
         np.arange(size) % 2, np.float32(-1), np.float32(1)
-    )  # phases from the window's middle, not its start
+    )  # the phase reference is the middle of the window
     offsets = np.arange(size)
     last = np.zeros(size, dtype=np.complex64)
     for first in range(0, starts.size, FRAMES_AT_ONCE):
@@ -110,7 +111,7 @@ def _sum_neighbours(spectrum: Values) -> Values:
 def extend_by_mirroring(values: Values, before: int, after: int) -> Values:
     """Extend a signal at its ends by mirroring.
 
-    Mirroring is in time and phase, so that tones continue.
+    Time and phase are mirrored, so that tones continue.
     """
     return np.concatenate([_mirror(values, before), values, _mirror(values[::-1], after)[::-1]])
 
@@ -128,52 +129,57 @@ Values = npt.NDArray[np.complex64]
 FloatArray = npt.NDArray[np.float64]
 
 AUDIO_RATES_HZ = (8000, 16000, 24000, 48000)
-"""Rates of a sound file; the lowest that holds the Doppler band is taken."""
+"""Rates of a sound file; the lowest rate that covers the Doppler band is used."""
 USUAL_PITCH = 4.0
-"""The torso of a walker, 60 Hz at 7.29 GHz and 1.2 m/s, is at 240 Hz then: small speakers begin at about 200."""
+"""Default pitch factor. A walker's torso (60 Hz at 7.29 GHz and 1.2 m/s) is then at 240 Hz.
+
+Small loudspeakers reproduce frequencies above about 200 Hz.
+"""
 PITCH_LIMITS = (0.1, 5000.0)
 HEADROOM_DB = 1.0
-"""Distance of the loudest sample from full scale."""
+"""Level of the loudest sample below full scale."""
 FADE_S = 0.005
-"""At both ends of the sound, and where a track begins and ends."""
+"""Duration of the fade at both ends of the sound, and at the beginning and end of a track."""
 WINDOW_S, WINDOW_PULSES = 0.1, 16
-"""Frames of the pitch shift: the processing interval of the analysis, or this number of pulses if that takes longer."""
+"""Frame length of the pitch shift: the time, or the number of pulses if that takes longer."""
 BLOCK_PULSES = 1 << 15
 READ_PULSES = 1 << 12
-"""Pulses that are read at once, of all range bins."""
+"""Number of pulses that are read at once, for all range bins."""
 MOST_STEPS = 500
-"""Largest denominator of a change of rate: exact to 4 us per second and better."""
+"""Largest denominator of a rate conversion; the error is at most 4 us per second."""
 HALF_FILTER = 32
-"""Samples of the lower rate on either side that a change of rate looks at."""
+"""Half length of the filter of a rate conversion, in samples of the lower rate."""
 FULL_SCALE = 32767
 
 
 def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
     r"""Compute the complex Doppler signal of a gated target.
 
-    It has one number per pulse.
+    The signal has one value per pulse:
 
     .. math:: d_i = \sum_n g_{i,n} \, y_{i,n} \, e^{-j \theta n}, \qquad
               \theta = \arg \sum_{i,n} g_{i,n} g_{i,n+1} \, y_{i,n+1} \bar y_{i,n}
 
-    with g the share of range bin n inside the gate at pulse i. The bins of one echo differ in phase only by a ramp,
-    :math:`\theta` per bin, the same for all echoes: 0 for an impulse radar with an exactly removed carrier (E-17,
-    E-18) and for a sweep with time counted from its middle, :math:`\pi` for one with time counted from its first
-    sample, and whatever an inexact carrier leaves of itself. Without the ramp they add in phase: every scatterer keeps
-    its amplitude and its Doppler frequency, whichever bins it goes through. The sum along range is one line of the
-    echo's spectrum, so d is what a CW radar at the carrier would receive, were it to hear the gate alone. (Turning
-    every bin by a constant leaves all Doppler frequencies as they are.) The signature sums powers instead, which have
-    no sound; the spectra agree where echoes do not overlap both in range and in Doppler.
+    where g is the share of range bin n inside the gate at pulse i. The bins of one echo differ in phase only by a ramp
+    of :math:`\theta` per bin, which is the same for all echoes. It is 0 for an impulse radar with an exactly removed
+    carrier (E-17, E-18) and for a sweep with time counted from its middle, and :math:`\pi` for a sweep with time
+    counted from its first sample. An inexact carrier adds its remainder. Without the ramp the bins add in phase, and
+    every scatterer keeps its amplitude and its Doppler frequency in all bins that it crosses. (A constant rotation of
+    a bin does not change Doppler frequencies.)
+
+    The sum along range is one line of the echo's spectrum: d is the signal that a CW radar at the carrier would receive
+    from the gate alone. The signature sums powers instead, which cannot be played as sound. The spectra agree if echoes
+    do not overlap both in range and in Doppler.
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
         V.
     gate : Gate
-        Before its first and after its last time the signal is 0.
+        The signal is 0 before its first and after its last time.
     analysis : Analysis, optional
-        For ``clutter``. With ``source = "track"`` the phase that whole frames share is taken off before, as the
-        analysis does.
+        Its ``clutter`` is used. For a gate with ``source = "track"`` the common phase of the frames is removed first,
+        as in the analysis.
 
     Returns
     -------
@@ -196,7 +202,7 @@ def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysi
     numbers = np.arange(bins.start, bins.start + clean.shape[1])
 
     def parts() -> Iterator[Values]:
-        """Yield blocks of pulses, weighted by each bin's share."""
+        """Yield blocks of pulses, weighted by the share of each bin."""
         for first in range(0, clean.shape[0], BLOCK_PULSES):
             rows = slice(first, min(first + BLOCK_PULSES, clean.shape[0]))
             read = [
@@ -205,12 +211,12 @@ def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysi
             inside = np.minimum(high[rows, None], numbers + 0.5) - np.maximum(low[rows, None], numbers - 0.5)
             yield np.concatenate(read) * np.clip(inside, 0.0, 1.0).astype(np.float32)
 
-    # a long recording is read twice: its parts may take as much memory as all of it
+    # a long recording is read twice, because its parts may take as much memory as the whole
     kept = list(parts()) if clean.shape[0] <= BLOCK_PULSES else None
     ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in kept or parts()) if clean.shape[1] > 1 else 0.0
     turn = np.exp(-1j * np.angle(ramp) * np.arange(clean.shape[1]))
     signal = np.concatenate([part @ turn for part in kept or parts()]).astype(np.complex64)
-    # 1 while the gate has times, with a short fade to 0 before and after
+    # 1 within the time of the gate, with a short fade to 0 before and after
     outside_s = np.maximum(np.maximum(gate.start_s - time_s, time_s - gate.stop_s), 0.0)
     present = (0.5 + 0.5 * np.cos(np.pi * np.minimum(outside_s / FADE_S, 1.0))).astype(np.float32)
     return signal * present
@@ -245,21 +251,21 @@ def make_doppler_sound(
     baseband, gate, analysis
         As for :func:`compute_doppler_signal`.
     pitch : float, optional
-        What every Doppler frequency is multiplied by, the duration unchanged
-        (:func:`doppelgait.processing.sound.lengthen`), 0.1 to 5000. By default 4, or as much as the audio rate
-        allows, but no less than 1: a walker's torso is then well audible at 7 GHz.
+        Factor for every Doppler frequency, 0.1 to 5000; the duration is unchanged
+        (:func:`doppelgait.processing.sound.lengthen`). By default 4, or the largest factor that the audio rate allows,
+        but at least 1: a walker's torso is then well audible at 7 GHz.
     channels : {"iq", "sides"}
-        ``iq``: left is the real part and right the imaginary part, so that left + j right is the complex signal again.
-        ``sides``: left is what approaches (positive Doppler frequencies) and right what recedes, which ears can
-        distinguish.
+        ``iq``: left is the real part and right the imaginary part, so that left + j right is the complex signal.
+        ``sides``: left has the approaching motion (positive Doppler frequencies) and right the receding motion, which
+        can be distinguished by ear.
 
     Returns
     -------
     rate_hz : int
-        8000, 16000, 24000 or 48000: the lowest that holds the whole Doppler band times the pitch. Of a frame rate above
-        48 kHz the Doppler frequencies up to 24 kHz are kept.
+        8000, 16000, 24000 or 48000: the lowest rate that covers the whole Doppler band times the pitch. For a frame
+        rate above 48 kHz the Doppler frequencies up to 24 kHz are kept.
     samples : ndarray of int16, shape (n, 2)
-        Its loudest sample is 1 dB below full scale; faded over 5 ms at both ends.
+        Samples with the loudest 1 dB below full scale, faded over 5 ms at both ends.
 
     Raises
     ------
@@ -274,7 +280,7 @@ def make_doppler_sound(
     factor, rate_hz = plan_sound(prf_hz, pitch)
     signal = compute_doppler_signal(baseband, gate, analysis)
     ratio = Fraction(rate_hz / (factor * prf_hz)).limit_denominator(MOST_STEPS)
-    # another rate without images and aliases: 0.9 of the narrower band is unchanged
+    # rate conversion without images and aliases; 0.9 of the narrower band is unchanged
     up, down = ratio.numerator, ratio.denominator
     most = max(up, down)
     low_pass: Any = firwin(2 * HALF_FILTER * most + 1, 1.0 / most, window=("kaiser", 8.0)) if most > 1 else np.ones(1)
@@ -303,7 +309,7 @@ def make_doppler_sound(
 def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
     """Choose pitch and audio rate for a frame rate.
 
-    They are those of :func:`make_doppler_sound`, and so is the error.
+    The values and the error are those of :func:`make_doppler_sound`.
     """
     highest_hz = AUDIO_RATES_HZ[-1]
     most = highest_hz / min(prf_hz, highest_hz)
@@ -313,8 +319,8 @@ def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
     if factor > most * (1 + 1e-9):
         raise AnalysisError(
             f"pitch {factor:g}: Doppler frequencies reach {min(prf_hz, highest_hz) / 2:g} Hz at {prf_hz:g} frames per "
-            f"second, and {factor:g} times that passes the {highest_hz // 2} Hz that sound can hold; at most "
-            f"{math.floor(most * 100) / 100:g} here"
+            f"second, and {factor:g} times that exceeds the {highest_hz // 2} Hz of a sound file; use a pitch of at "
+            f"most {math.floor(most * 100) / 100:g}"
         )
     return factor, next((rate for rate in AUDIO_RATES_HZ if rate >= factor * prf_hz * (1 - 1e-9)), highest_hz)
 

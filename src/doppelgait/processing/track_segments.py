@@ -17,17 +17,17 @@ from doppelgait.core.straight import LINE, PARABOLA, compute_straight_probabilit
 FloatArray = npt.NDArray[np.float64]
 
 TYPICAL_SPEED_MPS = 3.0
-"""Standard deviation of a segment's unknown radial velocity, and of its ground speed: hardly a restriction."""
+"""Standard deviation of a segment's unknown radial velocity and ground speed; it is a weak prior."""
 UNKNOWN_SD = 1e3
-"""Standard deviation of the squared range at a change point before anything is seen, in units of its error."""
+"""Prior standard deviation of the squared range at a change point, in units of its measurement error."""
 ENVELOPE_SPAN_SD = 6.0
 ENVELOPE_POINTS = 25
-"""Values at a change point, about the range measured there, at which histories are compared."""
+"""Number of values at a change point, around the range measured there, at which histories are compared."""
 REFERENCE_STEP_S = 0.1
 HOPELESS = 1e3
-"""Cost above the lowest, beyond that of a change point, at which a start is dropped: one range 30 sd off."""
+"""Cost above the lowest one plus a change point at which a start is dropped: one range with an error of 30 sd."""
 GIVE_UP_EVERY = 64
-"""Samples from one look for hopeless starts to the next."""
+"""Number of samples between two searches for starts that can be dropped."""
 
 
 def find_best_knots(
@@ -41,21 +41,22 @@ def find_best_knots(
 ) -> tuple[list[int], float]:
     r"""Find the change points of minimum cost.
 
-    The cost is that of :func:`doppelgait.processing.find_track_segments`; returns indices of the inner points.
+    The cost is that of :func:`doppelgait.processing.find_track_segments`.
 
-    Everything is in s = R^2 (E-34b). Within a segment the state is (s, s', s''), s'' constant but for the departures
-    :math:`2 R a`; at a change point s stays and s', s'' begin anew. For segments from i to j the least cost for known
-    values at both ends is a quadratic form of the two, which a Kalman filter with the first value kept in its state
-    yields for all i at once. The least cost up to j for a known value there is the lower envelope of parabolas, one a
-    history; those nowhere lowest are dropped (the envelope is compared at 25 values). Starts with a cost hopelessly
-    above that of a change point at j are dropped, so that the time is that of the track's length.
+    All quantities are in s = R^2 (E-34b). Within a segment the state is (s, s', s''), where s'' is constant except for
+    the departures :math:`2 R a`. At a change point s is continuous, and s' and s'' start with new values. For a segment
+    from i to j the least cost for known values at both ends is a quadratic form of these values. A Kalman filter with
+    the first value in its state computes it for all i at once. The least cost up to j for a known value at j is the
+    lower envelope of parabolas, one per history. Parabolas that are nowhere lowest are dropped (the envelope is
+    compared at 25 values). Starts with a cost far above that of a change point at j are dropped, too, so that the
+    computing time is proportional to the length of the track.
 
     Parameters
     ----------
     time_s, range_m : ndarray, shape (J,)
     range_sd_m : float
     smooth_mps2 : float
-        Standard deviation of a over 0.1 s.
+        Standard deviation of the departures a, averaged over 0.1 s.
     penalty : float
         Cost of a change point in units of sd^2.
     min_segment_s : float
@@ -64,7 +65,7 @@ def find_best_knots(
     Returns
     -------
     knots : list of int
-        Rising, without the ends; a change point is a sample that both segments share.
+        Indices of the change points, ascending, without the ends; both segments contain the sample of a change point.
     cost : float
         The lowest cost; inf if the track is shorter than one segment.
     """
@@ -86,24 +87,23 @@ def find_best_knots(
 class _Histories:
     """Parabolas a (x - b)^2 + c per change point.
 
-    x is the value at the change point ``at``; each parabola continues a history.
+    x is the value at the change point ``at``; each parabola represents a history.
     """
 
     def __init__(self, value: float, noise: float) -> None:
         self.abc = np.array([[noise**-2], [value], [0.0]])
         self.at = np.zeros(1, dtype=np.int64)
         self.before = np.full(1, -1, dtype=np.int64)
-        self.alive = np.zeros(1, dtype=np.int64)  # numbers of those with a start that was not dropped
-        self.least = np.zeros(0)  # cost of those of them that could end at the last sample, and what more to allow
+        self.alive = np.zeros(1, dtype=np.int64)  # numbers of the histories with a start that was not dropped
+        self.least = np.zeros(0)  # costs of the histories that may end at the last sample
         self.more = 0.0
 
     def extend(self, j: int, last_start: int, filters: _Filters, penalty: float, measured: tuple[float, float]) -> None:
-        """Add histories that are lowest at sample j.
+        """Add the histories that are lowest at sample j for some value.
 
-        The one of the lowest minimum is added, too.
-
-        The filter gives cost + (z - m)^T P^-1 (z - m) for z = (value at the start, value here), so that the history's
-        a (x - b)^2 acts as one more measurement of the start's value: b, with variance 1 / a.
+        The history with the lowest minimum is also added. The filter gives cost + (z - m)^T P^-1 (z - m) for
+        z = (value at the start, value at j), so a history's a (x - b)^2 acts as a further measurement b of the value
+        at the start, with variance 1 / a.
         """
         able = self.alive[: int(np.searchsorted(self.at[self.alive], last_start, side="right"))]
         at, (a, b, c) = self.at[able], self.abc[:, able]
@@ -126,15 +126,15 @@ class _Histories:
         self.before = np.append(self.before, able[kept])
 
     def drop_hopeless(self, penalty: float) -> npt.NDArray[np.int64]:
-        """Give up hopeless histories; return remaining starts."""
+        """Drop histories of high cost; return the remaining starts."""
         hopeless = np.flatnonzero(self.least > self.least.min() + self.more + penalty + HOPELESS)
         self.alive = np.delete(self.alive, hopeless)
         return np.unique(self.at[self.alive])
 
     def knots(self, last: int) -> tuple[list[int], float]:
-        """Return change points and cost of the cheapest history.
+        """Return change points and cost of the history of least cost.
 
-        It is a history of the last sample; none and inf if there is none.
+        The history ends at the last sample. If there is none, the result is no change points and inf.
         """
         ends = np.flatnonzero(self.at == last)
         if not ends.size:
@@ -151,7 +151,7 @@ class _Histories:
 class _Filters:
     """Kalman filters of every start i at one sample.
 
-    State (s_i, s, s', s''), filters along axis -1.
+    The state is (s_i, s, s', s''); the filters are along axis -1.
     """
 
     def __init__(self, n: int) -> None:
@@ -164,7 +164,7 @@ class _Filters:
     def start(self, i: int, value: float, noise: float, range_m: float) -> None:
         """Start a segment at sample i.
 
-        Its value is left to the segment before.
+        Its initial value is determined by the segment before.
         """
         new = self.count
         self.starts[new] = i
@@ -175,12 +175,12 @@ class _Filters:
         self.count += 1
 
     def select_column(self, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return where the filters of some starts are."""
+        """Return the columns of the filters of some starts."""
         has_gaps = self.starts[self.count - 1] >= self.count
         return np.searchsorted(self.starts[: self.count], starts) if has_gaps else starts
 
     def keep(self, starts: npt.NDArray[np.int64]) -> None:
-        """Keep the filters from these starts on."""
+        """Keep only the filters of these starts."""
         own = self.starts[: self.count]
         columns = np.flatnonzero(np.isin(own, starts) | (own > starts[-1]))
         for values in (self.starts, self.mean, self.covariance, self.cost):
@@ -192,7 +192,7 @@ class _Filters:
         """Predict over dt, then update with one value."""
         count = self.count
         mean, covariance = self.mean[:, :count], self.covariance[:, :, :count]
-        for moved in (mean, covariance, covariance.swapaxes(0, 1)):  # F m, then F P F^T: its rows, then its columns
+        for moved in (mean, covariance, covariance.swapaxes(0, 1)):  # F m, then the rows and the columns of F P F^T
             moved[1] += dt * moved[2] + dt * dt / 2.0 * moved[3]
             moved[2] += dt * moved[3]
         push = np.array([0.0, dt / 2.0, 1.0, 0.0]) * drive * np.sqrt(REFERENCE_STEP_S * dt)
@@ -206,7 +206,7 @@ class _Filters:
 
 
 RANGE_SD_M = 0.065
-"""Error of one range; makes the penalty 0.06 m^2 for 110 ranges, the value of the studies."""
+"""Error of one range; the penalty is then 0.06 m^2 for 110 ranges, the value of the studies."""
 
 
 class SegmentationSettings(FrozenModel):
@@ -215,23 +215,23 @@ class SegmentationSettings(FrozenModel):
     Parameters
     ----------
     penalty_factor : float
-        Cost of a change point: this times sd^2 ln n, for n ranges in the track.
+        Factor of the cost of a change point: the cost is this times sd^2 ln n, for n ranges in the track.
     min_piece_s : float
         Shortest time between change points.
     drop_s : float
         Time that is removed on either side of a change point.
     same_speed_mps : float
-        Neighbours are merged where the radial velocity changes by less across their change point.
+        Neighbouring segments are merged if the radial velocity at their change point changes by less than this.
     smooth_mps2 : float
-        Standard deviation of a steady walker's acceleration along the range, averaged over 0.1 s and independent from
-        one 0.1 s to the next: slow changes of speed are followed, sudden ones are cut.
+        Standard deviation of a steady walker's acceleration along the range, averaged over 0.1 s and independent
+        between intervals of 0.1 s. Slow changes of speed stay within a segment, sudden changes start a new one.
     straight_level : float
-        A segment with ranges that fit straight motion at constant velocity with a lower chance than this is cut again,
-        and is no good for gait where it is too short for that. 0 switches this off.
+        A segment is divided further if the probability that its ranges are straight motion at constant velocity is
+        below this. If it is too short for that, it is not usable for gait. 0 switches this off.
     min_usable_s : float
-        Shortest remaining segment that is used for gait.
+        Shortest segment, without the removed time, that is used for gait.
     still_mps : float
-        The target stands still in a segment where the radial speed, mean of both ends and the middle, is below this.
+        The target stands still in a segment if the radial speed, the mean of both ends and the middle, is below this.
     longest_gap_s : float
         Longest gap in the track that a segment may span.
     """
@@ -254,18 +254,20 @@ class TrackSegment:
     Parameters
     ----------
     start_s, stop_s : float
-        Without what is dropped next to change points.
+        Limits of the segment, without the time removed at change points.
     radial_velocity_mps : float
         -dR/dt at the middle, positive when approaching; NaN for fewer than three ranges.
     curvature_mps2 : float
-        d^2R/dt^2 at the middle; (v_g^2 - v^2) / R for straight motion at ground speed v_g. NaN as before.
+        d^2R/dt^2 at the middle; (v_g^2 - v^2) / R for straight motion at ground speed v_g. NaN for fewer than three
+        ranges.
     residual_m : float
-        Root mean square of the ranges about constant velocity over ground; NaN as before.
+        Root-mean-square deviation of the ranges from constant velocity over ground; NaN for fewer than three ranges.
     straight_probability : float
-        Chance of a larger residual if the motion is straight at constant velocity; NaN as before.
+        Probability of a larger residual if the motion is straight at constant velocity; NaN for fewer than three
+        ranges.
     reason : str
-        Why the segment is no good for gait: ``"too_short"``, ``"stands_still"``, ``"not_straight"``; empty where it is
-        good.
+        Why the segment is not usable for gait: ``"too_short"``, ``"stands_still"``, ``"not_straight"``; empty if it is
+        usable.
     """
 
     start_s: float
@@ -278,7 +280,7 @@ class TrackSegment:
 
     @property
     def usable(self) -> bool:
-        """True if the segment is good for gait."""
+        """True if the segment is usable for gait."""
         return not self.reason
 
 
@@ -302,9 +304,9 @@ class _Fit:
         return np.asarray(self.ranges - np.sqrt(np.maximum(a + b * t + c * t * t, 1e-12)))
 
     def straight_probability(self, range_sd_m: float) -> float:
-        """Compute the chance of larger residuals.
+        """Compute the probability of larger residuals for straight motion.
 
-        Straight motion never bends a range towards the radar; the best that it can do then is a straight line.
+        The range of straight motion has no negative curvature. If the ranges have one, the best fit is a straight line.
         """
         residual_m, n_parameters = self.residuals_m(), PARABOLA
         if self.curvature_mps2() < 0:
@@ -336,33 +338,33 @@ def find_track_segments(
     range_sd_m: float = RANGE_SD_M,
     settings: SegmentationSettings | None = None,
 ) -> tuple[TrackSegment, ...]:
-    r"""Cut a track where its ground velocity changes.
+    r"""Divide a track where its ground velocity changes.
 
-    A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola whatever the aspect
-    (E-34b), plus a slow change of speed. The path is continuous; change points :math:`\tau` and path minimise
+    A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola at any aspect angle
+    (E-34b), plus a slow change of speed. The path is continuous. The change points :math:`\tau` and the path minimise
 
     .. math:: \sum_i \frac{(R_i^2 - s_i)^2}{4 R_i^2 \sigma^2} + \sum_i \frac{a_i^2}{\sigma_a^2} + 3 K \ln n
 
     (s: path in :math:`R^2`; a_i: departure of the acceleration from the parabola between two ranges; K change points).
     Functional dynamic programming finds the minimum (Fearnhead, Maidstone and Letchford, J. Comput. Graph. Stat. 28,
     2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.compute_straight_probability`)
-    is then cut in two where that leaves the least squares, and again, until all parts fit or are too short.
+    is then divided at the point of least squared residuals. This is repeated until all segments fit or are too short.
 
     Parameters
     ----------
     time_s : array_like, shape (J,)
-        Rising, about 10 Hz.
+        Ascending times at about 10 Hz.
     range_m : array_like, shape (J,)
         Ranges of one body, above 0.
     range_sd_m : float
-        Standard deviation of a range, above 0: of a tracker's smoothed one for its track.
+        Standard deviation of a range, above 0; for the track of a tracker, that of its smoothed ranges.
     settings : SegmentationSettings, optional
 
     Returns
     -------
     tuple of TrackSegment
-        All segments in order, also unusable ones; the dropped parts about change points lie between them. Empty for
-        a track of fewer than three ranges.
+        All segments in the order of time, including unusable ones. The time removed at change points lies between them.
+        Empty for a track of fewer than three ranges.
 
     Raises
     ------
@@ -373,8 +375,8 @@ def find_track_segments(
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
         raise AnalysisError(
-            f"a range track needs as many times as ranges, in one row each; these have shapes {times.shape} and "
-            f"{ranges.shape}"
+            f"a range track needs as many times as ranges, in one-dimensional arrays; these have shapes {times.shape} "
+            f"and {ranges.shape}"
         )
     if not (np.isfinite(times).all() and np.isfinite(ranges).all() and (np.diff(times) > 0).all()):
         raise AnalysisError("a range track needs finite ranges at finite, rising times; remove missing values")
@@ -427,9 +429,9 @@ def _merge_similar(
 def _split_bent(
     knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: SegmentationSettings
 ) -> list[int]:
-    """Cut segments until each is straight and steady.
+    """Divide segments until each is straight and steady.
 
-    Both parts of a cut last for the shortest time between change points or longer.
+    Both parts last at least for the shortest time between change points.
     """
     low, *rest = knots
     kept, waiting = [low], rest
@@ -479,9 +481,9 @@ def _make_segment(
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
-    """Fit a parabola through R^2, weighted 1 / R.
+    """Fit a parabola to R^2 with weights 1 / R.
 
-    For three ranges it is a straight line.
+    The fit to three ranges is a straight line.
     """
     middle = (times[0] + times[-1]) / 2.0
     t = times - middle

@@ -17,7 +17,7 @@ Power = npt.NDArray[np.floating[Any]]
 Mask = npt.NDArray[np.bool_]
 
 MIN_TRAINING = 4
-"""Fewest training cells from which a level is taken."""
+"""Fewest training cells from which a level is estimated."""
 
 
 def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
@@ -27,8 +27,8 @@ def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
 
     .. math:: \alpha = N (P_{fa}^{-1/N} - 1)
 
-    for exponential cells. The ratio of two means of Gamma variables has an F distribution with
-    :math:`(2 n_g, 2 n_g N)` degrees of freedom, of which this is the case :math:`n_g = 1`.
+    for exponential cells. In general the ratio of two means of Gamma variables has an F distribution with
+    :math:`(2 n_g, 2 n_g N)` degrees of freedom; this is the case :math:`n_g = 1`.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> f
 
     .. math:: P_{fa} = \prod_{i=0}^{k-1} \frac{N - i}{N - i + \alpha}
 
-    for exponential cells; for sums of :math:`n_g` the integral of :math:`P(x > \alpha z)` over the distribution of the
-    ordered cell: with :math:`z = F^{-1}(u)`, u is a Beta(k, N - k + 1) variable.
+    for exponential cells. For sums of :math:`n_g` cells it is the integral of :math:`P(x > \alpha z)` over the
+    distribution of the ordered cell :math:`z = F^{-1}(u)`, where u is a Beta(k, N - k + 1) variable.
 
     Parameters
     ----------
@@ -81,12 +81,13 @@ def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> f
 def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> float:
     """Compute the threshold factor of an ordered statistic.
 
-    It applies to the ``rank``-th smallest of ``n_training`` cells of noise: :func:`os_pfa` solved for alpha.
+    The factor applies to the ``rank``-th smallest of ``n_training`` cells of noise; it is :func:`os_pfa` solved for
+    alpha.
 
     Raises
     ------
     AnalysisError
-        If the rank is not 1 to N, or there is no factor below 1e9: too few cells for so low a probability.
+        If the rank is not 1 to N, or if the factor would be above 1e9 (too few cells for this low probability).
     """
     from scipy.optimize import brentq
 
@@ -94,7 +95,7 @@ def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> f
         raise AnalysisError(f"rank {rank} of {n_training} cells: the rank must be 1 to the number of cells")
     if os_pfa(1e9, n_training, rank, n_summed=n_summed) > pfa:
         raise AnalysisError(
-            f"a false-alarm probability of {pfa:g} is out of reach with cell {rank} of {n_training}: "
+            f"a false-alarm probability of {pfa:g} is not possible with cell {rank} of {n_training}: "
             "raise pfa, or lengthen the window"
         )
 
@@ -112,7 +113,7 @@ class RangeWindow:
     Parameters
     ----------
     first, reach, step : int
-        Distances in bins: of the nearest cell, beyond the guard; of the farthest; from one to the next.
+        Distances in bins: to the nearest cell beyond the guard, to the farthest cell, and between neighbouring cells.
     """
 
     first: int
@@ -121,14 +122,14 @@ class RangeWindow:
 
     @property
     def distances(self) -> range:
-        """Distances of the training cells on one side."""
+        """Distances to the training cells on one side."""
         return range(self.first, self.reach + 1, self.step)
 
 
 def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
     """Build the window of training cells along range.
 
-    Cells are from ``guard_m`` to ``window_m`` away and about ``resolution_m`` apart.
+    The cells are at distances from ``guard_m`` to ``window_m`` with a spacing of about ``resolution_m``.
     """
     return RangeWindow(
         first=math.floor(guard_m / bin_spacing_m + 1e-9) + 1,
@@ -147,8 +148,8 @@ def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
     power_v2 : ndarray, shape (..., N)
         Cells of one exponential variable each.
     window : RangeWindow
-        At the ends of the frame only the side that is there counts; a cell with fewer than four training cells is
-        never above.
+        At the ends of the frame only the side inside the frame is used. A cell with fewer than four training cells is
+        never above its threshold.
     pfa : float
 
     Returns
@@ -166,17 +167,16 @@ def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
 def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
     """Find cells above their ordered-statistic threshold along range.
 
-    Range is the last axis; see :func:`os_factor`.
-
-    A cell is above alpha times the k-th smallest training cell just when k of them are below its alpha-th part: they
-    are counted and never sorted.
+    Range is the last axis; see :func:`os_factor`. A cell is above alpha times the k-th smallest training cell if and
+    only if at least k training cells are below the cell divided by alpha. The training cells are therefore counted and
+    not sorted.
 
     Parameters
     ----------
     power_v2 : ndarray, shape (..., N)
         Cells of one exponential variable each.
     window : RangeWindow
-        Ends of the frame as for :func:`mark_above_ca`.
+        The ends of the frame are treated as in :func:`mark_above_ca`.
     pfa : float
     rank_share : float
         k / N, rounded up to whole cells.

@@ -13,22 +13,22 @@ IntArray = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 LIMB_SHARE = 0.3
-"""A limb away from its torso in Doppler has less than this share of the torso's power."""
+"""Largest power of a limb that is separated from its torso in Doppler, as a share of the torso's power."""
 IN_PLANE = np.zeros((3, 3, 3), dtype=bool)
 IN_PLANE[1] = True
-"""Cells touch within a scan, diagonally too, and never from scan to scan."""
+"""Cells are connected within a scan, also diagonally, and never between scans."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells of clusters, one entry each.
+    """Cells of clusters, with one entry per cell.
 
     Parameters
     ----------
     scan, doppler, range_bin : ndarray of int64, shape (C,)
-        Where.
+        Position of the cell.
     cluster : ndarray of int64, shape (C,)
-        Which cluster, 0 and up; every number occurs.
+        Number of its cluster, from 0; every number occurs.
     """
 
     scan: IntArray
@@ -44,7 +44,7 @@ class Cells:
     def merge(self, group: IntArray) -> Cells:
         """Merge clusters by group numbers.
 
-        Cluster i becomes part of ``group[i]``, or is removed where that is -1.
+        Cluster i becomes part of ``group[i]``, or is removed if that is -1.
         """
         wanted = group[self.cluster]
         kept = wanted >= 0
@@ -55,15 +55,15 @@ class Cells:
 def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cells:
     """Find connected groups of cells after dilation.
 
-    The Doppler axis is a ring.
+    The Doppler axis is circular.
 
     Parameters
     ----------
     mask : ndarray of bool, shape (J, K, N)
         Cells that may belong to a body.
     join_bins, join_doppler_bins : int
-        Size of the dilating box along range and Doppler, odd: cells are joined when fewer bins than that lie between
-        them on each axis.
+        Size of the dilating box along range and Doppler, odd. Cells are joined if there are fewer bins than this
+        between them on each axis.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cell
     group = np.arange(count + 1)
     first, last = labels[:, 0], labels[:, -1]
     both = (first > 0) & (last > 0)
-    if both.any():  # labels that meet across the ends of the Doppler axis are one group
+    if both.any():  # labels in contact across the ends of the Doppler axis are one group
         pairs = (first[both], last[both])
         graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))
         group = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
@@ -91,9 +91,9 @@ def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cell
 def keep_bodies(
     cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
 ) -> Cells:
-    """Keep clusters that hold a peak or enough power.
+    """Keep clusters with a peak or enough power.
 
-    Enough is a sum of power over noise of at least ``min_snr``.
+    The power is enough if the sum of power over noise is at least ``min_snr``.
 
     Parameters
     ----------
@@ -114,19 +114,19 @@ def keep_bodies(
 class Shape:
     """Centre, size and power of every cluster.
 
-    Arrays of one value per cluster, positions in bins.
+    The arrays have one value per cluster; positions are in bins.
 
     Parameters
     ----------
     scan : ndarray of int64
     power, snr : ndarray
-        Sum of the cells' power above the noise, V^2, and over the noise of one cell.
+        Sum of the cells' power above the noise in V^2, and the same divided by the noise of one cell.
     range_bin, doppler_bin : ndarray
-        Power-weighted centre. Doppler bins may lie outside 0..K-1 where a cluster reaches round the ring.
+        Power-weighted centre. Doppler bins may lie outside 0..K-1 if a cluster crosses the ends of the Doppler axis.
     range_spread, doppler_spread : ndarray
-        Power-weighted standard deviation about it.
+        Power-weighted standard deviation around the centre.
     range_box, doppler_box : ndarray, shape (n, 2)
-        Edges of the cells that hold all but the wanted share of the power on either side.
+        Edges of the cells that contain the power, without the quantile on either side.
     n_cells : ndarray of int64
     """
 
@@ -163,7 +163,7 @@ def measure_shapes(
     along_range = _sum_profile(cells.cluster, cells.range_bin, weight, n, n_bins)
     along_doppler = _sum_profile(cells.cluster, cells.doppler, weight, n, n_doppler)
     range_bin, range_spread, range_box = _compute_moments(along_range, box_quantile)
-    start = np.zeros(n)  # profiles that reach both ends of the ring are unrolled where they are emptiest
+    start = np.zeros(n)  # profiles that reach both ends of the axis are unrolled where they have the least power
     for row in np.flatnonzero((along_doppler[:, 0] > 0) & (along_doppler[:, -1] > 0)):
         profile = along_doppler[row]
         start[row] = np.argmin(profile + np.roll(profile, 1) + np.roll(profile, -1))
@@ -200,7 +200,7 @@ def _sum_weights(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
 
 
 def _compute_moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute power profiles' centre, spread and edges."""
+    """Compute centre, spread and edges of power profiles."""
     bins = np.arange(profile.shape[1])
     share = profile / profile.sum(axis=1, keepdims=True)
     centre = share @ bins
@@ -212,9 +212,9 @@ def _compute_moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, 
 
 
 def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_bins: float, n_doppler: int) -> IntArray:
-    """Assign every cluster to its body.
+    """Assign each cluster to its body.
 
-    It is the strongest of its scan that it belongs to, or itself.
+    The result is the strongest cluster of the same body in the scan, which may be the cluster itself.
 
     Parameters
     ----------
@@ -224,13 +224,13 @@ def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_b
     gap_bins : float
         Largest gap between the Doppler boxes of near clusters that are one body, on the ring of ``n_doppler`` bins.
     limb_gap_bins : float
-        Largest gap for one that is a limb: weaker by far, and moving the same way.
+        Largest gap for a cluster that is a limb: much weaker, with the same direction of motion.
     n_doppler : int
 
     Returns
     -------
     ndarray of int64, one per cluster
-        Clusters do not chain: each is near the leader itself, so that a row of bodies stays several.
+        Clusters do not form chains: each is near the leader itself, so that a row of bodies is not merged.
     """
     group = np.arange(shape.power.size)
     order = np.lexsort((-shape.power, shape.scan))
@@ -241,7 +241,9 @@ def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_b
             leaders = []
         for leader in leaders:
             one, other = shape.doppler_box[leader], shape.doppler_box[number]
-            gap = float(np.maximum(other[0] + turns - one[1], one[0] - other[1] - turns).min())  # 0 or less: they meet
+            gap = float(
+                np.maximum(other[0] + turns - one[1], one[0] - other[1] - turns).min()
+            )  # 0 or less: the boxes overlap
             same_way = (shape.doppler_bin[leader] - still) * (shape.doppler_bin[number] - still) > 0
             is_limb = same_way and shape.power[number] < LIMB_SHARE * shape.power[leader]
             near = abs(shape.range_bin[leader] - shape.range_bin[number]) < range_bins

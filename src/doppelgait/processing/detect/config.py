@@ -21,7 +21,7 @@ class Detector(FrozenModel):
     ----------
     method : {"noise_map", "os_cfar", "ca_cfar"}
         Reference of a cell: the noise floor of its range bin over time and Doppler, or the cells around it in range at
-        the same Doppler, ordered (OS) or averaged (CA).
+        the same Doppler, as an ordered statistic (OS) or averaged (CA).
     clutter : {"none", "mean", "median", "exponential", "mti"}
         Clutter removal before detection (:func:`doppelgait.processing.clutter.remove_static_clutter`); harmless where
         the clutter has been removed already.
@@ -34,40 +34,41 @@ class Detector(FrozenModel):
     pfa : float
         False-alarm probability of a cell that may belong to a body.
     peak_pfa : float
-        False-alarm probability of a cell that is enough for its cluster to be a body: not above ``pfa``.
+        False-alarm probability of a peak, a cell that makes its cluster a body; not above ``pfa``.
     min_snr : float
-        A cluster without such a cell is a body too if the power of its cells over the noise of one adds up to this.
-        At 50 noise alone does so about 10 times a minute (1 kHz, 188 range bins, the other defaults), and
-        has a cell above ``peak_pfa`` as often. Where range bins share noise, it is divided by the recording's
+        A cluster without a peak is a body if the sum of its cells' power over the noise of one cell is at least this.
+        At 50, noise alone reaches this about 10 times per minute (1 kHz, 188 range bins, the other defaults), and has
+        a cell above ``peak_pfa`` as often. If range bins share noise, the value is divided by the recording's
         independent noise values per bin.
     dynamic_range_db : float
         Cells this far below the strongest Doppler cell of the same range bin and scan are its side lobes (43.8 dB for
-        sigma_w = 0.4) and no body's.
+        sigma_w = 0.4) and are ignored.
     slow_mps : float
         Below this speed, the half width of a Doppler line, a cell is also compared with its permanent power (lower
-        quartile of the scans), so that the rest of static clutter is no body. A body that is as still for half of the
-        recording or more is lost. 0 switches this off.
+        quartile of the scans), so that residual static clutter is not detected. A body that moves more slowly for half
+        of the recording or longer is not detected. 0 switches this off.
     near_m : float
-        Nearer range bins hold the direct path between the antennas and are ignored, unless there is only one bin.
+        Range bins nearer than this contain the direct path between the antennas and are ignored, unless there is only
+        one bin.
     window_m : float
         Half length of the CFAR window in range.
     guard_m : float
-        Part of the window next to the cell that is left out: a body must fit into it.
+        Part of the window next to the cell that is left out; a body must fit into it.
     rank : float
-        Place of the ordered statistic among the cells of the window, as a share.
+        Rank of the ordered statistic among the cells of the window, as a share.
     resolution_m : float
-        Cells of the CFAR window are taken this far apart, so that their noise is independent.
+        Spacing of the cells of the CFAR window, chosen so that their noise is independent.
     join_range_m : float
-        Gaps in range up to this are bridged before connected components are formed.
+        Gaps in range up to this are closed before connected components are formed.
     join_doppler_hz : float
-        Gaps in Doppler up to this are bridged.
+        Gaps in Doppler up to this are closed.
     merge_range_m : float
-        Clusters with centres closer than this in range, and Doppler boxes not further apart than
-        ``merge_velocity_mps``, are one body.
+        Clusters are one body if their centres are closer than this in range and the gap between their Doppler boxes is
+        at most ``merge_velocity_mps``.
     merge_velocity_mps : float
-        Largest gap between the Doppler boxes of such clusters.
+        Largest gap between the Doppler boxes of clusters that are one body.
     limb_velocity_mps : float
-        Largest gap for a much weaker cluster with the same direction of motion: the swinging foot.
+        Largest gap for a much weaker cluster with the same direction of motion, such as a swinging foot.
     box_quantile : float
         Share of a cluster's power left out on either side of its box.
     min_cells : int

@@ -24,23 +24,21 @@ CUT_AT = 4.0
 ROUNDS = 3
 RESIDUE_QUANTILE = 0.25
 MIN_SCANS = 10
-"""Fewest scans from which a cell's own level over time is taken."""
+"""Fewest scans from which the level of a cell over time is estimated."""
 
 
 def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
-    r"""Compute the threshold over a known mean noise power.
+    r"""Compute the threshold factor for a known mean noise power.
 
-    It is for a cell that sums independent cells.
-
-    A cell of noise with mean :math:`\nu` is exponential, :math:`P(x > T) = e^{-T / \nu}`; the sum of ``n_summed`` is a
-    Gamma variable. For one cell the factor is :math:`-\ln P_{fa}`.
+    A cell of noise with mean :math:`\nu` is exponential, :math:`P(x > T) = e^{-T / \nu}`, and the sum of ``n_summed``
+    cells is a Gamma variable. For one cell the factor is :math:`-\ln P_{fa}`.
 
     Parameters
     ----------
     pfa : float
         False-alarm probability of the cell, between 0 and 1.
     n_summed : int
-        Cells that were summed (E-28: N_g); the mean is that of the sum.
+        Number of independent cells in the sum (E-28: N_g); the mean noise power is that of the sum.
 
     Returns
     -------
@@ -54,11 +52,12 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
 
 
 def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Estimate every range bin's mean noise power.
+    r"""Estimate the mean noise power of each range bin.
 
-    The 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`, gives a first value. The mean of the cells
-    below four times that, over the mean :math:`1 - 4 e^{-4} / (1 - e^{-4})` of an exponential variable cut there, gives
-    the next, three times over: bodies are far above the cut and hardly count, and the noise is used almost in full.
+    The first value is the 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`. It is refined three times:
+    the mean of the cells below four times the value is divided by :math:`1 - 4 e^{-4} / (1 - e^{-4})`, the mean of an
+    exponential variable truncated at 4. Bodies are far above this limit and hardly influence the result, while nearly
+    all noise cells are used.
 
     Parameters
     ----------
@@ -82,12 +81,11 @@ def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[n
 
 
 def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Estimate permanent echoes' mean power per cell.
+    r"""Estimate the mean power of permanent echoes per cell.
 
-    It is the 0.25-quantile over the scans, divided by -ln 0.75.
-
-    What a body adds to a cell hardly counts as long as it is there for less than half of the scans. With fewer than
-    ten scans a body cannot be distinguished from permanent echoes, and the map is 0.
+    The estimate is the 0.25-quantile over the scans, divided by -ln 0.75. A body hardly changes it if it is in a cell
+    for less than half of the scans. With fewer than ten scans a body cannot be distinguished from permanent echoes, and
+    the map is 0.
 
     Parameters
     ----------
@@ -106,16 +104,16 @@ def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray
 FloatArray = npt.NDArray[np.float64]
 
 BLOCK_SCANS = 600
-"""Scans that share one noise map: a minute at 10 Hz."""
+"""Number of scans with a common noise map: one minute at 10 Hz."""
 TRANSFORM_SCANS = 64
-"""Scans that are transformed together, which keeps the complex spectra small."""
+"""Number of scans that are transformed together, to keep the complex spectra small."""
 
 
 @dataclass(frozen=True)
 class Maps:
     """Range-Doppler maps of some scans.
 
-    They hold power per cell: the mean of noise is its variance.
+    The maps contain power per cell, scaled so that the mean of white noise is its variance.
 
     Parameters
     ----------
@@ -136,16 +134,13 @@ class Maps:
 
     @property
     def bin_spacing_m(self) -> float:
-        """Distance of range bins.
-
-        Infinite for a radar without range resolution.
-        """
+        """Spacing of range bins, infinite for a radar without range."""
         size = self.range_m.size
         return float(self.range_m[-1] - self.range_m[0]) / (size - 1) if size > 1 else math.inf
 
     @property
     def velocity_spacing_mps(self) -> float:
-        """Distance of Doppler bins as a velocity."""
+        """Spacing of Doppler bins as a velocity."""
         return float(self.velocity_mps[1] - self.velocity_mps[0])
 
 
@@ -189,7 +184,7 @@ def compute_cell_power(
 ) -> npt.NDArray[np.float32]:
     """Compute the power of every range-Doppler cell (E-24).
 
-    It is divided by sum(w^2), so that white noise keeps its variance.
+    The power is divided by sum(w^2), so that the mean of white noise is its variance.
 
     Parameters
     ----------

@@ -32,9 +32,9 @@ Mask = npt.NDArray[np.bool_]
 
 RANGE_SD_M, RANGE_SPREAD_SHARE = 0.045, 0.3
 VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE = 0.05, 0.25
-"""Error of a centre: a part that is always there, and a share of the spread of its power (limbs come and go)."""
+"""Error of a centre: a constant, and a share of the spread of its power (limbs move between scans)."""
 NO_RANGE_SD_M = 1000.0
-"""Standard deviation of the range that a radar without range resolution measures: it says nothing."""
+"""Standard deviation of the range of a radar without range resolution; such a range carries no information."""
 
 
 def find_scans(
@@ -42,10 +42,10 @@ def find_scans(
 ) -> list[Scan]:
     """Find bodies in every interval of a recording.
 
-    The common phase of the frames and static clutter are taken off, range-Doppler maps are made (E-24), cells above the
-    threshold are joined to clusters, and clusters that are one body to one detection. A radar without range resolution
-    (one range bin) gives one detection per cluster in Doppler, with the range of its bin and a standard deviation of
-    1 km.
+    The common phase of the frames and static clutter are removed, and range-Doppler maps are computed (E-24). Cells
+    above the threshold are joined to clusters, and clusters of one body are joined to one detection. A radar without
+    range resolution (one range bin) gives one detection per cluster in Doppler, with the range of its bin and a
+    standard deviation of 1 km.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ def find_scans(
     settings : Detector, optional
     wavelength_m : float
     in_phase : bool
-        Whether the common phase has been taken off already
+        True if the common phase has been removed already
         (:func:`doppelgait.processing.common_phase.remove_common_phase`).
 
     Returns
     -------
     list of Scan
-        In the order of time; a scan without bodies has no detections. Velocities lie within +-lambda f_p / 4 and boxes
-        may reach beyond; who aliases is found at another velocity.
+        Scans in the order of time; a scan without bodies has no detections. Velocities lie within +-lambda f_p / 4 (a
+        faster body is detected at its aliased velocity); boxes may extend beyond.
 
     Raises
     ------
@@ -82,8 +82,8 @@ def find_scans(
     chosen = settings or Detector()
     if get_burst_pulses(baseband) is not None:
         raise AnalysisError(
-            "bodies cannot be found yet in a recording that comes in bursts: a processing interval must not cross a "
-            "pause; give the range where the target is, --gate 1.2:2.8 (gate=(1.2, 2.8))"
+            "detection in a recording with bursts is not supported: a processing interval must not cross a pause; set "
+            "the range of the target with --gate 1.2:2.8 (gate=(1.2, 2.8))"
         )
     steady = baseband if in_phase or chosen.clutter == "none" else remove_common_phase(baseband)
     moving = remove_static_clutter(steady, kind=chosen.clutter)
@@ -95,11 +95,11 @@ def find_scans(
             join_bins=_round_to_odd(chosen.join_range_m / maps.bin_spacing_m),
             join_doppler_bins=_round_to_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
         )
-        # neighbouring bins that share noise exceed a threshold together, and their power adds up sooner
+        # neighbouring bins that share noise exceed a threshold together, so that their summed power is higher
         cells = keep_bodies(
             cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / compute_bin_share(baseband)
         )
-        # clusters of one body become one, and bodies of too few cells are left out
+        # clusters of one body are merged, and bodies with too few cells are removed
         shape = measure_shapes(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         group = merge_groups(
             shape,
@@ -119,9 +119,9 @@ def find_scans(
 
 
 def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
-    """Find cells of bodies, and peaks.
+    """Find the cells of bodies and the peaks, both (J, K, N).
 
-    A peak is a stronger cell that each body must have; both shape (J, K, N).
+    A peak is a cell that is strong enough to make its cluster a body.
     """
     power = maps.power_v2
     least = np.maximum(
@@ -153,7 +153,7 @@ def _apply_threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
     if count_training_cells(window, maps.range_m.size).min() < MIN_TRAINING:
         raise AnalysisError(
             f"method {settings.method!r} compares cells along range, and a frame of {maps.range_m.size} range bins "
-            f"holds no window from {settings.guard_m:g} to {settings.window_m:g} m; take method 'noise_map'"
+            f"has no room for a window from {settings.guard_m:g} to {settings.window_m:g} m; use method 'noise_map'"
         )
     if settings.method == "os_cfar":
         return mark_above_os(maps.power_v2, window, pfa, rank_share=settings.rank)
@@ -161,10 +161,7 @@ def _apply_threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
 
 
 def _round_to_odd(size_bins: float) -> int:
-    """Round to an odd number of at least 3.
-
-    Touching cells are always joined.
-    """
+    """Round to an odd number of at least 3, to join neighbours."""
     return max(3, 2 * round((size_bins - 1.0) / 2.0) + 1)
 
 
@@ -194,6 +191,6 @@ def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
 def _compute_centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
     """Compute the standard deviation of a centre.
 
-    It has three parts: a constant, moving limbs, and noise on a cell's width (Cramer-Rao).
+    It has three parts: a constant, the motion of limbs, and noise relative to a cell's width (Cramer-Rao bound).
     """
     return math.sqrt(always**2 + (share * spread) ** 2 + cell**2 / snr)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 MAX_EVENTS = 20_000
-"""Largest number of joint events that is enumerated; a cluster with more takes its best assignment."""
+"""Largest number of joint events that is enumerated; a cluster with more events uses its best assignment."""
 
 
 class Associations(NamedTuple):
@@ -22,7 +22,7 @@ class Associations(NamedTuple):
     assigned : ndarray of int, shape (T,)
         Detection of each track in the single best assignment, -1 for none.
     weights : ndarray, shape (T, D + 1)
-        Probability of each detection for each track; in the last column that of none. Rows sum to 1.
+        Probability of each detection for each track; the last column is the probability of no detection. Rows sum to 1.
     """
 
     assigned: npt.NDArray[np.int64]
@@ -30,10 +30,7 @@ class Associations(NamedTuple):
 
 
 def compute_gate_threshold(probability: float) -> float:
-    """Compute the chi-square quantile of two degrees of freedom.
-
-    -2 ln(1 - P).
-    """
+    """Compute a gate threshold, the chi-square quantile -2 ln(1 - P)."""
     return -2.0 * math.log1p(-probability)
 
 
@@ -50,7 +47,7 @@ def associate(
     detection_probability, gate_probability : float
         P_D and P_G.
     clutter_density : float
-        False detections per scan and unit of measurement space, in the unit that the densities are in.
+        False detections per scan and unit of measurement space, in the same unit as the densities.
     association : {"auto", "gnn", "jpda"}
         See :class:`doppelgait.processing.track.Tracker`.
     """
@@ -79,7 +76,7 @@ def associate(
 def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
     """Find connected groups of tracks and detections.
 
-    Tracks without any detection are in none.
+    Tracks without any detection are in no group.
     """
     wanted = {t: {d for d, inside in enumerate(row) if inside} for t, row in enumerate(in_gate.tolist())}
     found: list[tuple[list[int], list[int]]] = []
@@ -87,7 +84,7 @@ def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[
         if not own:
             continue
         rows, columns, rest = [track], set(own), []
-        for group in found:  # every group that shares a detection becomes one with this track
+        for group in found:  # every group that shares a detection with this track is merged with it
             if columns.isdisjoint(group[1]):
                 rest.append(group)
             else:
@@ -99,12 +96,12 @@ def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[
 def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
     """Find the assignment of the largest total gain.
 
-    It uses the Hungarian method; -1 where a track is better left without.
+    The Hungarian method is used; the result is -1 for a track that has a higher gain without a detection.
 
     Parameters
     ----------
     gain : ndarray, shape (T, D)
-        Log weight of each pair, -inf where not allowed.
+        Log weight of each pair, -inf if the pair is not allowed.
     miss : float
         Log weight of a track without detection.
     """
@@ -117,7 +114,7 @@ def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
     forbidden = np.full((tracks, tracks), -np.inf)
     np.fill_diagonal(forbidden, miss)
     padded = np.hstack([gain, forbidden])
-    # scipy refuses a matrix in which -inf leaves no complete assignment; here the misses always give one
+    # scipy rejects a matrix in which -inf excludes every complete assignment; the misses always allow one
     _, columns = linear_sum_assignment(padded, maximize=True)
     return [int(c) if c < detections else -1 for c in columns]
 
@@ -125,10 +122,9 @@ def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
 def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
     """Compute marginal association probabilities over all joint events.
 
-    The method is that of Fortmann, Bar-Shalom and Scheffe 1983.
-
-    In an event every track takes one detection of its gate or none and no detection is taken twice; its weight is the
-    product of P_D N / lambda over the hits and of 1 - P_D P_G over the misses.
+    The method is that of Fortmann, Bar-Shalom and Scheffe 1983. In an event every track has one detection of its gate
+    or none, and no detection has two tracks. The weight of an event is the product of P_D N / lambda over the hits and
+    of 1 - P_D P_G over the misses.
 
     Parameters
     ----------
@@ -144,7 +140,7 @@ def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
     """
     tracks, detections = gain.shape
     finite = gain[np.isfinite(gain)]
-    top = max(float(finite.max()), miss) if finite.size else miss  # scale, so that nothing overflows
+    top = max(float(finite.max()), miss) if finite.size else miss  # scale factor that avoids overflow
     factors = np.hstack([np.exp(gain - top), np.full((tracks, 1), math.exp(miss - top))])
     table = np.zeros((tracks, detections + 1))
 

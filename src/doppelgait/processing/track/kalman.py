@@ -1,9 +1,8 @@
 """Kalman filter and smoother of range and radial velocity.
 
-It is written out for two states.
-
-A body at range R with radial velocity v, positive when approaching, moves by dR/dt = -v. A detection measures both with
-independent errors, so the measurement matrix is the identity.
+The matrix products are written out for two states. A body at range R has the radial velocity v, positive when
+approaching, with dR/dt = -v. A detection measures both with independent errors, so the measurement matrix is the
+identity.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ class Gaussian(NamedTuple):
 class Model(NamedTuple):
     """Motion model over one interval.
 
-    R -> R - carry_s v, v -> keep v, and the covariance of what is added.
+    R becomes R - carry_s v, v becomes keep v, and the covariance of the process noise is added.
     """
 
     carry_s: float
@@ -42,9 +41,9 @@ class Model(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """Difference of measurement and prediction, with its statistics.
+    """Innovation: difference of measurement and prediction.
 
-    Its covariance, its normalised square and its log density.
+    It includes the covariance, the normalised square and the log density of the difference.
     """
 
     range_m: float
@@ -59,10 +58,8 @@ class Innovation(NamedTuple):
 def make_constant_velocity_model(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
     """Build a constant-velocity model with white acceleration.
 
-    The spectral density is q.
-
-    The covariance is q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; the sign is that of dR/dt = -v (Bar-Shalom, Li,
-    Kirubarajan, Estimation with Applications to Tracking and Navigation, section 6.2.2).
+    With the spectral density q the covariance is q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; the negative sign follows from
+    dR/dt = -v (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, section 6.2.2).
     """
     q, dt = acceleration_noise_m2ps3, interval_s
     return Model(dt, 1.0, q * dt**3 / 3, -q * dt**2 / 2, q * dt)
@@ -79,7 +76,7 @@ def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd
     time_constant_s : float
         tau: v decays with exp(-dt/tau).
     velocity_sd_mps : float
-        Standard deviation of v in the long run, s. With a = exp(-dt/tau) the added covariance is
+        Stationary standard deviation s of v. With a = exp(-dt/tau) the added covariance is
         s^2 [[tau^2 (2 dt/tau - 3 + 4 a - a^2), -tau (1 - a)^2], [-tau (1 - a)^2, 1 - a^2]].
     """
     tau, variance = time_constant_s, velocity_sd_mps**2
@@ -91,7 +88,7 @@ def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd
 def predict(state: Gaussian, model: Model) -> Gaussian:
     """Predict the state after an interval.
 
-    F x, F P F' + Q with F = [[1, -carry], [0, keep]].
+    The prediction is F x and F P F' + Q with F = [[1, -carry], [0, keep]].
     """
     carry, keep = model.carry_s, model.keep
     return Gaussian(
@@ -120,7 +117,7 @@ def compute_innovation(
     range_m, velocity_mps, range_sd_m, velocity_sd_mps : float
         Measurement and its standard deviations.
     velocity_span_mps : float, optional
-        Unambiguous velocity lambda f_p / 2: the difference is taken modulo this, nearest to 0.
+        Unambiguous velocity span lambda f_p / 2: the difference is taken modulo this value, nearest to 0.
     """
     y_r, y_v = range_m - predicted.range_m, velocity_mps - predicted.velocity_mps
     if velocity_span_mps is not None:
@@ -135,7 +132,7 @@ def compute_innovation(
 def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
     """Update a state with a measurement.
 
-    x + K y, K = P S^-1; as H = I, the covariance is K times that of the measurement.
+    The state is x + K y with K = P S^-1. Because H = I, the covariance is K times that of the measurement.
     """
     p_rr, p_rv, p_vv = predicted.range_m2, predicted.cross_m2ps, predicted.velocity_m2ps2
     s_rr, s_rv, s_vv = measured.range_m2, measured.cross_m2ps, measured.velocity_m2ps2
@@ -152,9 +149,9 @@ def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
 
 
 def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
-    """Reduce a mixture to one Gaussian.
+    """Reduce a mixture to one Gaussian with its mean and covariance.
 
-    With the mean and covariance of the mixture; weights sum to 1.
+    The weights must sum to 1.
     """
     r = sum(w * s.range_m for w, s in zip(weights, states, strict=True))
     v = sum(w * s.velocity_mps for w, s in zip(weights, states, strict=True))
@@ -170,7 +167,7 @@ def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gauss
 def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: Sequence[Model]) -> list[Gaussian]:
     """Smooth over a fixed interval (Rauch, Tung and Striebel).
 
-    The method is published in AIAA J. 3, 1965, 1445.
+    The method was published in AIAA J. 3, 1965, 1445.
 
     Parameters
     ----------

@@ -19,14 +19,14 @@ Association = Literal["auto", "gnn", "jpda"]
 class Tracker(FrozenModel):
     """Parameters of the tracker, the same for every class.
 
-    They are made for people and pets and about ten scans a second.
+    The defaults suit people and pets at about ten scans per second.
 
     Parameters
     ----------
     acceleration_noise_m2ps3 : float
-        Spectral density q of the white acceleration of a walking body: 0.5 to 1.
+        Spectral density q of the white acceleration of a walking body; 0.5 to 1 is usual.
     range_sd_min_m : float
-        Lower limit of a detection's standard deviation in range: limbs move about the body from scan to scan.
+        Lower limit of a detection's standard deviation in range, because limbs move between scans.
     velocity_sd_min_mps : float
         Lower limit of a detection's standard deviation in velocity, for the same reason.
     start_velocity_sd_mps : float
@@ -34,12 +34,12 @@ class Tracker(FrozenModel):
     gate_probability : float
         Share of a track's own detections inside its gate.
     detection_probability : float
-        Pd of a moving body in one scan.
+        Probability P_D that a moving body is detected in one scan.
     clutter_per_m_mps : float
         False detections per scan, metre and m/s.
     association : {"auto", "gnn", "jpda"}
-        ``gnn``: the best assignment as a whole (global nearest neighbour). ``jpda``: mean over all joint events,
-        weighted by their probability. ``auto``: ``jpda`` where gates of several tracks share a detection, else ``gnn``.
+        ``gnn``: the best joint assignment (global nearest neighbour). ``jpda``: mean over all joint events, weighted by
+        their probability. ``auto``: ``jpda`` if the gates of several tracks share a detection, otherwise ``gnn``.
     confirm_hits : int
         A track is confirmed by this number of detections in ``confirm_scans`` scans.
     confirm_scans : int
@@ -47,35 +47,35 @@ class Tracker(FrozenModel):
     delete_s : float
         A confirmed track ends after this time without a detection.
     rest_speed_mps : float
-        A body that was slower than this when last detected may stand still, without Doppler: its track stays at its
-        place for ``rest_s``, with a growing gate.
+        A body that was slower than this when last detected may stand still and have no Doppler shift. Its track stays
+        at its range for ``rest_s``, with a growing gate.
     rest_s : float
-        Longest time that a track waits for such a body.
+        Longest time for which a track is kept without detections of a resting body.
     rest_velocity_sd_mps : float
         Standard deviation of the slow motion of a resting body.
     rest_time_constant_s : float
         Time constant with which the velocity of a resting body returns to 0.
     share_s : float
-        Longest time of a track inside another body's detection, while the two pass each other.
+        Longest time of a track inside another body's detection while the two bodies pass each other.
     separation_m : float
-        No track starts nearer than this to another one: two bodies at this distance are one detection.
+        No track starts nearer than this to another track: two bodies at this distance give one detection.
     twin_s : float
-        Two tracks of nearly equal range and velocity with one detection between them are one body after this time.
+        Two tracks of nearly equal range and velocity that share one detection are one body after this time.
     min_duration_s : float
         Shortest time from first to last detection; shorter tracks are dropped.
     still_travel_m : float
-        A track with less travel in range than this and detections narrower in velocity than twice
-        ``still_velocity_mps`` (median) is dropped: where a person stood for half of a recording, clutter removal leaves
-        an echo at all other times. A person who only breathes is dropped, too. 0 keeps all.
+        A track is dropped if its travel in range is less than this and its detections are narrower in velocity than
+        twice ``still_velocity_mps`` (median). Such a track can be the echo that clutter removal leaves at a place where
+        a person stood for half of the recording. A person who only breathes is dropped, too. 0 keeps all tracks.
     still_velocity_mps : float
         Half width in velocity below which a detection may be clutter, for ``still_travel_m`` and ``still_speed_mps``.
     still_speed_mps : float
-        A track that is slower than this (median) and for nine tenths of the time narrower in velocity than twice
-        ``still_velocity_mps`` is dropped, too: it is strong clutter seen with a drifting clock.
+        A track is dropped if it is slower than this (median) and, for nine tenths of the time, narrower in velocity
+        than twice ``still_velocity_mps``. Such a track is strong clutter observed with a drifting clock.
     max_targets : int, optional
         Maximum number of tracks; those with the most detections are kept. All by default.
     fastest_mps : float
-        Highest radial velocity considered where Doppler is ambiguous.
+        Highest radial velocity that is considered if Doppler is ambiguous.
     """
 
     acceleration_noise_m2ps3: float = Field(default=0.75, gt=0, le=100)
@@ -107,8 +107,8 @@ class Tracker(FrozenModel):
     def _check_hits(self) -> Self:
         if self.confirm_hits > self.confirm_scans:
             raise ValueError(
-                f"confirm_hits = {self.confirm_hits} of confirm_scans = {self.confirm_scans} cannot happen; "
-                "ask for fewer hits or more scans"
+                f"confirm_hits = {self.confirm_hits} must not be above confirm_scans = {self.confirm_scans}; "
+                "set fewer hits or more scans"
             )
         return self
 
@@ -118,7 +118,7 @@ FloatArray = npt.NDArray[np.float64]
 BOX_MEMORY = 0.9
 """Forgetting factor of the extent per detection."""
 NIS_EXPECTED = 2.0
-"""Mean of the normalised innovation squared of a consistent filter with two measurements."""
+"""Mean of the normalised innovation squared for a consistent filter with two measured values."""
 
 MEASURED, SHARED, MISSED = "measured", "shared", "missed"
 
@@ -126,7 +126,7 @@ MEASURED, SHARED, MISSED = "measured", "shared", "missed"
 class Step(NamedTuple):
     """One scan of a track.
 
-    ``box`` holds the detection's limits less its centre (range low, high; velocity ...).
+    ``box`` contains the detection's limits relative to its centre (range low, high; velocity low, high).
     """
 
     time_s: float
@@ -141,9 +141,9 @@ class Step(NamedTuple):
 
 @dataclass(eq=False)
 class LiveTrack:
-    """Track that is being followed.
+    """Track in progress.
 
-    Tracks started by the same detection are of one ``family``.
+    Tracks that were started by the same detection have the same ``family``.
     """
 
     steps: list[Step]
@@ -156,7 +156,7 @@ class LiveTrack:
     last_speed_mps: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Count the first detection."""
+        """Register the first detection."""
         self.hits, self.last_own, self.last_sign_s = 1, self.steps[0], self.steps[0].time_s
         self.last_speed_mps = self.state.velocity_mps
 
@@ -168,7 +168,7 @@ class LiveTrack:
     def add(self, step: Step, *, share_s: float) -> None:
         """Add a scan to the history.
 
-        A shared detection is a sign of life for a while after the last own one.
+        A shared detection keeps the track alive for ``share_s`` after its last own detection.
         """
         again = self.steps[-1].outcome == MEASURED
         self.steps.append(step)
@@ -181,9 +181,8 @@ class LiveTrack:
     def is_slow(self, settings: Tracker) -> bool:
         """Return True if the body may rest.
 
-        It was slow enough when last seen.
-
-        A single detection between misses does not change what was known: it may be clutter in a grown gate.
+        The body was slow enough when last detected. A single detection between misses is ignored, because it may be
+        clutter in a gate that has grown.
         """
         return abs(self.last_speed_mps) < settings.rest_speed_mps
 
@@ -192,30 +191,30 @@ class LiveTrack:
 class Track:
     """One body over time, smoothed.
 
-    It lasts from its first to its last detection.
+    The track lasts from its first to its last detection.
 
     Parameters
     ----------
     times_s : ndarray, shape (T,)
-        Scans.
+        Times of the scans.
     range_m, velocity_mps : ndarray, shape (T,)
-        Smoothed; velocity positive when approaching.
+        Smoothed values; the velocity is positive when approaching.
     range_sd_m, velocity_sd_mps : ndarray, shape (T,)
-        Their standard deviations.
+        Standard deviations of range and velocity.
     measured : ndarray of bool, shape (T,)
-        Scans with a detection of its own.
+        Scans with an own detection.
     shared : ndarray of bool, shape (T,)
-        Scans in which it was inside another body's detection.
+        Scans in which the track was inside another body's detection.
     range_low_m, range_high_m, velocity_low_mps, velocity_high_mps : ndarray, shape (T,)
-        Extent: the boxes of its detections, filtered with forgetting, about the smoothed centre.
+        Extent around the smoothed centre: the boxes of the detections, averaged with a forgetting factor.
     confirmed_at_s : float
-        When a tracker that runs along would have said so.
+        Time at which a tracker in real time confirms the track.
     mean_nis : float
         Mean normalised innovation squared; about 2 for a consistent filter.
     mean_power_v2 : float
-        Mean power of its detections.
+        Mean power of the detections.
     several : bool
-        True where a second torso next to the body's is likely (:func:`doppelgait.processing.track.split_tracks`).
+        True if a second torso next to the body is likely (:func:`doppelgait.processing.track.split_tracks`).
     """
 
     times_s: FloatArray
@@ -248,7 +247,7 @@ class Track:
     def detected_share(self) -> float:
         """Share of scans with an own detection.
 
-        Scans inside another body's detection do not count.
+        Scans inside another body's detection are not counted.
         """
         return float(self.measured.sum() / np.count_nonzero(~self.shared | self.measured))
 
@@ -256,16 +255,13 @@ class Track:
     def confidence(self) -> float:
         """Confidence from 0 to 1.
 
-        ``detected_share``, times 2 / ``mean_nis`` where the detections jump more than expected.
+        It is ``detected_share``, multiplied by 2 / ``mean_nis`` if the detections scatter more than expected.
         """
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
 
     def append_track(self, later: Track) -> Track:
-        """Join a later track of the same body.
-
-        The gap between them is kept.
-        """
+        """Append a later track of the same body, keeping the gap between."""
         arrays: dict[str, Any] = {
             one.name: np.concatenate([getattr(self, one.name), getattr(later, one.name)])
             for one in fields(self)
@@ -281,12 +277,12 @@ class Track:
 def finish_track(live: LiveTrack) -> Track:
     """Build the smoothed track of a confirmed :class:`LiveTrack`.
 
-    It ends with the last own detection.
+    The track ends with the last own detection.
     """
     stop = max(n for n, step in enumerate(live.steps) if step.outcome == MEASURED) + 1
     steps = live.steps[:stop]
     states = np.array(smooth([s.filtered for s in steps], [s.predicted for s in steps], [s.model for s in steps]))
-    # box about the centre: weighted mean of those so far, each worth 0.9 times its follower
+    # box around the centre: weighted mean of the boxes so far, each with 0.9 times the weight of the next
     boxes = states[:, [0, 0, 1, 1]]
     total, weight = np.zeros(4), 0.0
     for n, step in enumerate(steps):
@@ -314,7 +310,7 @@ def finish_track(live: LiveTrack) -> Track:
 
 
 def find_box(detection: Detection) -> tuple[float, float, float, float]:
-    """Return the limits of a detection less its centre."""
+    """Return the limits of a detection relative to its centre."""
     return (
         detection.range_low_m - detection.range_m,
         detection.range_high_m - detection.range_m,

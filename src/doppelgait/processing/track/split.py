@@ -1,4 +1,4 @@
-"""Bodies within one track, by the moving range profile."""
+"""Separation of several bodies within one track, by range profile."""
 
 from __future__ import annotations
 
@@ -19,25 +19,28 @@ FloatArray = npt.NDArray[np.float64]
 
 REACH_M, STEP_M = 1.6, 0.05
 BAND_MPS, N_BAND = 0.35, 7
-"""Doppler about the track's own: a torso stays inside, a swinging limb passes through."""
+"""Doppler band around that of the track: a torso stays inside, a swinging limb passes through."""
 LEAST_SPEED_MPS = 0.4
-"""A slower track is in one Doppler band with all that stands or sits beside it."""
+"""Lowest speed of a track that is split; a slower track has the same Doppler band as bodies at rest nearby."""
 WINDOW_STEEPNESS = 0.4
 SMOOTHED_SCANS = 9
-"""Profiles are medians over this many scans, longer than a limb stays."""
+"""Number of scans in the median of profiles; a limb stays in the band for a shorter time."""
 APART_M = 0.6
-"""Torso echoes farther apart than this are two bodies: chest and rump of dogs and crawlers are 0.45 m apart."""
+"""Distance of torso echoes above which they are two bodies; chest and rump of dogs and crawlers have 0.45 m."""
 WEAKEST_DB, VALLEY_DB, DEEP_DB = 16.0, 6.0, 10.0
-"""Second peak below the first; valley between them, for a doubt and for a decision."""
+"""Largest level of the first peak over the second; depths of the valley for ``several`` and for a split."""
 FLOOR_FROM_M, FLOOR_QUANTILE, FLOOR_FACTOR = 1.0, 0.3, 2.0
 SPLIT_S, SPLIT_SHARE = 2.0, 0.75
 DOUBT_S, DOUBT_SHARE = 1.0, 0.2
-"""Time of a second echo without a break, and its share of the scans in which the track is fast and no other is near."""
+"""Shortest continuous time of a second echo for ``several``, and its smallest share of the usable scans.
+
+In a usable scan the track is fast and no other track is near.
+"""
 RUN_SHARE = 0.9
 READ_SCANS = 64
-"""Scans with pulses that are read together."""
+"""Number of scans for which pulses are read together."""
 SAME_M, SAME_S = 0.4, 0.5
-"""A second peak this near to another track, or its end this near to that track's start, belongs to it."""
+"""Differences in range and time below which a second peak belongs to another track."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Ridge:
     Parameters
     ----------
     own_m, other_m : ndarray, shape (T,)
-        Ranges of the stronger and the weaker echo at the scans of the track; NaN where there is no second one.
+        Ranges of the stronger and the weaker echo at the scans of the track; NaN where there is no second echo.
     deep : ndarray of bool, shape (T,)
         Scans in which the valley between them is deep.
     """
@@ -58,7 +61,7 @@ class Ridge:
 
 
 def sum_torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
-    """Compute a track's moving power along range.
+    """Compute the moving power along range around a track.
 
     Parameters
     ----------
@@ -98,7 +101,7 @@ def sum_torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float
 
 
 def profile_offsets_m() -> FloatArray:
-    """Return a profile's ranges relative to its track."""
+    """Return the ranges of a profile relative to its track."""
     count = round(REACH_M / STEP_M)
     return np.asarray(STEP_M * np.arange(-count, count + 1), dtype=np.float64)
 
@@ -109,10 +112,10 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
     Parameters
     ----------
     profiles : ndarray, shape (T, D)
-        Of :func:`sum_torso_profiles`.
+        Result of :func:`sum_torso_profiles`.
     found : Track
     others : sequence of Track
-        A second echo near one of these at the time is theirs.
+        A second echo near one of these tracks at the same time belongs to that track.
     """
     from scipy.ndimage import median_filter
     from scipy.signal import find_peaks
@@ -152,10 +155,11 @@ def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> R
 def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: float, cpi_s: float) -> list[Track]:
     """Divide tracks that follow two bodies.
 
-    Bodies nearer to each other than the detector's box are one track. What moves with the track, within 0.35 m/s, is
-    one narrow echo for a single person and spans up to 0.9 m for animals and for people who crawl. A second echo 0.6 m
-    or more from the strongest, with a valley of 10 dB between them for 2 s, is a body of its own and becomes a track;
-    one that is there for a part of the time or without such a valley makes the track ``several``.
+    Bodies that are nearer to each other than the detector's box have one track. The power within 0.35 m/s of the track
+    is one narrow echo for a single person and extends over up to 0.9 m for animals and for people who crawl. A second
+    echo at 0.6 m or more from the strongest, with a valley of 10 dB between them for 2 s, is a second body and becomes
+    a track. If the second echo is present for a part of the time, or without such a valley, the track is marked
+    ``several``.
 
     Parameters
     ----------
@@ -167,7 +171,7 @@ def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: 
     Returns
     -------
     list of Track
-        In the order of their first detection.
+        Tracks in the order of their first detection.
     """
     found = list(tracks)
     for number in range(len(tracks)):
@@ -204,9 +208,10 @@ def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int
 
 
 def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int]) -> list[Track]:
-    """Put two tracks in the place of one.
+    """Replace one track by two.
 
-    One of the two lasts as long as the track did; the other may be the beginning or the end of a track that is there.
+    One of them lasts as long as the original track. The other may be joined to an existing track as its beginning or
+    end.
     """
     found, one = list(tracks), tracks[number]
     for echo in (1, 0):
@@ -224,7 +229,7 @@ def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int
 def _move_to_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
     """Move a track to its nearer or farther echo.
 
-    0 is the nearer echo, 1 the farther. It is cut to the time of both unless ``whole``.
+    Number 0 is the nearer echo, 1 the farther. The track is limited to the time of both echoes unless ``whole``.
     """
     inside = slice(*run)
     place_m = np.sort(np.stack([ridge.own_m, ridge.other_m]), axis=0)[number]
@@ -246,7 +251,7 @@ def _move_to_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *
 
 
 def _join(before: Track, after: Track) -> Track | None:
-    """Join two tracks that continue each other, else return None."""
+    """Join two consecutive tracks of a body, or return None."""
     gap_s = after.first_s - before.last_s
     place_m = float(np.interp(after.first_s, before.times_s, before.range_m))
     place_m -= float(before.velocity_mps[-1]) * max(gap_s, 0.0)

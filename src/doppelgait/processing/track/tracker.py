@@ -28,9 +28,9 @@ from doppelgait.processing.track.live import (
 )
 
 LEAST_SPAN_MPS = 2.0
-"""A radar with a smaller unambiguous span cannot measure a walker's velocity."""
+"""Smallest unambiguous velocity span with which the velocity of a walker can be measured."""
 NO_VELOCITY_SD_MPS = 3.0
-"""Standard deviation of an unknown velocity: about 0, up to the speed of people and pets."""
+"""Standard deviation of an unknown velocity around 0; it covers the speed of people and pets."""
 BOX_MARGIN_M = 0.2
 BOX_MARGIN_MPS = 0.3
 DUPLICATE_RANGE_M = 0.4
@@ -40,36 +40,36 @@ DUPLICATE_VELOCITY_MPS = 0.4
 def track(
     scans: Sequence[Scan], settings: Tracker | None = None, *, velocity_span_mps: float | None = None
 ) -> list[Track]:
-    """Follow bodies through the detections of a recording.
+    """Track bodies through the detections of a recording.
 
-    A Kalman filter of range and radial velocity per body, joint association, smoothing at the end. Nothing else is
-    known of a body than its detections; all of them are treated alike.
+    The tracker uses a Kalman filter of range and radial velocity per body, joint association, and smoothing at the end.
+    It uses only the detections and treats all bodies alike.
 
     Parameters
     ----------
     scans : sequence of Scan
-        In the order of time; about ten a second.
+        Scans in the order of time, about ten per second.
     settings : Tracker, optional
         The defaults of :class:`Tracker`.
     velocity_span_mps : float, optional
-        Unambiguous velocity lambda f_p / 2, above 0. Where it is below 16 m/s or so the velocities of fast bodies are
-        folded: a track is then started for every unfolded velocity and the one that the ranges follow survives. Below
-        2 m/s velocities are not used. By default they are taken as they are.
+        Unambiguous velocity span lambda f_p / 2, above 0. Below about 16 m/s the velocities of fast bodies are folded.
+        A track is then started for every unfolded velocity, and the track that agrees with the ranges is kept. Below
+        2 m/s velocities are not used. By default velocities are used without unfolding.
 
     Returns
     -------
     list of Track
-        In the order of their first detection; empty where nothing was confirmed.
+        Tracks in the order of their first detection; empty if none was confirmed.
 
     Raises
     ------
     AnalysisError
-        If times do not rise, or a detection is not finite.
+        If the times are not ascending, or a detection is not finite.
     """
     options = settings or Tracker()
     times_s = np.array([scan.time_s for scan in scans])
     if not (np.isfinite(times_s).all() and (np.diff(times_s) > 0).all()):
-        raise AnalysisError("scans must be in the order of time, one at a time; sort them by time_s")
+        raise AnalysisError("scans must have ascending, different times; sort them by time_s")
     for scan in scans:
         for d in scan.detections:
             values = (d.range_m, d.velocity_mps, d.range_sd_m, d.velocity_sd_mps)
@@ -97,7 +97,7 @@ def track(
         for one in live:
             hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
             siblings = [other for other in live if other is not one and other.family == one.family]
-            # another unfolding of the same first detection that was confirmed, or has more hits
+            # another unfolded velocity of the same first detection that is confirmed or has more hits
             rival = any(other.confirmed_at_s is not None or other.hits > one.hits for other in siblings)
             if one.confirmed_at_s is None and hits >= options.confirm_hits and not rival:
                 one.confirmed_at_s = scan.time_s
@@ -114,7 +114,7 @@ def track(
 def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> None:
     """Predict, associate and update every track.
 
-    The confirmed ones choose first.
+    Detections are assigned to confirmed tracks first.
     """
     free = list(scan.detections)
     groups = (
@@ -164,7 +164,7 @@ def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps
 def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
     """Choose the motion model up to the next scan.
 
-    It is constant velocity, or rest for a body that was slow and is not detected any more.
+    The model is constant velocity, or rest for a body that was slow and is no longer detected.
     """
     interval_s = time_s - one.steps[-1].time_s
     if one.confirmed_at_s is not None and one.steps[-1].outcome == MISSED and one.is_slow(options):
@@ -182,7 +182,7 @@ def _update_track(
 ) -> Step:  # fmt: skip
     """Update one track after one scan.
 
-    The best assignment decides the owner of a detection, the weights its effect.
+    The best assignment determines the track that owns a detection; the weights determine the update.
     """
     own, weights = int(chosen.assigned[number]), chosen.weights[number]
     parts = [(kalman.update(predicted, measured[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
@@ -202,9 +202,9 @@ def _update_in_boxes(
 ) -> list[Step]:
     """Update tracks inside the box of another detection.
 
-    A box without an owner that holds one track alone belongs to this body: a limb has shifted its centre.
-    A box that holds several tracks, one of them without a detection of its own, is that of bodies that pass each other:
-    its centre belongs to none of them, and each is measured only as well as the box is wide.
+    If a box has no owner and contains one track alone, it belongs to this track: a limb has shifted its centre. If a
+    box contains several tracks, and one of them has no own detection, bodies pass each other. The centre then belongs
+    to none of them, and the width of the box determines the standard deviation of each.
     """
     inside = {m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)]
               for m, d in enumerate(detections)}  # fmt: skip
@@ -225,7 +225,7 @@ def _update_in_boxes(
 
 
 def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
-    """Update a track that is somewhere in a box.
+    """Update a track at an unknown position in a box.
 
     The standard deviation is half the width of the box.
     """
@@ -247,10 +247,7 @@ def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float |
 
 
 def _is_in_box(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
-    """Return True if a detection's box holds a prediction.
-
-    The prediction is a place and a velocity.
-    """
+    """Return True if a detection's box contains a predicted state."""
     if not d.range_low_m - BOX_MARGIN_M <= predicted.range_m <= d.range_high_m + BOX_MARGIN_M:
         return False
     middle, half = (d.velocity_low_mps + d.velocity_high_mps) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
@@ -263,7 +260,8 @@ def _is_in_box(d: Detection, predicted: Gaussian, span_mps: float | None) -> boo
 def _start_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
     """Return the first steps of new tracks.
 
-    The strongest come first, none near a track; there is one for each unfolded velocity.
+    Tracks start at the strongest detections first, and not near an existing track. There is one step for each unfolded
+    velocity.
     """
     ranges_m = [one.state.range_m for one in live]
     new = []
@@ -275,7 +273,7 @@ def _start_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps:
         velocity_sd_mps = max(d.velocity_sd_mps, options.velocity_sd_min_mps, options.start_velocity_sd_mps)
         steps = []
         velocities = [d.velocity_mps]
-        if span_mps is not None:  # all velocities up to the fastest that a folded one may stand for
+        if span_mps is not None:  # all unfolded velocities up to the fastest
             limit_mps = max(options.fastest_mps, abs(d.velocity_mps))
             zones = math.ceil((options.fastest_mps + abs(d.velocity_mps)) / span_mps)
             unfolded = (d.velocity_mps + zone * span_mps for zone in range(-zones, zones + 1))
@@ -297,7 +295,7 @@ def _is_over(one: LiveTrack, live: list[LiveTrack], time_s: float, options: Trac
     limit_s = max(options.rest_s, options.delete_s) if one.is_slow(options) else options.delete_s
     if time_s - one.last_sign_s > limit_s:
         return True
-    # another track with more hits has been at the same place with the same velocity, on one detection, for long
+    # another track with more hits has had the same range, velocity and detections for a long time
     if not any(_is_duplicate(one, other) for other in live):
         one.duplicate_since_s = None
         return False
@@ -306,9 +304,9 @@ def _is_over(one: LiveTrack, live: list[LiveTrack], time_s: float, options: Trac
 
 
 def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
-    """Return True if ``one`` now only repeats ``other``.
+    """Return True if ``one`` is a duplicate of ``other``.
 
-    Of two equals it is the younger one.
+    Of two equal tracks the younger one is the duplicate.
     """
     if other is one or other.confirmed_at_s is None or other.steps[-1].time_s != one.steps[-1].time_s:
         return False
@@ -322,6 +320,7 @@ def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
 
 
 def _is_still(one: Track, options: Tracker) -> bool:
+    """Return True if a track is too still for a body."""
     half_mps = (one.velocity_high_mps - one.velocity_low_mps) / 2
     stays = np.ptp(one.range_m) < options.still_travel_m and np.median(half_mps) < options.still_velocity_mps
     slow = np.median(np.abs(one.velocity_mps)) < options.still_speed_mps
