@@ -87,7 +87,7 @@ def test_jpeg_crop_and_axes(tmp_path):
         framed = Image.new("RGB", (140, 120), "white")
         framed.paste(image, (30, 10))
     framed.save(tmp_path / "b.png")
-    with pytest.raises(RecordingError, match=r"b\.png: \d+ % of the pixels are none of the colours of 'jet'; crop"):
+    with pytest.raises(RecordingError, match=r"b\.png: \d+ % of the pixels are not colours of 'jet'; set crop"):
         read_picture(tmp_path / "b.png", settings())
     cropped = read_picture(tmp_path / "b.png", settings(prf_hz=1000.0, crop=(30, 10, 130, 90)))
     assert cropped.values == pytest.approx(plain.values)
@@ -123,7 +123,7 @@ def test_where_the_settings_are(tmp_path):
     folder.mkdir(parents=True)
     path = draw(folder / "1.png", levels())
     assert find_settings_file(path) is None
-    with pytest.raises(RecordingError, match=r"a picture has no axes; .* is not there: write"):
+    with pytest.raises(RecordingError, match=r"a picture needs a file .* with its axes; write"):
         read_picture(path)
     text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in TABLE.items())
     (tmp_path / "set" / "picture.toml").write_text(text)
@@ -132,7 +132,7 @@ def test_where_the_settings_are(tmp_path):
     (folder / "1.toml").write_text(text.replace("jet", "hot"))
     assert find_settings_file(path) == folder / "1.toml"
     assert read_picture(path, config=tmp_path / "set" / "picture.toml").identical(read_picture(path, settings()))
-    with pytest.raises(RecordingError, match=r"none\.toml is not there"):
+    with pytest.raises(RecordingError, match=r"a file none\.toml with its axes"):
         read_picture(path, config="none.toml")
     assert is_picture("A.JPG")
     assert not is_picture("a.dat")
@@ -150,10 +150,10 @@ def test_where_the_settings_are(tmp_path):
         ({"colourmap": "jet"}, "colourmap"),
         ({"duration_s": 0}, "duration_s"),
         ({"colormap": "rainbows"}, "colormap = 'rainbows' is not known"),
-        ({"colormap": "twilight"}, "colormap = 'twilight' shows several levels in one colour"),
+        ({"colormap": "twilight"}, "colormap = 'twilight' has the same colour for several levels"),
         ({"crop": [0, 0, 200, 50]}, r"crop = \(0, 0, 200, 50\) is not allowed; the picture has 100 x 80 pixels"),
         ({"crop": [0, 0, 5, 50]}, "5 x 50 pixels are too few"),
-        ({"prf_hz": 1.0}, "4 s in 100 columns make 4 at 1 pulses/s; at least 8"),
+        ({"prf_hz": 1.0}, "4 s in 100 columns give 4 columns at 1 pulses/s; at least 8"),
     ],
 )
 def test_settings_that_are_wrong(tmp_path, changes, message):

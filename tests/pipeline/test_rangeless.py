@@ -85,7 +85,7 @@ def test_who_sits_is_found_by_the_breath_and_has_no_bandwidth(make):
 def test_nobody_is_an_empty_list_with_a_reason():
     found = analyze(observed(seconds=12.0))
     assert not found
-    assert "nothing breathes steadily" in found.reason
+    assert "no steady breathing" in found.reason
     assert "0.5 m/s" in found.reason
 
 

@@ -144,7 +144,7 @@ def test_what_a_row_does_not_hold_is_an_error(written):
     read = Result.from_row(result.to_row(), result.analysis, label=result.label)
     assert read.to_json(arrays=False) == result.to_json(arrays=False)
     for name in (*LABELLED_ARRAYS, *PLAIN_ARRAYS, "gate"):
-        with pytest.raises(AnalysisError, match=f"holds no {name}"):
+        with pytest.raises(AnalysisError, match=f"has no {name}"):
             getattr(read, name)
 
 

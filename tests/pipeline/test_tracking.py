@@ -135,12 +135,12 @@ def test_an_empty_list_names_the_strongest_cell_and_the_level_that_it_needs():
     made = simulate(Scene([walker], duration_s=4.0), RADAR, rng=rng(0), snr_db=-25.0)
     found = analyze(made)
     assert found == []
-    values = re.search(r"is ([0-9.]+) dB above the noise \(([0-9.]+) m, .* cells above ([0-9.]+) dB", found.reason)
+    values = re.search(r"is ([0-9.]+) dB above the noise \(([0-9.]+) m, .* needs ([0-9.]+) dB", found.reason)
     best_db, place_m, needed_db = map(float, values.groups())
     assert needed_db == pytest.approx(10 * math.log10(-math.log(1e-6)), abs=0.2)
     assert 8.0 < best_db < needed_db + 4.0
     assert RADAR.range_start_m < place_m < RADAR.range_stop_m
-    assert "4.0 s are too short for a breath, which needs 10 s" in found.reason
+    assert "4.0 s are too short to detect breathing, which needs 10 s" in found.reason
     assert describe_results(made, found)["reason"] == found.reason
 
 
@@ -156,7 +156,9 @@ def test_an_empty_list_says_that_frames_are_too_few():
     with pytest.warns(DoppelgaitWarning, match="only people who keep still"):
         found = analyze(made)
     assert found == []
-    assert found.reason == ("moving bodies were not looked for at 17 frames/s; no bin breathes steadily for 12 s")
+    assert found.reason == (
+        "moving bodies cannot be detected at 17 frames/s; no range bin shows steady breathing for 12 s"
+    )
 
 
 def test_one_who_stops_and_goes_on_is_analysed_segment_by_segment(monkeypatch):

@@ -39,10 +39,10 @@ def analyze(
     recording : Recording, str or Path
         A path is read as by :func:`doppelgait.radar.read_recording`.
     gate : {"track", "truth"}, (float, float), text such as ``"1.2:2.8"``, or Gate
-        ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
-        stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged. ``track`` (the default)
-        finds and follows moving bodies without any truth, and detects motionless people by breathing; static clutter
-        is then removed even if ``analysis`` does not require it.
+        ``track`` (the default) detects and tracks moving bodies without any truth, and detects motionless people by
+        breathing; it removes static clutter even if ``analysis`` does not require it. ``truth`` uses the true range of
+        the body in a simulated recording, and no other truth. Two numbers are a fixed gate between these ranges in m. A
+        :class:`doppelgait.processing.Gate` is used unchanged.
     analysis : Analysis, optional
         Parameters; the defaults of :class:`doppelgait.processing.Analysis`.
     tracking : Tracking, optional
@@ -53,8 +53,8 @@ def analyze(
     Returns
     -------
     TargetList of Result
-        A list with one result per target of the truth or per track, or one result for a fixed gate. If nothing was
-        found, it is empty and its ``reason`` states why.
+        One result per target of the truth or per track, or one result for a fixed gate. If nothing is detected, the
+        list is empty and its ``reason`` states why.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def _choose_gates(
         return [gate], [None]
     if not recording.truth:
         raise AnalysisError(
-            f"{recording.source}: has no truth, so gate truth is not possible; take gate track, or give the range, "
+            f"{recording.source}: has no truth, so gate truth is not possible; use gate track, or give the range, "
             "for example 1.2:2.8"
         )
     gates = [
@@ -150,7 +150,7 @@ def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analys
         return [processing.signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
     spans = np.stack([cut.find_needed_pulses() for cut in cuts])
     spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
-    if analysis.clutter != "none":  # looks at the whole recording
+    if analysis.clutter != "none":  # clutter removal needs the whole recording
         spans[spans[:, 0] < spans[:, 1]] = (0, recording.n_pulses)
     planes, first_bin = recording.samples.read(spans, cuts[0].margin_pulses)
     planes = remove_from_planes(planes, recording.n_pulses, analysis, prf_hz=cuts[0].prf_hz)
@@ -160,8 +160,8 @@ def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analys
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:
     """Flag results with ``gates_overlap`` where another target shares range.
 
-    Of a tracked target the time of its result counts, the longest segment, and not what happens before or after it. Its
-    own echo, by a wall or folded, has the same Doppler and is only noted: ``own_echo_in_gate``.
+    For a tracked target only the time of its result is considered: the longest segment. The target's own echo,
+    reflected by a wall or folded in range, has the same Doppler; it gives the flag ``own_echo_in_gate`` instead.
     """
     flagged = []
     for number, result in enumerate(results):

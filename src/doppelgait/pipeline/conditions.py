@@ -12,15 +12,15 @@ from doppelgait.scene.environment import Environment
 
 
 class Noise(FrozenModel):
-    """Receiver noise, added before every impairment.
+    """Receiver noise, added before all impairments.
 
     Parameters
     ----------
     kind : {"thermal", "snr", "none"}
         ``thermal``: from the radar's noise figure and bandwidth (E-18), unless the list of impairments has an entry
-        ``thermal_noise`` of its own. ``snr``: as much as gives ``snr_db``.
+        ``thermal_noise``. ``snr``: the level at which the SNR is ``snr_db``.
     snr_db : float
-        Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
+        SNR_frame to set: time mean of the strongest bin's power over the noise power.
 
     Examples
     --------
@@ -41,9 +41,9 @@ class Conditions(FrozenModel):
     noise : Noise
         Receiver noise; thermal by default.
     environment : sequence of models or tables
-        Walls, bounces and the like (:mod:`doppelgait.scene.environment`), reflections first.
+        Effects such as walls and ground reflections (:mod:`doppelgait.scene.environment`), reflections first.
     impairments : sequence of models or tables
-        What the receiver does to its samples (:mod:`doppelgait.radar.impairments`), in order.
+        Impairments of the receiver (:mod:`doppelgait.radar.impairments`), in the order of application.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Signatures from pictures of spectrograms, as published sets hold."""
+"""Signatures from pictures of spectrograms, as in published data sets."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FOLDERS_ABOVE = 3
 MAX_PIXELS = 50_000_000
 COLOURS = 256
 FAR = 0.25
-"""Distance of a pixel from the colour map (red, green and blue from 0 to 1) from which on it is none of its colours."""
+"""Distance from the colour map (red, green and blue from 0 to 1) above which a pixel is not one of its colours."""
 MOST_FAR = 0.2
-"""Share of such pixels from which on a picture is refused."""
+"""Share of such pixels above which a picture is rejected."""
 
 SAME_COLOUR, SAME_LEVEL = 4.0 / 255, 8
-"""Colours nearer than this are the same in a picture; so many steps apart they must not be."""
+"""Distance below which colours are the same in a picture, and largest difference of their levels in steps."""
 
 Span = tuple[float, float]
 
@@ -38,9 +38,9 @@ class PictureSettings(FrozenModel):
     Parameters
     ----------
     velocity_mps : (float, float)
-        Radial velocity at the lower and the upper edge, approaching positive. Give this or ``doppler_hz``.
+        Radial velocity at the lower and the upper edge, positive when approaching. Set this or ``doppler_hz``.
     doppler_hz : (float, float)
-        Doppler frequency at the lower and the upper edge, approaching positive.
+        Doppler frequency at the lower and the upper edge, positive when approaching.
     duration_s : float
         Time from the left to the right edge.
     carrier_hz : float
@@ -51,7 +51,7 @@ class PictureSettings(FrozenModel):
     level_db : (float, float)
         Levels of the first and the last colour of the map.
     colormap : str
-        Colour map of Matplotlib. For MATLAB's ``jet`` take ``jet``, for ``parula`` the similar ``viridis``.
+        Colour map of Matplotlib. Use ``jet`` for MATLAB's ``jet``, and the similar ``viridis`` for ``parula``.
     crop : (int, int, int, int), optional
         Left, upper, right and lower edge of the spectrogram in the picture, pixels from the upper left corner.
     prf_hz : float, optional
@@ -78,7 +78,7 @@ class PictureSettings(FrozenModel):
     def _check_axes(self) -> Self:
         if (self.velocity_mps is None) == (self.doppler_hz is None):
             raise ValueError(
-                "velocity_mps or doppler_hz: one of the two is needed, lower and upper edge of the picture"
+                "velocity_mps or doppler_hz: one of the two is needed, as the lower and upper edge of the picture"
             )
         low, high = self.rows
         if low == high:
@@ -96,14 +96,14 @@ class PictureSettings(FrozenModel):
 
 
 def is_picture(path: str | Path) -> bool:
-    """Return whether a path ends like a picture."""
+    """Return True if a path has the extension of a picture."""
     return str(path).lower().endswith(SUFFIXES)
 
 
 def find_settings_file(path: Path) -> Path | None:
     """Return a picture's settings file, if it exists.
 
-    It has the stem of the picture, or is ``picture.toml`` in its folder or one of the three above.
+    The file has the stem of the picture, or is ``picture.toml`` in its folder or in one of the three folders above.
     """
     above = list(path.absolute().parents)[: FOLDERS_ABOVE + 1]
     for one in (path.with_suffix(".toml"), *(folder / SETTINGS_NAME for folder in above)):
@@ -117,9 +117,9 @@ def read_picture(
 ) -> xr.DataArray:
     """Read the picture of a spectrogram as a signature.
 
-    Every pixel has the level of the nearest of the map's 256 colours: within half a step, up to 2.5 steps where its
-    colours are the same in 8 bits (1.5 of gray and viridis, 2.5 of jet, measured). The columns are interpolated to
-    whole pulses.
+    Every pixel gets the level of the nearest of the 256 colours of the map. The error is half a step, or up to 2.5
+    steps where colours are equal in 8 bits (measured: 1.5 steps for gray and viridis, 2.5 for jet). The columns are
+    interpolated to integer pulse numbers.
 
     Parameters
     ----------
@@ -127,18 +127,19 @@ def read_picture(
         PNG or JPEG.
     settings : PictureSettings, optional
     config : path-like, optional
-        TOML file of the settings, also from the folder of ``path``; by default that of :func:`find_settings_file`.
+        TOML file of the settings; a relative path may also start from the folder of ``path``. By default the file of
+        :func:`find_settings_file`.
 
     Returns
     -------
     DataArray (time, doppler)
-        As of :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`. The attribute ``picture`` (JSON) has
-        the colour map, the share of pixels that are none of its colours, and the step of a level, dB.
+        As from :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`. The attribute ``picture`` (JSON)
+        has the colour map, the share of pixels that are not one of its colours, and the step of a level in dB.
 
     Raises
     ------
     RecordingError
-        If the picture or its settings cannot be read, or more than a fifth of it is none of the map's colours.
+        If the picture or its settings cannot be read, or if more than a fifth of its pixels are not colours of the map.
     """
     file = Path(path)
     if settings is None:
@@ -148,18 +149,18 @@ def read_picture(
     colours = KDTree(_find_colours(file, settings.colormap))
     if any(abs(one - other) > SAME_LEVEL for one, other in colours.query_pairs(SAME_COLOUR)):
         raise RecordingError(
-            f"{file}: colormap = {settings.colormap!r} shows several levels in one colour, so that they cannot be read"
+            f"{file}: colormap = {settings.colormap!r} has the same colour for several levels; use another colormap"
         )
     pixels = _read_pixels(file, settings.crop)
     distance, number = map(np.asarray, colours.query(pixels))
     far = float((distance > FAR).mean())
     if far > MOST_FAR:
         raise RecordingError(
-            f"{file}: {100 * far:.0f} % of the pixels are none of the colours of {settings.colormap!r}; crop the "
-            "spectrogram from its frame, or name the right colormap"
+            f"{file}: {100 * far:.0f} % of the pixels are not colours of {settings.colormap!r}; set crop to the "
+            "spectrogram without its frame, or set the right colormap"
         )
     low_db, high_db = settings.level_db
-    step_db = (high_db - low_db) / COLOURS  # a colour stands for the middle of its step; the first and last are clipped
+    step_db = (high_db - low_db) / COLOURS  # a colour represents the middle of its step; the first and last are clipped
     of_colour_db = low_db + step_db * (np.arange(COLOURS) + 0.5)
     of_colour_db[[0, -1]] = low_db, high_db
     level_db = of_colour_db[number[::-1].T]  # from the lower edge up; time first
@@ -170,15 +171,15 @@ def read_picture(
     edges_hz = np.asarray(velocity_to_doppler_hz(np.array(settings.rows), wavelength_m))
     span_hz = float(np.ptp(settings.rows if settings.doppler_hz else edges_hz))
     prf_hz = settings.prf_hz or span_hz
-    # columns at whole pulses
+    # columns at integer pulse numbers
     column_s = settings.duration_s / n_columns
     hop = max(1, round(column_s * prf_hz))
     seen_s = (np.arange(n_columns) + 0.5) * column_s
     times_s = np.arange(seen_s[0], seen_s[-1] + 1e-9, hop / prf_hz)
     if times_s.size < MIN_COLUMNS:
         raise RecordingError(
-            f"{file}: {settings.duration_s:g} s in {n_columns} columns make {times_s.size} at {prf_hz:g} pulses/s; "
-            f"at least {MIN_COLUMNS} are needed"
+            f"{file}: {settings.duration_s:g} s in {n_columns} columns give {times_s.size} columns at {prf_hz:g} "
+            f"pulses/s; at least {MIN_COLUMNS} are needed"
         )
     place = (times_s - seen_s[0]) / column_s
     left = np.minimum(place.astype(int), n_columns - 2)
@@ -203,7 +204,7 @@ def _read_settings(file: Path, config: Path | None) -> PictureSettings:
     if found is None or not found.is_file():
         name = f"{file.stem}.toml or {SETTINGS_NAME}" if config is None else str(config)
         raise RecordingError(
-            f"{file}: a picture has no axes; {name} is not there: write velocity_mps, duration_s, carrier_hz, cpi_s, "
+            f"{file}: a picture needs a file {name} with its axes; write velocity_mps, duration_s, carrier_hz, cpi_s, "
             "level_db and colormap into it"
         )
     try:
@@ -221,13 +222,13 @@ def _find_colours(file: Path, name: str) -> npt.NDArray[np.float64]:
         raise RecordingError(
             f"{file}: colormap = {name!r} is not known; it must be one of Matplotlib's, such as jet or gray"
         )
-    table = colormaps[name](np.linspace(0.0, 1.0, COLOURS), bytes=True)  # rounded as in a picture
+    table = colormaps[name](np.linspace(0.0, 1.0, COLOURS), bytes=True)  # rounded to 8 bits as in a picture
     return np.asarray(table[:, :3], dtype=np.float64) / 255.0
 
 
 def _read_pixels(file: Path, crop: tuple[int, int, int, int] | None) -> npt.NDArray[np.float64]:
     """Read pixel colours, 0 to 1, (rows, columns, 3)."""
-    from PIL import Image  # comes with Matplotlib
+    from PIL import Image  # a dependency of Matplotlib
 
     try:
         with Image.open(file, formats=("PNG", "JPEG")) as image:

@@ -24,7 +24,7 @@ def parse_radar(
     """Parse the ``[radar]`` table of a run.
 
     Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
-    here, each from a stream of its own that seed, example and key name.
+    here. Each has a random stream that is derived from seed, example and key.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def parse_radar(
     if preset is not None:
         try:
             source = str(preset)
-            if source.endswith(".toml"):  # a file, seen from the folder of the scene file
+            if source.endswith(".toml"):  # the path starts from the folder of the scene file
                 source = str((folder or Path()) / source)
             found = resolve(read_preset(source), seed=seed, example=example, key="preset")
             _check_preset(found)
@@ -60,7 +60,7 @@ def parse_radar(
 
 
 def _check_preset(table: Mapping[str, Any]) -> None:
-    """Refuse a preset's unknown keys and misplaced tables."""
+    """Reject unknown keys and misplaced tables of a preset."""
     known = {*Radar.model_fields, *FITTED_KEYS}
     for key, value in table.items():
         if key not in known:
@@ -72,6 +72,6 @@ def _check_preset(table: Mapping[str, Any]) -> None:
 
 
 def read_radar(radar: str | Path, *, seed: int = 0, example: int = 0) -> tuple[Radar, Conditions]:
-    """Read a radar preset or file, and the conditions it states."""
+    """Read a radar preset or file, and its conditions."""
     found = parse_radar(str(radar), where="", seed=seed, example=example)
     return found["radar"], Conditions(**{key: found[key] for key in FITTED_KEYS if key in found})

@@ -1,4 +1,4 @@
-"""Targets of radars without range: motion and breath."""
+"""Targets of radars without range: motion and breathing."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from doppelgait.processing.track_segments import SegmentationSettings, TrackSegm
 FloatArray = npt.NDArray[np.float64]
 
 FAR_M = 100.0
-"""Start of a path that is measured by its velocity alone: so far away that straight motion has constant velocity."""
+"""Start range of a path that is integrated from velocity; at this range straight motion has constant velocity."""
 SMOOTHED_S = 0.5
-"""Peaks of Doppler are replaced by their median over this time: a limb outshines the torso for less."""
+"""Time of the median filter for Doppler peaks; a limb is stronger than the torso for a shorter time."""
 OPPOSITE_MPS = 0.5
-"""A torso at this speed or more: the limbs of a person who walks the other way do not stay there."""
+"""Lowest speed of a torso; the limbs of a person who walks in the opposite direction do not stay above it."""
 OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.1
-"""Share of this time with power on both sides, and the least of the weaker side over the stronger one's."""
+"""Time, its smallest share with power on both sides, and smallest power ratio of the weaker to the stronger side."""
 SURE_PFA = 1e-6
 IMAGE_QUANTILE, IMAGE_MARGIN = 0.3, 3.0
-"""Image of the receiver: this quantile over time of the mirrored power; limbs and windows blur it by the margin."""
+"""Image level of the receiver: quantile over time of the mirrored power, and margin for blur by limbs and windows."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Motion:
 
 
 def transform_motion(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
-    """Transform a one-bin recording, in bursts or not.
+    """Transform a one-bin recording, with or without bursts.
 
     Parameters
     ----------
@@ -89,10 +89,10 @@ def transform_motion(clean: xr.DataArray, detector: Detector, *, wavelength_m: f
 
 
 def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tuple[float, float]]:
-    """Find the times in which something moves.
+    """Find the intervals in which something moves.
 
-    They follow the rules of a track: scans with motion no further apart than ``delete_s``, for ``min_duration_s``, in
-    the share of scans that confirms a track.
+    The rules are those of a track: gaps between scans with motion are at most ``delete_s``, the interval lasts at least
+    ``min_duration_s``, and the share of scans with motion is at least the share that confirms a track.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tu
     Returns
     -------
     list of (float, float)
-        Start and stop, s, in the order of time.
+        Start and stop in s, in the order of time.
     """
     moves = motion.moves(detector)
     times_s = motion.time_s[moves]
@@ -117,12 +117,13 @@ def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tu
 
 
 def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
-    """Return True where bodies approach and recede at once.
+    """Return True if bodies approach and recede at the same time.
 
-    For most of a second or more there is power on both sides of 0.5 m/s, above the noise and within 10 dB. A walker's
-    limbs do not go the other way at this speed, and those of a body that passes outshine a torso that is slower than
-    that. The mirror image that an uneven receiver adds is taken off first: its level at the mirrored Doppler of the
-    strongest cell is the same in most scans.
+    The condition is power above 0.5 m/s in both directions, above the noise and with levels within 10 dB, for most of a
+    second or longer. A walker's limbs do not move in the opposite direction at this speed. When a body passes the
+    radar, its limbs are stronger than the torso only while the torso is slower than this. The mirror image of a
+    receiver with I/Q imbalance is removed first: its level, at the mirrored Doppler of the strongest cell, is the same
+    in most scans.
 
     Parameters
     ----------
@@ -151,9 +152,9 @@ def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
 def find_steady_segments(
     motion: Motion, start_s: float, stop_s: float, settings: SegmentationSettings
 ) -> tuple[TrackSegment, ...]:
-    """Cut a time of motion where its velocity changes.
+    """Divide an interval of motion where its velocity changes.
 
-    The strongest Doppler, summed up, is a path far from the radar, which is cut like a range track.
+    The integral of the strongest Doppler is a path far from the radar, which is divided like a range track.
     """
     inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
     times_s, velocity_mps = motion.time_s[inside], motion.peaks_mps()[inside]
@@ -165,7 +166,7 @@ def analyze_motion(
     clean: xr.DataArray, motion: Motion, times: list[tuple[float, float]], analysis: Analysis,
     settings: SegmentationSettings, *, wavelength_m: float,
 ) -> Result:  # fmt: skip
-    """Analyse all that moves in a recording without range.
+    """Analyse all motion in a recording without range.
 
     Parameters
     ----------
@@ -173,7 +174,7 @@ def analyze_motion(
         One range bin, without static clutter.
     motion : Motion
     times : list of (float, float)
-        Of :func:`find_motion`, one or more.
+        Result of :func:`find_motion`, with one entry or more.
     analysis : Analysis
     settings : SegmentationSettings
     wavelength_m : float
@@ -181,7 +182,8 @@ def analyze_motion(
     Returns
     -------
     Result
-        Of the longest steady segment, with all of them. ``more_than_one_body`` where some approach while others recede.
+        Result of the longest steady segment, with all segments. It has the flag ``more_than_one_body`` if bodies
+        approach and recede at the same time.
     """
     segments = [
         segment for start_s, stop_s in times for segment in find_steady_segments(motion, start_s, stop_s, settings)

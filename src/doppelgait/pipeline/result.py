@@ -38,34 +38,34 @@ LABELLED_ARRAYS: dict[str, Schema] = {
     "cadence_spectrum": CADENCE_SPECTRUM,
 }
 OPTIONAL_ARRAYS: dict[str, Schema] = {"part_power": PART_POWER}
-"""Labelled arrays that a result has only where they were asked for; what they hold has properties of its own."""
+"""Labelled arrays that a result has only on request; properties of the result give access to their contents."""
 PLAIN_AXES = {
     "time_s": "axes/signature/time",
     "doppler_hz": "axes/signature/doppler",
     "cadence_hz": "axes/cadence_map/cadence",
 }
-"""Links to the axes of the signature and of the cadence map in a file."""
+"""Names of links in a file to the axes of the signature and of the cadence map."""
 PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz", "torso_velocity_mps")
 NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
-"""Mappings of a result and the beginnings of their columns in a table."""
+"""Mappings of a result and the prefixes of their columns in a table."""
 
 
 FROM_GAIT_FREQUENCY = (
     "gait_frequency_hz", "ground_step_length_m", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3", "n_periods",
 )  # fmt: skip
-"""Values that are as certain as the gait frequency."""
+"""Values that are derived from the gait frequency and share its confidence."""
 
 
 class LateArrays(Mapping[str, Any]):
-    """Arrays by name, made when they are asked for.
+    """Arrays by name, computed on first use.
 
     Parameters
     ----------
     others : mapping, optional
-        Arrays that these are added to.
+        Arrays to which these are added.
     **arrays
-        Arrays, or functions without arguments that make them.
+        Arrays, or functions without arguments that compute them.
     """
 
     def __init__(self, others: Mapping[str, Any] | None = None, **arrays: Any) -> None:
@@ -95,16 +95,16 @@ class LateArrays(Mapping[str, Any]):
 class Result:
     """Signature, cadence map, features and settings of a target.
 
-    Two results are equal if everything in them is, to the last bit; NaN equals NaN.
+    Two results are equal if all their contents are equal to the last bit; NaN equals NaN.
 
     Parameters
     ----------
     analysis : Analysis
-        The settings that were used, clutter removal among them.
+        Settings of the analysis, including clutter removal.
     label : str or None
-        Class as stated by the recording's truth or labels; None where it is unknown.
+        Class from the recording's truth or labels; None if it is unknown.
     gate_source : str
-        Where the gate came from: ``"truth"``, ``"track"`` or ``"given"``.
+        Source of the gate: ``"truth"``, ``"track"`` or ``"given"`` (set by the user).
     features : GaitFeatures
         The report's set F.
     gait_frequency_hz, torso_doppler_hz, n_periods : float or None
@@ -115,14 +115,14 @@ class Result:
     extended : mapping
         Further features by name, None where undetermined.
     standard_deviation : mapping
-        Of the features of the set F and of the gait frequency, None where unknown.
+        Standard deviations of the features of the set F and of the gait frequency, None where unknown.
     arrays : mapping
-        Values of the properties with the same names; a result made from a table row may have none.
+        Values of the properties with the same names; a result from a table row may have none.
     gate_limits : Gate, optional
-        Gate of the target, for a tracked target over the whole track; None in a result made from a table row.
+        Gate of the target, for a tracked target over the whole track; None in a result from a table row.
     segments : tuple of Result
-        For a tracked target, one result per segment of steady motion in the order of time; this result is that of the
-        longest segment.
+        For a tracked target, one result per segment of steady motion in the order of time. The values of the target are
+        those of the longest segment.
 
     Examples
     --------
@@ -166,7 +166,7 @@ class Result:
         return show_html("Result", facts, "result" if "signature" in self.arrays else "", self)
 
     def _facts(self) -> dict[str, str]:
-        """Collect what a person reads first, as text."""
+        """Collect the most important values as text."""
         figures = {**self.shown_features, "gait_frequency_hz": self.gait_frequency_hz}
         return {
             **{
@@ -184,7 +184,7 @@ class Result:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to plot; axes of a new figure by default.
+            Axes for the plot; by default those of a new figure.
         **settings
             As for :func:`doppelgait.viz.signature`.
 
@@ -198,15 +198,15 @@ class Result:
     def doubtful(self) -> tuple[str, ...]:
         """Names of values that a flag marks as of low confidence.
 
-        These are the gait frequency and what is derived from it; they are shown with a question mark.
+        They are the gait frequency and the values derived from it; they are shown with a question mark.
         """
         return FROM_GAIT_FREQUENCY if "low_confidence" in self.flags else ()
 
     @property
     def shown_features(self) -> dict[str, float | None]:
-        """Features as people see them.
+        """Features for display.
 
-        Where the step length on the ground is known, it comes before the radial one.
+        If the step length on the ground is known, it is listed before the radial step length.
         """
         shown: dict[str, float | None] = {}
         for name, value in self.features.as_dict().items():
@@ -219,7 +219,7 @@ class Result:
     def verdict(self) -> str | None:
         """Kind of target: body, reflection, folded or thing.
 
-        None without tracking. Evidence is in ``quality``, and all but a body have a flag.
+        It is None without tracking. The evidence is in ``quality``, and every verdict except body has a flag.
         """
         verdict = self.quality.get("verdict")
         return None if verdict is None else str(verdict)
@@ -233,17 +233,17 @@ class Result:
 
     def _get_array(self, name: str) -> Any:
         if name not in self.arrays:
-            raise AnalysisError(f"this result holds no {name}; it was read from a table row that does not store it")
+            raise AnalysisError(f"this result has no {name}; it was read from a table row that does not store it")
         return self.arrays[name]
 
     @property
     def gate(self) -> Gate:
         """Gate of the target.
 
-        Raises an :class:`AnalysisError` where it was not kept.
+        Access raises an :class:`AnalysisError` if the gate is not stored.
         """
         if self.gate_limits is None:
-            raise AnalysisError("this result holds no gate; it was read from a table row, which does not store it")
+            raise AnalysisError("this result has no gate; it was read from a table row, which does not store it")
         return self.gate_limits
 
     @property
@@ -253,17 +253,17 @@ class Result:
 
     @property
     def ti_frames(self) -> xr.DataArray:
-        """Four numbers per column, as TI's xWRL6432 classifies with.
+        """Four features per column, as in the classifier of TI's xWRL6432.
 
-        :func:`doppelgait.features.measure_columns` of the signature above its noise floor.
+        They are :func:`doppelgait.features.measure_columns` of the signature above its noise floor.
         """
         return measure_columns(self.signature, noise_floor_v2=float(self.quality.get("noise_floor_v2") or 0.0))
 
     @property
     def normalised_signature(self) -> xr.DataArray:
-        """Normalised signature (time, doppler) that features are computed from.
+        """Normalised signature (time, doppler) from which features are computed.
 
-        It has every n-th column where the hop is finer.
+        It has every n-th column of the signature if the hop is finer than the lossless hop.
         """
         return self._get_array("normalised_signature")  # type: ignore[no-any-return]
 
@@ -271,7 +271,7 @@ class Result:
     def cadence_map(self) -> xr.DataArray:
         """Cadence-velocity diagram (cadence, doppler).
 
-        With the attribute ``aligned``, Doppler is measured from the main line.
+        If the attribute ``aligned`` is True, Doppler is relative to the main line.
         """
         return self._get_array("cadence_map")  # type: ignore[no-any-return]
 
@@ -294,8 +294,9 @@ class Result:
     def parts(self) -> xr.Dataset | None:
         """Torso, legs and limbs over time (E-40), or None.
 
-        With ``Analysis(parts=True)``; a flag ``parts:...`` says why there are none. Power (part, time, doppler), label
-        (time, doppler), energy share, and centroid and spread of the radial velocity (part, time).
+        The parts require ``Analysis(parts=True)``; if there are none, a flag ``parts:...`` states the reason. The
+        variables are power (part, time, doppler), label (time, doppler), energy share (part), and centroid and spread
+        of the radial velocity (part, time).
         """
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
@@ -304,26 +305,26 @@ class Result:
     def torso_velocity_mps(self) -> npt.NDArray[np.float64]:
         """Torso radial velocity at the signature's columns, (J,).
 
-        Only of an analysis with ``extended``.
+        It requires an analysis with ``extended``.
         """
         return self._get_array("torso_velocity_mps")  # type: ignore[no-any-return]
 
     # JSON ------------------------------------------------------------------------------------------------------------
 
     def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
-        """Convert to plain values that ``json.dumps`` writes.
+        """Convert to plain values for ``json.dumps``.
 
         :meth:`from_json` returns an equal result.
 
         Parameters
         ----------
         arrays : bool
-            Whether the arrays, the gate's limits and the analysis settings are included; without them the document is
-            the target of ``doppelgait analyze --json``.
+            If True, the arrays, the gate's limits and the analysis settings are included. If False, the document is
+            that of a target of ``doppelgait analyze --json``.
 
         Notes
         -----
-        Numbers that are not finite are written as NaN and Infinity, as Python's ``json`` writes and reads them.
+        Numbers that are not finite become NaN and Infinity in the file, as in Python's ``json``.
         """
         plain = {
             "label": self.label,
@@ -373,7 +374,7 @@ class Result:
         Raises
         ------
         AnalysisError
-            If something is missing, as in the document of ``doppelgait analyze --json``.
+            If a part is missing, as in the document of ``doppelgait analyze --json``.
         """
         needed = ("analysis", "label", "gate", "features", *NUMBERS, *GROUPS, "flags", "arrays", "gate_limits")
         _check_keys(plain, needed, "document", "make it with Result.to_json(), with arrays")
@@ -407,7 +408,7 @@ class Result:
     def to_row(self) -> dict[str, Any]:
         """Convert numbers and flags to table columns.
 
-        The label and the analysis have columns elsewhere.
+        The label and the analysis are not included; a dataset has other columns for them.
         """
         row = {
             "gate": self.gate_source,
@@ -425,13 +426,13 @@ class Result:
     ) -> Result:  # fmt: skip
         """Make a result from the columns of :meth:`to_row`.
 
-        Other columns are ignored. The index of a dataset calls ``flags`` ``quality_flags``.
+        Other columns are ignored. In the index of a dataset the column ``flags`` is named ``quality_flags``.
 
         Parameters
         ----------
         row : mapping
         analysis : Analysis
-            Settings that the row was made with.
+            Settings with which the row was computed.
         label : str, optional
         arrays : mapping, optional
             Arrays that are stored with the row.
@@ -497,7 +498,7 @@ class TargetList(list[Result]):
     ----------
     results : iterable of Result
     reason : str
-        One sentence with numbers where nothing was found, else empty.
+        One sentence with numbers if the list is empty, otherwise an empty text.
 
     Examples
     --------

@@ -71,7 +71,7 @@ class Results:
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
     """Build the document that ``doppelgait analyze --json`` prints.
 
-    Values that are not finite become None; an empty list of targets has its ``reason``. ``n_bodies`` leaves out targets
+    Values that are not finite become None. An empty list of targets has a ``reason``. ``n_bodies`` excludes targets
     with the verdict reflection, folded or thing.
 
     See Also
@@ -109,20 +109,21 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
     """Write results to an HDF5 file, atomically.
 
-    Each target is a group ``targets/<number>``: label, gate source, features and numbers as attributes (empty where
-    undetermined), further mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of
-    the same form. Links ``time_s``, ``doppler_hz`` and ``cadence_hz`` lead to the axes of signature and cadence map.
+    Each target is a group ``targets/<number>``. Label, gate source, features and numbers are attributes (empty if
+    undetermined), further mappings are JSON, arrays are datasets with their coordinates under ``axes``, and segments
+    are groups of the same form. The links ``time_s``, ``doppler_hz`` and ``cadence_hz`` point to the axes of signature
+    and cadence map.
 
     Raises
     ------
     OutputError
-        If it cannot be written; an older file of that name is then untouched.
+        If the file cannot be written; an older file of this name then stays unchanged.
     ConfigError
-        If ``results`` is one result.
+        If ``results`` is a single result.
 
     See Also
     --------
-    read_results : read the file again.
+    read_results : read the file.
 
     Examples
     --------
@@ -160,7 +161,7 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
     for name in ("flags", *GROUPS):
         group.attrs[name] = json.dumps(plain[name])
     group.attrs["analysis"] = format_canonical_json(result.analysis)
-    group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing one is found
+    group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing array is detected
     for name, array in result.arrays.items():
         if not isinstance(array, xr.DataArray):
             _write_values(group, name, array, {}, written)
@@ -193,7 +194,7 @@ def _write_values(
 ) -> None:
     """Write a dataset, or a link to an equal one.
 
-    Arrays share axes, and a target shares them with its segment.
+    Arrays have common axes, and a target has the same axes as its longest segment.
     """
     values = np.ascontiguousarray(values)
     text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
@@ -212,12 +213,12 @@ def is_result_file(path: str | Path) -> bool:
 
 
 def read_results(path: str | Path) -> Results:
-    """Read results that :func:`write_results` wrote.
+    """Read results from a file of :func:`write_results`.
 
     Raises
     ------
     AnalysisError
-        If the file is missing, of another version, no result file, damaged, or takes values from another file.
+        If the file is missing, damaged, of another version or no result file, or if it links to another file.
 
     See Also
     --------

@@ -1,10 +1,9 @@
-"""Scatterers through a room and the antenna.
+"""Effects of a room and the antenna on scatterers.
 
-Gains come from fewer times than pulses. Ranges are exact at every pulse, directly and by every mirror. Gains, phases
-and delays of walls follow the directions of the scatterers, which change little in a hundredth of a second: effects and
-antenna see the scene 80 times a second, and cubic splines through what they give (amplitude, phase, delay) lead to the
-pulses. The error is below 1e-4 of the strongest echo for a sprinter and a galloping dog half a metre from a wall, and
-2e-5 for walkers.
+Ranges are exact at every pulse, for the direct path and for every mirror image. Gains, phases and delays of walls
+depend on the directions of the scatterers, which change little in a hundredth of a second. They are therefore computed
+80 times per second and interpolated to the pulses by cubic splines of amplitude, phase and delay. The error is below
+1e-4 of the strongest echo for a sprinter and a galloping dog half a metre from a wall, and 2e-5 for walkers.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ FloatArray = npt.NDArray[np.float64]
 Through = Callable[[xr.Dataset], xr.Dataset]
 
 GAIN_STEP_S = 0.0125
-"""Time between two looks at gains, at most."""
+"""Longest time between two computations of the gains."""
 MIN_LOOKS = 5
 MAX_TURN_RAD = 0.018
-"""Angle by which a scatterer's direction changes from look to look, at most."""
+"""Largest change of a scatterer's direction between two computations."""
 MAX_CHANGE = 0.25
-"""Change of an amplitude from look to look, at most, of its largest value: more is a jump."""
+"""Largest change of an amplitude between two computations, relative to its maximum; a larger change is a jump."""
 
 
 def apply_room(
@@ -45,25 +44,25 @@ def apply_room(
     effects: Sequence[FrozenModel],
     through: Through,
 ) -> xr.Dataset | None:
-    """Lead a scatterer table through a room.
+    """Apply the effects of a room to a scatterer table.
 
     Parameters
     ----------
     table : Dataset (slow_time, scatterer)
-        Of ``bodies``, without the room.
+        Table of ``bodies``, without the room.
     placed : PlacedScene
     bodies : sequence of Scatterers
     effects : sequence of FrozenModel
-        Those that ``through`` applies.
+        Effects that ``through`` applies.
     through : callable
-        Effects and antenna: a table with images and gains from a table with directions.
+        Effects and antenna: returns a table with images and gains for a table with directions.
 
     Returns
     -------
     Dataset (slow_time, scatterer) or None
-        Angles are there for the scatterers of ``table`` alone, if it has them. None where every pulse counts: an effect
-        is not smooth, pulses are rare, the receiver is elsewhere, a person goes by the radar within reach, or a
-        scatterer goes through a wall.
+        The scatterers of ``table`` have angles if ``table`` has them; images have none. The result is None if gains
+        must be computed at every pulse: an effect is not smooth, the pulse rate is low, transmitter and receiver are
+        separate, a person passes very close to the radar, or a scatterer moves through a wall.
     """
     smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)
     if not smooth or placed.scene.receiver_position_m is not None or not bodies:
@@ -83,7 +82,7 @@ def apply_room(
     range_m, velocity_mps = _compute_images(table, splines, placed, times_s, mirrors, n_rows)
     geometric_m, _ = _compute_images(before, splines, placed, looks_s, mirrors, n_rows)
     delay_m = after["range"].values - geometric_m
-    if np.abs(delay_m).max(initial=0.0) > 1e-9:  # a wall, and no rounding
+    if np.abs(delay_m).max(initial=0.0) > 1e-9:  # delay of a wall, above rounding errors
         range_m += _interpolate_table(delay_m, looks_s, times_s)
         velocity_mps -= _interpolate_table(np.gradient(delay_m, looks_s, axis=0, edge_order=2), looks_s, times_s)
     amplitude = _interpolate_table(amplitude, looks_s, times_s)
@@ -112,7 +111,7 @@ def apply_room(
 def _look(
     placed: PlacedScene, bodies: Sequence[Scatterers], times_s: FloatArray
 ) -> tuple[FloatArray, xr.Dataset] | None:  # fmt: skip
-    """Observe scatterers of unit cross section densely enough."""
+    """Observe scatterers of unit cross section at the computation times."""
     alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
     n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
     while 2 * n_looks <= times_s.size:
@@ -174,7 +173,7 @@ def _interpolate_table(values: FloatArray, looks_s: FloatArray, times_s: FloatAr
 
 
 def _take_sources(values: FloatArray, sources: npt.NDArray[np.intp]) -> FloatArray:
-    """Take columns of a table; a repeated row stays one."""
+    """Select columns of a table; a broadcast row stays a single row."""
     if values.strides[0] == 0:
         return np.broadcast_to(values[:1, sources], (values.shape[0], sources.size))
     return values[:, sources]

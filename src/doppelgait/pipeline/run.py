@@ -38,19 +38,19 @@ class Run(FrozenModel):
     ----------
     scene : Scene
     radar : Radar or str
-        A string names a preset or the ``.toml`` file of a radar.
+        A string is the name of a preset or the ``.toml`` file of a radar.
     auto_prf : bool
-        Take the lowest frame rate at which nothing aliases (``prf_hz = "auto"``); for reproducing the report only.
+        Use the lowest frame rate without aliasing (``prf_hz = "auto"``); only for reproducing the report.
     noise : Noise
     environment : list
-        Walls, bounces and the like (:mod:`doppelgait.scene.environment`), in order.
+        Effects such as walls and ground reflections (:mod:`doppelgait.scene.environment`), in order.
     impairments : list
-        What the receiver does to its samples (:mod:`doppelgait.radar.impairments`), in order.
+        Impairments of the receiver (:mod:`doppelgait.radar.impairments`), in the order of application.
     analysis : Analysis
     seed : int
-        Root of all random streams.
+        Seed of all random streams.
     example : int
-        Number of the example in a dataset; picks its streams.
+        Number of the example in a dataset; it selects the random streams of the example.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Run(FrozenModel):
     seed: int = Field(default=0, ge=0)
     example: int = Field(default=0, ge=0)
 
-    if TYPE_CHECKING:  # a type checker would take no short form
+    if TYPE_CHECKING:  # a type checker would reject the short forms of parameters
 
         def __init__(self, *, scene: Scene, radar: Radar | str, **parameters: Any) -> None: ...
 
@@ -101,7 +101,7 @@ class Run(FrozenModel):
         Raises
         ------
         ConfigError
-            Naming the dotted key, its line, the value and what is allowed.
+            With the dotted key, its line, its value and the allowed values.
         """
         table, text = read_toml(path)
         folder = Path(path).parent
@@ -109,14 +109,14 @@ class Run(FrozenModel):
         return run.model_copy(update={"scene": resolve_file_paths(run.scene, folder.resolve())})
 
     def to_toml(self) -> str:
-        """Write the run as a scene file that :meth:`from_toml` reads back.
+        """Convert the run to the text of a scene file for :meth:`from_toml`.
 
         Raises
         ------
         ConfigError
-            If a motion is held in memory.
+            If a motion exists only in memory.
         """
-        self.scene.to_toml()  # refuses motions in memory
+        self.scene.to_toml()  # rejects motions that exist only in memory
         table = as_table(self)
         scene, auto_prf = table.pop("scene"), table.pop("auto_prf", False)
         if auto_prf:
@@ -150,12 +150,12 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     where, text : str
         File name and text for error messages.
     folder : Path, optional
-        Folder that the path of a preset file starts from; the working folder by default.
+        Folder to which the path of a preset file is relative; the working folder by default.
 
     Raises
     ------
     ConfigError
-        Naming the dotted key, its line, the value and what is allowed.
+        With the dotted key, its line, its value and the allowed values.
 
     See Also
     --------
@@ -189,7 +189,7 @@ def run_simulation(
     ----------
     run : Run
     folder : Path, optional
-        Folder that relative motion paths start from.
+        Folder to which motion paths are relative.
     angles, in_tiles : bool
         As for :func:`doppelgait.pipeline.simulate`.
 

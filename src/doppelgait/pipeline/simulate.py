@@ -52,9 +52,9 @@ SCENE_REMEDY = (
 MAX_SAMPLES = 2e9
 """Largest data matrix: 16 GB of complex64."""
 BODY_RATE_HZ = 60.0
-"""Positions a second, at most, of the bodies that the truth keeps for plots: what a screen shows."""
+"""Highest rate of the body positions that the truth stores for plots; a screen shows no more."""
 PROBE_RATE_HZ = 500.0
-"""Rate at which a scene's speeds are looked up for the lowest frame rate."""
+"""Rate at which the speeds of a scene are sampled to find the lowest frame rate."""
 
 
 def simulate(
@@ -67,30 +67,30 @@ def simulate(
     angles: bool = True,
     in_tiles: bool = False,
 ) -> Recording:
-    """Simulate what a radar records of a scene.
+    """Simulate the recording of a scene by a radar.
 
     Parameters
     ----------
     scene : Scene or PlacedScene
-        Scene to simulate; the motions of a scene that is not yet placed are placed first, with ``rng``.
+        Scene to simulate. The motions of a scene that is not placed are placed first, with ``rng``.
     radar : Radar, str or Path
-        A string or path names a preset or the ``.toml`` file of a radar, as ``--radar`` of the command does.
+        A string or path is the name of a preset or the ``.toml`` file of a radar, as for the option ``--radar``.
     rng : Streams, optional
-        Random streams, for example ``dg.rng(2018)``: the recording is then that of ``seed = 2018`` in a scene file.
-        Without them the recording is noise-free, and nothing random is allowed.
+        Random streams, for example ``dg.rng(2018)``; the recording is then that of ``seed = 2018`` in a scene file.
+        Without random streams the recording is noise-free, and random effects are not allowed.
     conditions : Conditions, optional
-        Receiver noise, environment and impairments; by default thermal noise (E-18) and, with a radar by name, the
-        environment and impairments that its file states. Receiver noise is added before the impairments; a
-        ``thermal_noise`` among the impairments replaces it.
+        Receiver noise, environment and impairments; by default thermal noise (E-18) and, for a preset or file, its
+        environment and impairments. Receiver noise is added before the impairments; an impairment ``thermal_noise``
+        replaces it.
     snr_db : float, optional
-        Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
-        in dB; ``inf`` for no noise. The power counts only the targets, without ghosts, background bodies and clutter.
+        SNR_frame to set instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
+        in dB; ``inf`` for no noise. The power is that of the targets, without ghosts, background bodies and clutter.
     angles : bool
-        Add to the truth the aspect angle of every scatterer and the bodies for plots; False is faster.
+        Add the aspect angle of every scatterer and the bodies for plots to the truth; False is faster.
     in_tiles : bool
-        For a recording of more than 32,768 pulses that is only written to a file: compute samples and truth anew at
-        every access instead of keeping them, so that memory hardly grows with the duration. The values are the same.
-        Has no effect on recordings with impairments.
+        Compute samples and truth at every access instead of storing them, so that memory hardly grows with the
+        duration. Use it for a recording of more than 32,768 pulses that is only written to a file. The values are the
+        same. It has no effect on recordings with impairments.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def simulate(
     later = in_tiles and not conditions.impairments and slow_time_s.size > LONG_PULSES
     scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng, later=later)
     warn_of_limits(scatterers, radar)
-    # nothing between receiver and range bins looks at samples that a transform follows: a shorter way to the bins
+    # without impairments the samples before the range transform are not needed: compute the bins directly
     bare = not conditions.impairments and not radar.waveform.samples_are_bins
     # the echoes of the targets set the signal level; ghosts and background bodies are added to them
     if later:
@@ -161,7 +161,7 @@ def simulate(
     if later:
         rows = partial(_rows, scatterers, radar, noise)
         samples = Samples.stored((slow_time_s.size, radar.range_axis_m().size), rows)
-    elif rng is not None:  # noise first, then the impairments in their order
+    elif rng is not None:  # noise first, then the impairments in order
         if noise is not None and bare:
             silent = Samples.own(np.zeros((slow_time_s.size, radar.waveform.n_samples(radar)), dtype=np.complex64))
             samples += compress_samples(silent.with_noise(*noise), radar)
@@ -169,7 +169,7 @@ def simulate(
             samples = samples.with_noise(*noise)
         _, samples_rng = _make_impairment_generators(rng)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
-    # the bodies in the truth are for plots, at the rate of a screen
+    # the truth stores the bodies for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording(
         samples if bare or later else compress_samples(samples, radar),
@@ -191,12 +191,12 @@ def simulate(
 
 
 NoiseLevel = tuple[np.uint64, float, Factor]
-"""Key, mean square (V^2), and taps over range of receiver noise."""
+"""Key, mean square (V^2), and filter taps over range of the receiver noise."""
 ECHO_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase")
 
 
 def _read_pulses(scatterers: xr.Dataset, first: int, stop: int) -> xr.Dataset:
-    """Return the echo inputs of some pulses, in memory."""
+    """Return the scatterers of some pulses, in memory."""
     names = [name for name in ECHO_VARIABLES if name in scatterers]
     values = {name: scatterers[name].variable[first:stop].values for name in names}
     coords = {name: v for name, v in scatterers.coords.variables.items() if name != "slow_time"}
@@ -218,7 +218,7 @@ def _bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
 
 
 def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first: int, stop: int) -> Matrix:
-    """Make some pulses of a recording, (stop - first, bins)."""
+    """Compute some pulses of a recording, (stop - first, bins)."""
     targets, others = split_targets(_read_pulses(scatterers, first, stop))
     samples = _bins(targets, radar)
     if others is not None:
@@ -233,9 +233,9 @@ def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first:
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
-    """Check the noise settings and return the wanted SNR_frame.
+    """Check the noise settings and return the SNR_frame to set.
 
-    Raises a :class:`ConfigError` where something random has no source, or the noise has two levels.
+    Raises a :class:`ConfigError` if random numbers are needed and ``rng`` is missing, or if the noise has two levels.
     """
     if snr_db is None and conditions.noise.kind == "snr":
         snr_db = conditions.noise.snr_db
@@ -261,22 +261,21 @@ def observe_scene(
     scene : Scene or PlacedScene
     radar : Radar
     slow_time_s : ndarray, shape (I,)
-        Nominal frame times; the table is labelled with them even where the frames are jittered.
+        Nominal frame times; they label the table even if the frames have jitter.
     conditions : Conditions
     angles : bool
-        Whether the table must hold angles; environment and antenna have directions made where they need them.
+        If True, the table has angles. Directions for environment and antenna are computed where they need them.
     streams : Streams or None
-        Of the radar cross sections (``scene``) and of the frame times (``impairments``).
+        Random streams of the radar cross sections (``scene``) and of the frame times (``impairments``).
     later : bool
-        Make what every pulse has of its own when it is asked for, where neither environment nor antenna nor a receiver
-        elsewhere changes it.
+        Compute the values of each pulse on access, if no environment, antenna or separate receiver changes them.
 
     Returns
     -------
     scatterers : Dataset (slow_time, scatterer)
-        As the receiver gets them.
+        Scatterers at the receiver.
     tracks : list of LineOfSight
-        Of the body centres of the observed targets.
+        Lines of sight to the body centres of the observed targets.
     """
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
@@ -327,9 +326,9 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
-    """Compute a scene's pulse times within the limits.
+    """Compute the pulse times of a scene.
 
-    Raises a :class:`ConfigError` where the scene is too short or too large.
+    Raises a :class:`ConfigError` if the scene is too short or too large.
     """
     slow_time_s = radar.pulse_times_s(observation_s)
     if slow_time_s.size < 2:
@@ -349,7 +348,7 @@ def build_target_truth(
 ) -> TargetTruth:  # fmt: skip
     """Build a target's truth from the simulation's geometry.
 
-    Stride, step and gait frequency are those of the observation, from the touchdowns; NaN where nothing is known. The
+    Stride, step and gait frequency are computed from the touchdowns in the observation; they are NaN if unknown. The
     body is included at the times ``shown_s``, if there are any.
     """
     own = read_axis(scatterers, "target") == placed.number
@@ -366,7 +365,7 @@ def build_target_truth(
                 first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)
             found.append(float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first])))
         factor = float(np.mean(found)) / frequencies_hz["stride_frequency_hz"] if found else 1.0
-        if not math.isclose(factor, 1.0, rel_tol=1e-9):  # touchdowns are roots of a spline: keep an even gait exact
+        if not math.isclose(factor, 1.0, rel_tol=1e-9):  # touchdowns are roots of a spline: keep a regular gait exact
             frequencies_hz = {key: factor * hz for key, hz in frequencies_hz.items()}
     return TargetTruth(
         label=placed.target.label,
@@ -387,7 +386,7 @@ def build_target_truth(
 def choose_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
     """Return the radar at the lowest unaliased frame rate (E-06).
 
-    Only for reproducing the report: chosen per recording, the frame rate reveals the speed.
+    Use this only for reproducing the report: a frame rate chosen per recording depends on the speed of the target.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Signatures from displayed levels of spectrograms that others made."""
+"""Signatures from displayed levels of published spectrograms."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from doppelgait.processing import Gate
 FloatArray = npt.NDArray[np.float64]
 
 SAME_SPACING = 0.01
-"""Columns, rows and hop may disagree by this share; the two durations that figures give often differ by more."""
+"""Largest relative disagreement of columns, rows and hop; the two durations in a figure often differ by more."""
 MIN_ROWS, MIN_COLUMNS = 8, 8
 LOBE_DB_PER_CELL2 = 6.0
-"""Fall of a spectral line from its top, per squared distance in resolution cells (1 / T_d).
+"""Decrease of a spectral line per squared distance from its maximum in resolution cells (1 / T_d).
 
-With a Hann window a line is 3 dB down at 0.72 cells: 3 / 0.72^2 = 5.8.
+With a Hann window the level of a line is 3 dB lower at 0.72 cells: 3 / 0.72^2 = 5.8.
 """
 
 
@@ -36,50 +36,50 @@ def convert_levels_to_signature(
 ) -> xr.DataArray:  # fmt: skip
     """Convert spectrogram levels to a signature.
 
-    The signature enters the analysis after the short-time transform.
+    Analysis of the result continues after the short-time transform.
 
     Parameters
     ----------
     level_db : array_like, shape (J, K)
-        Power levels, 10 log10, time first; any reference (features do not depend on it).
+        Power levels, 10 log10, time first, relative to any reference (features do not depend on it).
     time_s : array_like, shape (J,)
-        Middle of every column's processing interval, evenly spaced and rising.
+        Middle of every column's processing interval, evenly spaced and ascending.
     doppler_hz, velocity_mps : array_like, shape (K,)
-        One of the two: Doppler or radial velocity of every row, approaching positive, evenly spaced; falling axes are
-        reversed.
+        One of the two: Doppler frequency or radial velocity of every row, positive when approaching, evenly spaced;
+        descending axes are reversed.
     wavelength_m : float
         Carrier wavelength.
     prf_hz : float
         Pulses (sweeps) per second.
     cpi_pulses, hop : int
-        Pulses of a processing interval and from column to column, 1 or more: what one column averages over decides
-        whether steps can be distinguished, so they have no default.
+        Pulses of a processing interval and from column to column, 1 or more. They have no default, because the
+        averaging time of a column determines whether steps can be distinguished.
     range_m : (float, float)
-        Ranges that went into the spectrogram; where the source does not state them, those that are possible. No feature
-        depends on a gate that stays put.
+        Ranges that are included in the spectrogram, or the possible ranges if the source does not state them. No
+        feature depends on a fixed gate.
     floor_db, ceiling_db : float, optional
-        Levels to which the display was clipped. Cells at the floor keep its level: with half of the
-        quiet cells or more there, the noise floor found later is the floor's power over the median of the noise
-        (floor / ln 2 for one range cell), an upper bound; with fewer its median is not touched.
+        Levels at which the display was clipped. Cells at the floor keep its level. If half of the noise cells or more
+        are at the floor, the estimated noise floor is the floor's power over the median of the noise (floor / ln 2 for
+        one range cell), an upper bound. With fewer cells the estimate does not change.
     highest_db : float, optional
-        Highest level before clipping, with ``ceiling_db`` only: every run of clipped cells in a column becomes a dome
-        with the curvature of a spectral line, a flatter one where that would be higher than this. Without it the run
-        stays flat, and its cell of lowest Doppler counts as the strongest.
+        Highest level before clipping; it needs ``ceiling_db``. Every run of clipped cells in a column is replaced by a
+        dome with the curvature of a spectral line, or by a flatter one that does not exceed this level. Without this
+        parameter the run stays flat, and the cell with the lowest Doppler is the strongest one.
     blank_below_mps : float
-        Rows slower than this are emptied (the line of static echoes), 0 for none.
+        Rows slower than this are set to 0 (the line of static echoes); 0 for none.
     n_gate_bins : float
-        Range cells that were summed in a cell of the spectrogram, 1 or more: decides how its noise is spread.
+        Number of range cells in the sum of a spectrogram cell, 1 or more; it determines the distribution of the noise.
 
     Returns
     -------
     DataArray (time, doppler)
-        As of :func:`doppelgait.processing.signature`, float32; attribute ``levels`` (JSON) keeps what was stated here
-        and the shares of clipped cells. ``window_energy`` is 1: levels are relative.
+        As from :func:`doppelgait.processing.signature`, float32. The attribute ``levels`` (JSON) has the parameters and
+        the shares of clipped cells. ``window_energy`` is 1, because levels are relative.
 
     Raises
     ------
     AnalysisError
-        If shapes, axes or levels do not fit together; in particular if the time from column to column is not
+        If shapes, axes or levels are inconsistent; in particular if the time from column to column is not
         hop / prf_hz.
     """
     level = np.asarray(level_db, dtype=np.float64)
@@ -102,7 +102,7 @@ def convert_levels_to_signature(
         )
     if not np.isfinite(level).all():
         raise AnalysisError(
-            "level_db holds values that are not finite; pass the display's lowest level where nothing was shown"
+            "level_db has values that are not finite; pass the display's lowest level where nothing is shown"
         )
     if cpi_pulses < 1 or hop < 1:
         raise AnalysisError(f"cpi_pulses is {cpi_pulses} and hop {hop}; both must be 1 pulse or more")
@@ -110,7 +110,7 @@ def convert_levels_to_signature(
     if abs(column_s * prf_hz / hop - 1.0) > SAME_SPACING:
         raise AnalysisError(
             f"time_s has a column every {1e3 * column_s:.4g} ms, but hop {hop} at prf_hz {prf_hz:.6g} is "
-            f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and with it every frequency of the gait"
+            f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and so would be every gait frequency"
         )
     level, clipped = _rebuild_clipped_peaks(
         level, floor_db, ceiling_db, highest_db,
@@ -147,13 +147,13 @@ def make_level_gate(signature: xr.DataArray) -> Gate:
 
 
 def _check_uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
-    """Check that an axis rises evenly; return it."""
+    """Check that an axis is ascending and evenly spaced; return it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size < least:
         raise AnalysisError(f"{name} has shape {array.shape}; a spectrogram needs one axis of {least} values or more")
     steps = np.diff(array)
     if not (np.isfinite(array).all() and steps[0] > 0 and np.allclose(steps, steps.mean(), rtol=SAME_SPACING, atol=0)):
-        raise AnalysisError(f"{name} must rise in even steps; its steps are {steps.min():.4g} to {steps.max():.4g}")
+        raise AnalysisError(f"{name} must rise in equal steps; its steps are {steps.min():.4g} to {steps.max():.4g}")
     return array
 
 
@@ -163,7 +163,7 @@ def _rebuild_clipped_peaks(
 ) -> tuple[FloatArray, dict[str, Any]]:  # fmt: skip
     """Clip levels and rebuild clipped peaks as domes.
 
-    Also returns the facts to store about it.
+    Also returns the facts about clipping that are stored.
     """
     if highest_db is not None and (ceiling_db is None or highest_db <= ceiling_db):
         raise AnalysisError(f"highest_db is {highest_db}; it needs a ceiling_db below it, which is {ceiling_db}")
@@ -174,7 +174,7 @@ def _rebuild_clipped_peaks(
     kept: FloatArray = np.clip(level, low, high)
     if highest_db is not None:
         curvature_db = LOBE_DB_PER_CELL2 / rows_per_cell**2
-        # a parabola through both edges of its run of clipped cells
+        # a parabola through both edges of the run of clipped cells
         rows = np.arange(level.shape[1])
         last = np.maximum.accumulate(np.where(at_ceiling, -1, rows), axis=1)
         following = np.minimum.accumulate(np.where(at_ceiling, rows.size, rows)[:, ::-1], axis=1)[:, ::-1]

@@ -24,13 +24,13 @@ from doppelgait.processing.cadence import CadenceParts
 from doppelgait.processing.parts import PARTS, locate_parts
 
 SIDEWAYS_COSINE = 0.6
-"""Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
+"""|cos psi| below which lateral sway, with the period of the stride, can be stronger than the steps (E-33)."""
 
 ALIGNED = "aligned"
-"""Attribute of a cadence map: whether its Doppler is measured from the main line (E-29) or from 0 Hz."""
+"""Attribute of a cadence map: True if its Doppler is relative to the main line (E-29) and not to 0 Hz."""
 
 NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
-"""Reasons of a missing ground speed that are flags."""
+"""Reasons for a missing ground speed that become flags."""
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
 
@@ -62,7 +62,7 @@ def add_body_parts(result: Result, baseband: xr.DataArray) -> Result:
     ----------
     result : Result
     baseband : DataArray (slow_time, range)
-        Clutter-free; the gate and the columns of the signature lie in it.
+        Baseband without clutter that contains the gate and the columns of the signature.
     """
     mask, reason = None, "recorded_in_bursts"
     if processing.get_burst_pulses(baseband) is None:
@@ -84,7 +84,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     mu : DataArray (time, doppler)
         Signature, V^2.
     gate : Gate
-        The gate that gave it.
+        Gate of the signature.
     analysis : Analysis
     label : str or None
         Only passed on.
@@ -100,7 +100,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     further: dict[str, Any] = {}
     over_time: dict[str, Any] = {}
     if liland:
-        # the report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler
+        # method of the report: columns over their maximum, mean removed, plain transform, sum over Doppler
         normalised = processing.normalise(shown, 0.0, mode="max")
         rows = processing.detrend(normalised, order=0)
         cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
@@ -173,7 +173,7 @@ def _measure_ground_motion(
     Also returns their standard deviations and the flags.
     """
     centre_m = read_axis(mu, "centre_range")
-    follows = np.ptp(centre_m) > 0  # a fixed gate follows no one
+    follows = np.ptp(centre_m) > 0  # a fixed gate does not follow a target
     motion = (
         estimate_ground_motion(read_axis(mu, "time"), centre_m, range_sd_m=gate.range_sd_m)
         if follows
@@ -200,7 +200,7 @@ def _measure_ground_motion(
 
 
 def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observation, Plain]:
-    """Observe what features need in a signature (E-28 to E-38).
+    """Compute the observation of a signature for features (E-28 to E-38).
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observati
     Returns
     -------
     observed : Observed
-        With its extraction.
+        Observation with its extraction.
     normalised : Plain (time, doppler)
         Normalised signature, not aligned.
     """
@@ -220,10 +220,10 @@ def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observati
     mu.attrs["n_gate_bins"] = processing.count_independent_bins(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
-    (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # once for all
+    (strongest_v2, peaks_hz), bin_hz = main_line.find_column_peaks(mu), main_line.bin_width_hz(mu)  # used several times
     straight = main_line.fit_line(peaks_hz, bin_hz, order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
-    if np.ptp(read_axis(mu, "centre_range")) > 0:  # a fixed gate follows no one
+    if np.ptp(read_axis(mu, "centre_range")) > 0:  # a fixed gate does not follow a target
         track = main_line.track_velocity(read_axis(mu, "time"), read_axis(mu, "centre_range"))
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])

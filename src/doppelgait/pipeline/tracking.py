@@ -44,23 +44,23 @@ FloatArray = npt.NDArray[np.float64]
 
 MIN_BREATHING_S, MIN_BREATHING_HZ = 10.0, 3.0
 NEAR_M = 1.0
-"""A breath found this close to a track is that of the tracked body."""
+"""Distance between a breath and a track below which both are of the same body."""
 LOST_SHARE = 0.02
-"""Frames that were lost and filled in, up to which the bandwidth is hardly wider (1 % singly: 3 %)."""
+"""Share of lost and filled frames above which the bandwidth is flagged; 1 % of single frames widens it by 3 %."""
 CLUTTER_SHARE = 0.2
-"""Above this share of a gate's power removed with the clutter, the torso may be removed, too."""
+"""Share of a gate's power removed with the clutter above which the torso may be removed, too."""
 STILL_SPAN_M = 0.6
 SAME_PLACE_M = 0.6
-"""A body that comes to rest and one that starts this near to it later are one, if"""
+"""Distance between the end of a track and the start of a later one below which both may be of one body."""
 LONGEST_REST_S = 10.0
-"""no longer time passed than this, or a person breathes there in between."""
+"""Longest rest of a body between two tracks, unless a person breathes there in between."""
 STILL_SPEED_MPS, MIN_REST_S = 0.1, 2.0
 REST_SPEED_MPS, START_SPEED_MPS = 0.6, 1.0
-"""Highest speeds before and after a rest: who starts has moved for a while when seen."""
+"""Highest speeds before and after a rest; a body that starts has moved for some time when it is first detected."""
 EDGE_M = 0.5
-"""Who is lost this near to an end of the range frame has left it."""
+"""Distance from an end of the range frame below which a lost body has left the frame."""
 TRACK_SD_QUANTILE = 0.25
-"""The range error of a track is that of its clear scans: those in another body's detection are not as good."""
+"""Quantile of the range errors that is the error of a track; scans in another body's detection have larger errors."""
 
 
 class Tracking(FrozenModel):
@@ -73,7 +73,7 @@ class Tracking(FrozenModel):
     tracker : Tracker
         Association of detections with tracks from scan to scan.
     pieces : SegmentationSettings
-        How a track is divided into segments of steady motion.
+        Division of a track into segments of steady motion.
     breathing : BreathingSettings
         Detection of people who keep still, by their breathing.
 
@@ -91,16 +91,16 @@ class Tracking(FrozenModel):
 
 
 def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> TargetList:
-    """Find and analyse all bodies of a recording.
+    """Detect and analyse all bodies of a recording.
 
-    Moving bodies come first, in order of appearance. An empty list has its reason.
+    Moving bodies are first in the list, in order of appearance. An empty list has a reason.
 
     Parameters
     ----------
     recording : Recording
-        Its truth is not read.
+        The truth is not read.
     analysis : Analysis
-        As :meth:`doppelgait.processing.Analysis.resolved` returns it for tracks.
+        Settings from :meth:`doppelgait.processing.Analysis.resolved` for tracks.
     tracking : Tracking
     """
     baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
@@ -121,8 +121,8 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
         warn_caller(
             f"frame rate {prf_hz:g} Hz: radial speeds are unambiguous to {wavelength_m * prf_hz / 4:.2g} m/s only and "
-            f"{tracking.detector.cpi_s:g} s hold fewer than {MIN_CPI_PULSES} frames; moving bodies are not looked for, "
-            "only people who keep still"
+            f"{tracking.detector.cpi_s:g} s have fewer than {MIN_CPI_PULSES} frames; only people who keep still are "
+            "detected, and no moving bodies"
         )
     else:
         scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
@@ -134,7 +134,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         persons = find_breathing(baseband, wavelength_m=wavelength_m, settings=tracking.breathing)
     if not tracks and not persons:
         nothing_moves = _explain_missing_track(raw, scans, wavelength_m, tracking)
-        return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no bin breathes steadily for 12 s'}")
+        return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no range bin shows steady breathing for 12 s'}")
     tracks = _link(tracks, persons, read_axis(raw, "range"))
     total = sum_pulses(raw)
     analyze = partial(_analyze_track, raw, clean, total, wavelength_m, persons, analysis, tracking)
@@ -157,7 +157,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
 
 
 def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
-    """Add what the verdict added to the result before."""
+    """Copy verdict, evidence and flags to a result without them."""
     flags = (*alone.flags, *judged.flags[len(before.flags) :])
     quality = {**alone.quality, **{name: judged.quality[name] for name in judged.quality.keys() - before.quality}}
     segments = tuple(_copy_verdict(judged, before, segment) for segment in alone.segments)
@@ -165,9 +165,9 @@ def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
 
 
 def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
-    """Flag the bandwidth where lost frames were filled.
+    """Flag the bandwidth if lost frames were filled.
 
-    A recorder that loses frames repeats the last one or stores zeros; the jumps that follow are wide in Doppler.
+    A recorder that loses frames repeats the last frame or stores zeros. The resulting jumps are wide in Doppler.
     """
     times_s = read_axis(baseband, "slow_time")
     first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
@@ -204,18 +204,21 @@ def _analyze_without_range(
     moves = int(motion.moves(tracking.detector).sum())
     return TargetList(
         reason=f"{moves} of {motion.time_s.size} scans have Doppler above the noise at {tracking.detector.slow_mps:g} "
-        f"m/s or more, which is no motion of {tracking.tracker.min_duration_s:g} s; "
-        f"{needs or 'nothing breathes steadily for 12 s'}"
+        f"m/s or more, too few for a motion of {tracking.tracker.min_duration_s:g} s; "
+        f"{needs or 'no steady breathing for 12 s'}"
     )
 
 
 def _describe_missing_breath(raw: xr.DataArray) -> str:
-    """Return what a breath analysis lacks, if anything."""
+    """Return why breathing cannot be detected, or an empty text."""
     times_s = read_axis(raw, "slow_time")
     if times_s[-1] - times_s[0] < MIN_BREATHING_S:
-        return f"{times_s[-1] - times_s[0]:.1f} s are too short for a breath, which needs {MIN_BREATHING_S:g} s"
+        return f"{times_s[-1] - times_s[0]:.1f} s are too short to detect breathing, which needs {MIN_BREATHING_S:g} s"
     if sampling_rate_hz(times_s) < MIN_BREATHING_HZ:
-        return f"{sampling_rate_hz(times_s):.3g} frames/s are too few for a breath, which needs {MIN_BREATHING_HZ:g}"
+        return (
+            f"{sampling_rate_hz(times_s):.3g} frames/s are too few to detect breathing, which needs "
+            f"{MIN_BREATHING_HZ:g}"
+        )
     return ""
 
 
@@ -224,7 +227,7 @@ def _explain_missing_track(
 ) -> str:
     """Explain why no moving body was found, with numbers."""
     if scans is None:
-        return f"moving bodies were not looked for at {sampling_rate_hz(read_axis(raw, 'slow_time')):.3g} frames/s"
+        return f"moving bodies cannot be detected at {sampling_rate_hz(read_axis(raw, 'slow_time')):.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
     hits = sum(bool(scan.detections) for scan in scans)
     seen = f"{hits} of {len(scans)} scans have detections"
@@ -233,9 +236,9 @@ def _explain_missing_track(
     if resting:
         most_m = max(float(np.ptp(one.range_m)) for one in resting)
         return (
-            f"{seen}, but what they follow keeps its place (at most {most_m:.2f} m of travel, "
-            f"{resting[0].range_m.mean():.2f} m from the radar), as do clutter and people at rest; "
-            f"tracking.tracker.still_travel_m=0 reports it"
+            f"{seen}, but the detected bodies do not move (at most {most_m:.2f} m of travel, "
+            f"{resting[0].range_m.mean():.2f} m from the radar), like clutter and people at rest; "
+            f"set tracking.tracker.still_travel_m=0 to report them"
         )
     brief = track(
         scans, tracker.model_copy(update={"still_travel_m": 0.0, "min_duration_s": 0.0}), velocity_span_mps=span_mps
@@ -245,10 +248,10 @@ def _explain_missing_track(
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
     best_db, place, fastest_mps = -math.inf, "", wavelength_m * sampling_rate_hz(read_axis(raw, "slow_time")) / 4
     if fastest_mps <= detector.slow_mps:
-        return f"{seen}; speeds are unambiguous to {fastest_mps:.2g} m/s only, slower than anybody walks"
+        return f"{seen}; speeds are unambiguous to {fastest_mps:.2g} m/s only, below walking speed"
     for maps in compute_maps(remove_static_clutter(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
         snr = maps.power_v2 / np.maximum(maps.floor_v2, 1e-300)
-        snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # what is left of the clutter
+        snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # residual clutter
         scan, doppler, number = np.unravel_index(int(snr.argmax()), snr.shape)
         level_db = 10.0 * math.log10(max(float(snr[scan, doppler, number]), 1e-30))
         if level_db > best_db:
@@ -256,16 +259,16 @@ def _explain_missing_track(
             place = f"{maps.range_m[number]:.2f} m, {maps.velocity_mps[doppler]:.2f} m/s, {maps.time_s[scan]:.1f} s"
     needed_db = 10.0 * math.log10(noise_factor(detector.peak_pfa))
     return (
-        f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} in a row at one place: the strongest "
-        f"cell faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), a body has cells "
-        f"above {needed_db:.1f} dB"
+        f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} consecutive scans at one place: the "
+        f"strongest cell faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), and a "
+        f"body needs {needed_db:.1f} dB"
     )
 
 
 def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: FloatArray) -> list[Track]:
-    """Join a body's tracks across its rest.
+    """Join the tracks of a body before and after a rest.
 
-    The first ends at rest, the second begins at its place, and no third one could be either.
+    The first track ends at rest, the second starts at the same place, and no third track fits in place of either.
     """
     low_m, high_m = float(range_m[0]) + EDGE_M, float(range_m[-1]) - EDGE_M
 
@@ -294,7 +297,7 @@ def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: Floa
 
 
 def _describe_breath(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
-    """Describe a body's rest between motions, and breath."""
+    """Describe the rest of a body between motions, and its breathing."""
     moves = np.flatnonzero(found.measured & (np.abs(found.velocity_mps) > STILL_SPEED_MPS))
     if moves.size < 2:
         return {}
@@ -324,9 +327,9 @@ def _analyze_track(
     persons: Sequence[BreathingTarget], analysis: Analysis, tracking: Tracking, found: Track, *,
     taken: npt.NDArray[np.bool_] | None = None,
 ) -> Result:  # fmt: skip
-    """Analyse a track's segments; return the longest.
+    """Analyse the segments of a track; return the longest.
 
-    Segments are cut where the gate is ``taken`` by another target too, if anything long enough is left of them.
+    The times in which another target is in the gate (``taken``) are removed from a segment if the rest is long enough.
     """
     gate = Gate.from_track(
         found, span_m=analysis.gate_span_m, time_s=read_axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
@@ -377,7 +380,7 @@ def _analyze_segment(
 ) -> Result:
     """Analyse one segment, flagging hidden gait and clutter losses.
 
-    ``measured`` is the :func:`measure_share_removed` of the whole track.
+    ``measured`` is the result of :func:`measure_share_removed` for the whole track.
     """
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
@@ -390,7 +393,7 @@ def _analyze_segment(
         if motion.visibility == "hidden":
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
-    if measured is not None and analysis.clutter not in ("none", "auto"):  # as measured, else by the filter's gain
+    if measured is not None and analysis.clutter not in ("none", "auto"):  # measured, otherwise predicted
         share = measured.values[(read_axis(measured, "time") >= start_s) & (read_axis(measured, "time") <= stop_s)]
         known = share[np.isfinite(share)]
         times_s = read_axis(clean, "slow_time")

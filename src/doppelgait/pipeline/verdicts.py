@@ -1,6 +1,6 @@
-"""Verdicts: whether tracked targets are bodies, echoes or things.
+"""Verdicts: classification of tracked targets as bodies, echoes or things.
 
-Every verdict needs positive evidence; without it a target is a body.
+Every other verdict needs positive evidence; without it a target is a body.
 """
 
 from __future__ import annotations
@@ -23,33 +23,44 @@ from doppelgait.radar import Radar
 FloatArray = npt.NDArray[np.float64]
 
 STEP_S = 0.05
-"""Verdicts look at tracks and Doppler in steps of this time."""
+"""Time step of tracks and Doppler for verdicts."""
 STRIP_M = 0.5
-"""Range extent of the strip around a track in which its Doppler is measured: less than that of a body's gate."""
+"""Range extent of the strip around a track in which its Doppler is measured; it is smaller than a body's gate."""
 SIGNIFICANT = 4.0
-"""Cells of a strip count from this many times the noise on."""
+"""Ratio to the noise floor above which a cell of a strip is used."""
 STEPS_AT_ONCE = 4096
-"""Steps that are averaged together; the values of a column are few, but those of an hour are a gigabyte."""
+"""Number of steps that are averaged together; all columns of an hour would need a gigabyte."""
 
 FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
-"""Longest pause of a folding track, its distance from the edges then, and how well range, speed and level continue."""
+"""Limits for a folded echo.
+
+They are the longest pause between body and echo, the largest distance from the edges of the frame at that time, and the
+largest differences in range, speed and level.
+"""
 
 SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
 LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
 SIDE_MPS = 0.3
-"""Doppler this far from the body's is that of moving parts."""
+"""Difference from the body's Doppler velocity above which power is from moving parts."""
 BACKWARD, LEAST_BALANCE = (0.36, 0.6), 0.7
-"""Legs hardly move backward over the ground, less than 7 % of the power in all crawlers, slow walkers and dogs of the
-development scenes; the brushes of a vacuum cleaner move both ways alike: 38 to 56 %, and 74 to 97 % balance."""
+"""Limits of the share of power in backward motion, and smallest balance of both directions, for turning parts.
+
+Legs hardly move backward over the ground: the share is below 7 % for all crawlers, slow walkers and dogs of the
+development scenes. The brushes of a vacuum cleaner move equally in both directions: 38 to 56 %, with a balance of 74 to
+97 %.
+"""
 CLEAR_M = 1.2
-"""A strip is that of its target only while no other track is this near."""
+"""Distance of other tracks above which a strip contains only its own target."""
 
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
-"""Both ways by a brick wall lose 12 dB and more; small dogs are up to 10 dB weaker than a person."""
+"""Highest level of a reflection relative to its body, without and with a common rhythm.
+
+The two-way path by a brick wall loses 12 dB or more; small dogs are up to 10 dB weaker than a person.
+"""
 RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
-"""Least confidence of two rhythms that differ, and least correlation of two that are one."""
+"""Relative difference and confidence of two different rhythms, and smallest correlation of a common rhythm."""
 
 
 @dataclass(frozen=True)
@@ -73,17 +84,17 @@ class TrackStrip:
 
     @property
     def level_db(self) -> FloatArray:
-        """Return the strength at 1 m, dB."""
+        """Return the level, scaled to 1 m, in dB."""
         power_v2 = np.maximum(self.power_v2.sum(axis=1), 1e-30)
         return np.asarray(10.0 * np.log10(power_v2) + 40.0 * np.log10(np.maximum(self.range_m, 0.1)))
 
     def between(self, start_s: float, stop_s: float) -> TrackStrip:
-        """Return the part between two times."""
+        """Return the steps between two times."""
         kept = (self.time_s >= start_s - 1e-9) & (self.time_s <= stop_s + 1e-9)
         return self.at(kept)
 
     def at(self, kept: npt.NDArray[np.bool_]) -> TrackStrip:
-        """Return the steps that a mask keeps."""
+        """Return the steps that a mask selects."""
         return TrackStrip(
             self.time_s[kept], self.range_m[kept], self.approach_mps[kept], self.power_v2[kept], self.velocity_mps
         )
@@ -107,7 +118,7 @@ def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, ra
     Parameters
     ----------
     results : sequence of Result
-        Of one recording, with the gates of their tracks.
+        Results of one recording, with the gates of their tracks.
     clean : DataArray (slow_time, range)
         Baseband without clutter.
     analysis : Analysis
@@ -150,7 +161,7 @@ def is_echo(result: Result, number: int) -> bool:
 
 
 def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
-    """Return both gait frequencies where both are sure."""
+    """Return both gait frequencies, or None if one is uncertain."""
     both = (ghost, body)
     if any(one.gait_frequency_hz is None or (one.quality.get("gait_confidence") or 0.0) < SURE for one in both):
         return None
@@ -158,7 +169,7 @@ def _get_rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
 
 
 def observe_strip(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float) -> TrackStrip:
-    """Look at the strip around a target's track."""
+    """Measure Doppler in a strip around a target's track."""
     strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
     mu = processing.decimate(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
     floor_v2 = processing.noise_floor_v2(mu)
@@ -179,7 +190,7 @@ def observe_strip(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelengt
 
 
 def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: float) -> FloatArray:
-    """Average power above the noise over sets of columns."""
+    """Average the power above the noise over groups of columns."""
     excess_v2 = np.where(mu_v2 > SIGNIFICANT * floor_v2, mu_v2 - floor_v2, 0.0)
     return np.asarray(excess_v2.reshape(-1, min(every, len(mu_v2)), mu_v2.shape[1]).mean(axis=1))
 
@@ -188,10 +199,10 @@ def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: f
 
 
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
-    """Recognise slow things with turning parts.
+    """Recognise slow things with rotating parts.
 
-    An example is a robot vacuum. It travels no faster than a crawler, and has Doppler to both sides alike: what is on
-    legs moves them forward.
+    An example is a robot vacuum. It moves no faster than a crawling person and has equal Doppler on both sides, while
+    a body on legs moves its legs forward.
     """
     clear = np.ones(one.time_s.size, dtype=bool)
     for other in others:
@@ -204,7 +215,7 @@ def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None
     if np.percentile(np.abs(one.approach_mps), 95) > FASTEST_MPS:
         return None
     squared = np.polynomial.Polynomial.fit(one.time_s, one.range_m**2, 2).convert().coef
-    if len(squared) > 2 and squared[2] > FASTEST_GROUND_MPS**2:  # R^2 of a straight way is quadratic in time
+    if len(squared) > 2 and squared[2] > FASTEST_GROUND_MPS**2:  # R^2 of a straight path is quadratic in time
         return None
     travels = np.abs(own.approach_mps) > SLOWEST_MPS
     if travels.sum() * STEP_S < LEAST_THING_S / 2:
@@ -234,7 +245,8 @@ def judge_fold(
 ) -> Verdict | None:
     """Recognise a folded echo from beyond the frame.
 
-    Its range plus the folding range continues the body's track past the end of the frame, before or after it.
+    The range of the echo plus the folding range continues the body's track beyond the end of the frame, before or
+    after it.
     """
     later = one.time_s[0] > body.time_s[0]
     first, second = (body, one) if later else (one, body)
@@ -244,7 +256,7 @@ def judge_fold(
     far, near = (-1, 0) if later else (0, -1)
     if body.range_m[far] < frame_stop_m - FOLD_EDGE_M or one.range_m[near] > FOLD_EDGE_M:
         return None
-    # the second before the edge, but not the half right at it, where a part of the body is outside
+    # the second before the edge, without its last half, when a part of the body is outside
     count = min(one.time_s.size, body.time_s.size)
     skip, stop = min(10, count // 2), min(30, count)
     edge = slice(-stop, -skip or None) if later else slice(skip, stop)  # of the body
@@ -267,17 +279,18 @@ def judge_fold(
 def judge_reflection(
     ghost: TrackStrip, body: TrackStrip, number: int, rhythms: tuple[float, float] | None
 ) -> Verdict | None:
-    """Recognise a body's echo by an upright wall.
+    """Recognise a body's echo from a vertical wall.
 
-    The mirror image at the range g fulfils g^2 = R^2 + 4 q, the path with one way by the wall m (m - R) = q, q the
-    product of the distances of radar and body from the wall, which changes little as the body walks.
+    The mirror image has the range g with g^2 = R^2 + 4 q. A path with one reflection in one direction only has the
+    range m with m (m - R) = q. q is the product of the distances of radar and body from the wall, which changes little
+    as the body walks.
     """
     start_s, stop_s = max(ghost.time_s[0], body.time_s[0]), min(ghost.time_s[-1], body.time_s[-1])
     own, direct = ghost.between(start_s, stop_s), body.between(start_s, stop_s)
     if stop_s - start_s < LEAST_MIRROR_S or own.time_s.size < 8 or direct.time_s.size < 8:
         return None
     if stop_s - start_s < 0.9 * (ghost.time_s[-1] - ghost.time_s[0]):
-        return None  # no ghost without its body
+        return None  # a ghost exists only together with its body
     range_m = np.interp(own.time_s, direct.time_s, direct.range_m)
     excess_m = own.range_m - range_m
     if excess_m.min() < LEAST_EXCESS_M or np.ptp(excess_m) < LEAST_CHANGE_M:
@@ -313,7 +326,7 @@ def judge_reflection(
 def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
     """Correlate the Doppler rhythms of two targets.
 
-    Returns the lesser of both correlations.
+    Returns the smaller of both correlations.
     """
     found = []
     for first, second in zip(_compute_moments(one), _compute_moments(other), strict=True):
@@ -326,7 +339,7 @@ def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
 
 
 def _compute_moments(one: TrackStrip) -> tuple[FloatArray, FloatArray]:
-    """Return the Doppler's weighted mean and deviation, m/s."""
+    """Return weighted mean and deviation of the Doppler, m/s."""
     amplitude = np.sqrt(one.power_v2) + 1e-30
     total = amplitude.sum(axis=1)
     mean_mps = (amplitude * one.velocity_mps).sum(axis=1) / total

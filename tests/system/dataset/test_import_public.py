@@ -139,4 +139,4 @@ level_db = [-40, 0]\ncolormap = "jet"\n"""
         CliRunner().invoke(app, [*command, str(tmp_path / "set")], catch_exceptions=False)
     (folder / "picture.toml").unlink()
     done = CliRunner().invoke(app, [*command, str(tmp_path / "none")])
-    assert "a picture has no axes" in str(done.exception)
+    assert "a picture needs a file" in str(done.exception)
