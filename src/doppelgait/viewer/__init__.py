@@ -1,4 +1,4 @@
 """Local viewer of recordings, results and datasets.
 
-The page is served on this computer, and only to the user who started it.
+The page is served on this computer, only to the user who started it.
 """

@@ -1,4 +1,4 @@
-"""Routes of the viewer's server, and their guard."""
+"""Routes of the viewer's server, and the check of requests."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ POLICY = "; ".join(
         "frame-ancestors 'none'",
     )
 )  # fmt: skip
-"""Content security policy: nothing from elsewhere, no text that becomes script."""
+"""Content security policy: no content of other servers, and no inline scripts."""
 ANSWER_HEADERS = (
     (b"content-security-policy", POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
@@ -67,26 +67,26 @@ ANSWER_HEADERS = (
 
 
 NOTEBOOKS = b"frame-ancestors http://localhost:* http://127.0.0.1:*"
-"""Pages that may show the viewer in a frame: notebooks on this computer, where one asks for it."""
+"""Pages that may show the viewer in a frame: notebooks on this computer, if ``framed`` is set."""
 
 
 class Guard:
     """ASGI middleware for requests of the viewer's page.
 
-    A page of another site can make the browser ask any port of this computer, and make a name of its own mean
-    127.0.0.1 (DNS rebinding): so the host must be a name of this computer, and the secret token the first part of the
-    path; it is taken off before the request goes on. The page alone may be opened from elsewhere, by who has the
-    token: the file that opens the browser leads there.
+    A page of another site can make the browser send requests to any port of this computer, and can resolve its own host
+    name to 127.0.0.1 (DNS rebinding). Therefore the host must be a name of this computer, and the first part of the
+    path must be the secret token, which is removed before the request is passed on. Only the page itself may be opened
+    from another site with the token, because the file that opens the browser redirects to it.
 
     Parameters
     ----------
     app : ASGI application
     token : str
-        Secret of this start, random.
+        Random secret of this start.
     port : int
-        Where the server listens.
+        Port of the server.
     framed : bool
-        Whether a notebook on this computer may show the page in a frame.
+        If True, a notebook on this computer may show the page in a frame.
     """
 
     def __init__(self, app: App, *, token: str, port: int, framed: bool = False) -> None:
@@ -100,11 +100,11 @@ class Guard:
         self.hosts = tuple(f"{name}:{port}".encode() for name in ("127.0.0.1", "localhost"))
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Refuse a request or pass it on."""
+        """Reject a request or pass it on."""
         if scope["type"] != "http":
             if scope["type"] == "lifespan":
                 await self.app(scope, receive, send)
-            return  # no web sockets: the server closes them when nothing answers
+            return  # web sockets are not supported: the server closes them if there is no answer
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -123,7 +123,7 @@ class Guard:
             if status == 405:
                 headers.append((b"allow", ", ".join(METHODS).encode()))
         else:
-            # The page at its address without the last slash: from there its own links would lead nowhere.
+            # Redirect the page's address without the last slash, because relative links would fail there.
             query: bytes = scope["query_string"]
             place = f"/{self.token.decode()}/".encode() + (b"?" + query if query else b"")
             status, body, headers = 307, b"", [(b"location", place), (b"content-length", b"0")]
@@ -131,29 +131,26 @@ class Guard:
         await guarded({"type": "http.response.body", "body": body})
 
     def fault(self, scope: Message) -> tuple[int, str] | None:
-        """Return a refusal's status and reason, or None."""
+        """Return status and reason of a rejection, or None."""
         headers = list(scope["headers"])
         if len(scope.get("raw_path") or scope["path"].encode()) + len(scope["query_string"]) > MOST_URL_BYTES:
             return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
         if scope["method"] not in METHODS:
-            return 405, f"{scope['method']} is not allowed; this server only gives: {', '.join(METHODS)}"
+            return 405, f"{scope['method']} is not allowed; allowed are {', '.join(METHODS)}"
         if _list_values(headers, b"host") not in [[host] for host in self.hosts]:
             return 403, "the Host header must name this computer and the port of this server"
         own = [b"http://" + host for host in self.hosts]
         origins, sites = _list_values(headers, b"origin"), _list_values(headers, b"sec-fetch-site")
         elsewhere = any(site not in (b"same-origin", b"none") for site in sites)
         if any(origin not in own for origin in origins) or (elsewhere and not self.is_page_request(scope)):
-            return 403, "requests from other sites are refused"
+            return 403, "requests from other sites are rejected"
         first = scope["path"].partition("/")[2].partition("/")[0].encode()
         if not hmac.compare_digest(first, self.token):
-            return 403, "the token is missing or wrong; take the address that the command printed"
+            return 403, "the token is missing or wrong; use the address that the command printed"
         return None
 
     def is_page_request(self, scope: Message) -> bool:
-        """Return True if a browser opens the page itself.
-
-        It opens in a tab or window of its own.
-        """
+        """Return True if a browser opens the page by itself."""
         headers = list(scope["headers"])
         how = _list_values(headers, b"sec-fetch-mode") + _list_values(headers, b"sec-fetch-dest")
         places = (b"document", b"iframe") if self.framed else (b"document",)
@@ -176,7 +173,7 @@ MEDIA_TYPES = {
 }
 PAYLOAD, JSON, WAV = "application/octet-stream", "application/json", "audio/wav"
 GONE = 499
-"""Status for a request after its sender has left; it is never shown."""
+"""Status of a request after the client has disconnected; it is never shown."""
 
 
 def make_app(
@@ -188,7 +185,7 @@ def make_app(
     live: Rolling | None = None,
     framed: bool = False,
 ) -> Guard:
-    """Make the ASGI application of the viewer, behind its guard.
+    """Make the ASGI application of the viewer.
 
     Parameters
     ----------
@@ -197,12 +194,12 @@ def make_app(
     token : str
         First part of every path.
     port : int
-        Where the server listens.
+        Port of the server.
     settings : Settings, optional
     live : Rolling, optional
-        Stream that the page follows, in place of "Try it".
+        Stream that the page shows instead of "Try it".
     framed : bool
-        Whether a notebook on this computer may show the page in a frame.
+        If True, a notebook on this computer may show the page in a frame.
     """
     chosen = settings or Settings()
     shelf, lock = RunCache(opened), anyio.Lock()
@@ -261,14 +258,14 @@ def _encode_scene(run: Run, reference: Reference) -> bytes:
     from doppelgait.viewer.try_it import answer_scene
 
     if reference.key[:1] != ("try",):
-        raise ConfigError("try: is missing; only what 'Try it' has simulated can be had as a scene file")
+        raise ConfigError("try: is missing; only a simulation of 'Try it' has a scene file")
     return as_json(answer_scene(run, dict(item for item in reference.key[1:] if isinstance(item, tuple))))
 
 
 def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
-    """Make the routes about the dataset.
+    """Make the routes of the dataset browser.
 
-    Without an open dataset each answers with an error.
+    Without an open dataset every route answers with an error.
     """
 
     def browser() -> Browser:
@@ -302,14 +299,14 @@ def _describe_session(opened: OpenedSource | None, settings: Settings, live: Rol
 def _encode_live(live: Rolling | None, query: Pairs) -> bytes:
     parse_parameters(query, ())
     if live is None:
-        raise ConfigError("no stream is followed; start the page with 'doppelgait live SOURCE --view'")
+        raise ConfigError("there is no stream; start the page with 'doppelgait live SOURCE --view'")
     return live.payload()
 
 
 def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
     """Make an endpoint that needs no run.
 
-    It works in a thread; several run at once.
+    The answer is computed in a thread; several may run at the same time.
     """
 
     async def endpoint(request: Request) -> Response:
@@ -321,10 +318,10 @@ def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 
 
 def return_memory() -> None:
-    """Give free memory back to the system (glibc).
+    """Return free memory to the system (glibc).
 
-    The arrays of one answer are of other sizes than those of the next: without this, a server of long recordings holds
-    a third more.
+    The arrays of successive answers have different sizes. Without this call a server of long recordings needs a third
+    more memory.
     """
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
@@ -335,7 +332,7 @@ def return_memory() -> None:
 async def run_in_thread(make: Callable[[], T]) -> T:
     """Run a slow function in a thread.
 
-    A server that ends does not wait for it.
+    A server that stops does not wait for the thread.
     """
     return await anyio.to_thread.run_sync(make, abandon_on_cancel=True)
 
@@ -345,12 +342,12 @@ def _run_answer(
 ) -> Endpoint:
     """Make an endpoint about one run.
 
-    One runs at a time, and none for a page that has stopped waiting.
+    One request is processed at a time; a request is dropped if its page has disconnected.
     """
 
     async def endpoint(request: Request) -> Response:
         reference = parse_reference(request.query_params.multi_items(), names)
-        at_once = make is _encode_recording and not reference.key  # is in memory: needs no analysis and waits for none
+        at_once = make is _encode_recording and not reference.key  # in memory: no analysis is needed
         async with nullcontext() if at_once else lock:
             if await request.is_disconnected():
                 return Response(status_code=GONE)
@@ -364,7 +361,7 @@ def _run_answer(
 def read_static_files() -> dict[str, tuple[bytes, str]]:
     """Read content and type of the page's files.
 
-    Other files cannot be requested.
+    No other files can be requested.
     """
     folder = resources.files("doppelgait.viewer") / "static"
     files = {}
@@ -418,7 +415,7 @@ async def _prepare_app(
 
 
 def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -> None:
-    """Analyse what was opened.
+    """Analyse the opened run in advance.
 
     An error is reported on the page's request. Nothing is prepared for a dataset: its plan is simulated only when the
     user opens an example.
@@ -426,15 +423,12 @@ def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -
     describe_session(opened, settings)
     if opened is None or opened.browser is None:
         with suppress(DoppelgaitError):
-            # Key of the run that the page will ask for first: what was opened, or "Try it".
+            # Key of the run that the page requests first: the opened run, or "Try it".
             shelf.run(Reference(("try",) if opened is None else (), None, {})).targets(None)
 
 
 async def _answer_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
-    """Answer an error of the library in its own words.
-
-    The folders of this computer are left out.
-    """
+    """Answer with the message of an error, without folder names."""
     return _make_error(400 if isinstance(error, ConfigError) else 422, remove_folders(str(error), *folders))
 
 

@@ -30,9 +30,10 @@ FILTERED = (
     ("label",), ("split",), ("truth_ground_speed_mps", "quality_ground_speed_mps"),
     ("snr_frame_db", "quality_snr_mu_db"), ("truth_aspect_deg", "quality_aspect_deg"),
 )  # fmt: skip
-"""Filters that are there from the start; of each the first column that is known; measured data know no truth."""
+"""Filters that are shown at the start: the first column of each group with known values; measured data have no truth.
+"""
 SHOWN = (*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz", "quality_flags")
-"""Columns of the table behind the id and the columns of the filters."""
+"""Columns of the table after the id and the columns of the filters."""
 MOST_POINTS = 5000
 MOST_ROWS = 500
 MOST_THUMBNAILS = 96
@@ -47,7 +48,7 @@ class Browser:
     ----------
     dataset : Dataset
     motion_folder : Path, optional
-        Where the plan's motion files are; without, no file is used.
+        Folder with the motion files of the plan. Without it no file is used.
     """
 
     def __init__(self, dataset: Dataset, motion_folder: Path | None = None) -> None:
@@ -64,7 +65,7 @@ class Browser:
     def summary(self) -> dict[str, Any]:
         """Describe the dataset and its columns."""
         description = self.dataset.description
-        # Classes and splits come in their own order, not in that of the alphabet.
+        # Classes and splits keep their own order, which is not alphabetical.
         ordered = {"label": self.classes, "split": list(SPLITS)}
         columns = [self.columns.facts(name) for name in self.columns.kinds]
         for facts in columns:
@@ -123,7 +124,7 @@ class Browser:
         return {"n_matching": found.size, "splits": self.splits, "counts": self._count_rows(found)}
 
     def scatter(self, query: Pairs) -> bytes:
-        """Return two number columns where both are known."""
+        """Return two number columns, for rows in which both are known."""
         filters, parameters = parse_query(query, self.columns, ("x", "y"))
         names = []
         for key in ("x", "y"):
@@ -182,13 +183,13 @@ class Browser:
         return {"id": str(row["id"]), "label": str(row["label"])}
 
     def run(self, example_id: str) -> Run:
-        """Open an example (:class:`doppelgait.viewer.examples.ExampleRuns`)."""
+        """Open an example with :class:`doppelgait.viewer.examples.ExampleRuns`."""
         return self._runs.run(example_id)
 
     def _sort_rows(self, filters: Filters, parameters: dict[str, str]) -> Rows:
         """Return the matching rows in the requested order.
 
-        Unknown values come last in either direction, equal ones as in the index.
+        Unknown values are last in both directions; equal values have the order of the index.
         """
         descending = parse_whole(parameters, "descending", 0, least=0, most=1)
         found = filters.rows(self.columns)
@@ -202,7 +203,7 @@ class Browser:
     def _lots(self) -> npt.NDArray[np.int64]:
         """Random rank of every row, always the same.
 
-        So a filter does not change which of its points are shown.
+        The choice of points that are shown is therefore independent of the filters.
         """
         return np.random.default_rng(0).permutation(len(self.dataset))
 
@@ -212,7 +213,7 @@ class Browser:
         codes, labels = self.columns.read_codes("label")
         strange = [label for label in labels if label not in self.classes]
         if strange:
-            raise DatasetError(f"{self.dataset.directory}: dataset.json knows no class {strange[0]!r}; it is damaged")
+            raise DatasetError(f"{self.dataset.directory}: dataset.json has no class {strange[0]!r}; it is damaged")
         return np.array([self.classes.index(label) for label in labels], dtype=np.int64)[codes]
 
     def _count_rows(self, rows: Rows) -> dict[str, list[int]]:
@@ -229,14 +230,13 @@ class Browser:
 def choose_evenly(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
     """Choose up to ``most`` rows randomly, classes by share.
 
-    The same rows give the same choice.
-
-    Every n-th row will not do: classes take turns in an index, and so do the values of a plan's ``cycle``.
+    The same rows give the same choice. Every n-th row would not be representative, because classes and the values of a
+    plan's ``cycle`` alternate in an index.
 
     Parameters
     ----------
     rows, classes, lots : ndarray, shape (n,)
-        Rising row numbers, their class and their lot; of every class the lowest lots are taken.
+        Ascending row numbers, their classes and their random ranks; the lowest ranks of every class are chosen.
     most : int
     """
     if rows.size <= most:
@@ -271,10 +271,10 @@ def make_thumbnails(
     Returns
     -------
     facts : dict
-        ``image`` as in the viewer's other images, with 255 levels: axes, ``db``, ``unit``; None where nothing can be
+        ``image``: axes, ``db`` and ``unit`` as for the viewer's other images, with 255 levels; None if nothing can be
         shown. ``reasons``: for every row, why it has no image, or None.
     arrays : dict
-        ``thumbnails``, uint8 (n, columns, rows); 0 also where there is nothing.
+        ``thumbnails``, uint8 (n, columns, rows); cells without data are 0.
     """
     found = [_read_signature(dataset, int(row)) for row in rows]
     signatures = [signature for signature, _ in found if signature is not None]
@@ -283,7 +283,7 @@ def make_thumbnails(
         return facts, {}
     from doppelgait.viz.maps import doppler_limits_hz, level_limits_db
 
-    # All thumbnails share their axes: time from the start of each, and the velocities that any of them occupies.
+    # All thumbnails have the same axes: time from the start of each, and the velocities that any of them occupies.
     seconds = max(float(np.ptp(read_axis(s, "time"))) for s in signatures)
     limits = np.array([doppler_limits_hz(s) for s in signatures])
     moving = "Hz"
@@ -312,7 +312,7 @@ def make_thumbnails(
 
 
 def _read_signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | None]:
-    """Read a row's signature, or why there is none."""
+    """Return the signature of a row, or the reason for none."""
     try:
         dataset.check_fields(["signature"])
         signature = dataset.example(row).arrays.get("signature")
@@ -328,7 +328,7 @@ def _read_signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, st
 def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray) -> FloatArray:
     """Return the strongest level of every cell in dB.
 
-    It is NaN where the signature does not reach.
+    The level is NaN in cells outside the signature.
     """
     from doppelgait.viz.maps import compute_level_db
 
@@ -349,7 +349,7 @@ def find_strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -
     ----------
     values : ndarray, shape (n, m)
     samples : ndarray, shape (n,)
-        Rising, evenly spaced; each stands for half a step to either side.
+        Ascending, evenly spaced; each sample covers half a step on each side.
     edges : ndarray, shape (cells + 1,)
 
     Returns

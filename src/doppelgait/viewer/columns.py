@@ -21,23 +21,23 @@ NOT_OFFERED = (
     "motion", "environment", "impairments", "warnings", "notes", "citation", "shard", "row", "shard_sha256",
     "recording_sha256", "others",
 )  # fmt: skip
-"""Long texts, and where the arrays lie."""
+"""Columns that are not offered: long texts, and locations of arrays."""
 MOST_VALUES = 40
-"""A text column with more values than this is no category: all of them must fit into an address."""
+"""Largest number of values of a category; all of them must fit into an address."""
 NAMES = ("id", "scene_id", "group", "subject", "recording")
-"""Whose or which one it is: no category either, however few there are."""
+"""Columns of identifiers; they are no categories, even with few values."""
 RESERVED = ("sort", "descending", "offset", "limit", "x", "y", "text", "flag", "no_flag")
-"""Parameters of the requests: a column of such a name could not be distinguished from them."""
+"""Parameters of requests; columns with these names are not offered, because they would be ambiguous."""
 UNKNOWN = "(none)"
-"""Value of a category in rows that do not know it."""
+"""Value of a category in rows where it is unknown."""
 GROUPS = {
     "truth_": "truth", "feature_": "six features", "extended_": "extended features", "quality_": "quality",
     "sd_": "standard deviation",
 }  # fmt: skip
-"""Beginning of a column's name, and what such columns are."""
+"""Groups of columns by the prefix of their names."""
 
 OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"), "rcs_total_m2": ("total RCS", "m²")}
-"""Words and unit of columns with names that say less."""
+"""Description and unit of columns with names that do not describe them."""
 
 
 class Columns:
@@ -61,12 +61,13 @@ class Columns:
     def kinds(self) -> dict[str, str]:
         """Kind of every offered column: ``number``, ``category`` or ``text``.
 
-        The order is that of the index.
-
-        A column in which no row knows a value is not offered.
+        The order is that of the index. A column without any known value is not offered.
         """
         kinds = {}
-        for name in filter(_can_be_offered, self.index.columns):
+        reserved = (*NOT_OFFERED, *RESERVED)
+        for name in self.index.columns:
+            if not isinstance(name, str) or name in reserved or name.endswith((".min", ".max")):
+                continue
             if pd.api.types.is_numeric_dtype(self.index[name]):
                 if np.isfinite(self.numbers(name)).any():
                     kinds[name] = "number"
@@ -77,7 +78,7 @@ class Columns:
     def _is_category(self, name: str) -> bool:
         """Return True if a text column is a category.
 
-        The first rows exclude most that are none.
+        The first rows are enough to exclude most other columns.
         """
         if name in ("label", "split"):
             return True
@@ -108,7 +109,7 @@ class Columns:
     def read_codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
         """Return every row's text code, and the distinct texts.
 
-        Unknown counts as the empty text.
+        An unknown value is the empty text.
         """
         if name not in self._codes:
             codes, values = pd.factorize(_convert_to_texts(self.index[name]), sort=True)
@@ -125,7 +126,7 @@ class Columns:
         Raises
         ------
         ConfigError
-            Naming the parameter ``key``, if it is not.
+            With the name of the parameter ``key``, if the column has another kind.
         """
         if self.kinds.get(name) not in kinds:
             known = (column for column, kind in self.kinds.items() if kind in kinds)
@@ -142,9 +143,9 @@ class Columns:
         return dict(sorted(counts.items(), key=lambda entry: (-entry[1], entry[0])))
 
     def select_flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
-        """Select rows with a flag that fits a pattern.
+        """Select rows with a flag that matches a pattern.
 
-        ``*`` stands for anything.
+        ``*`` matches any text.
         """
         codes, texts = self._flag_texts
         fits = [any(fnmatchcase(flag, pattern) for flag in filter(None, text.split(";"))) for text in texts]
@@ -159,9 +160,7 @@ class Columns:
     def order(self, name: str) -> npt.NDArray[np.float64]:
         """Return the sort key of every row; shape (rows,).
 
-        It is the number or the alphabetical rank.
-
-        Unknown is NaN.
+        The key is the number or the alphabetical rank; it is NaN for unknown values.
         """
         if self.kinds[name] == "number":
             return self.numbers(name)
@@ -172,10 +171,6 @@ class Columns:
         return places
 
 
-def _can_be_offered(name: Any) -> bool:
-    return isinstance(name, str) and name not in (*NOT_OFFERED, *RESERVED) and not name.endswith((".min", ".max"))
-
-
 def _convert_to_texts(column: pd.Series[Any]) -> pd.Series[str]:
     """Convert values to texts, empty if unknown."""
     if isinstance(column.dtype, pd.StringDtype):
@@ -184,7 +179,7 @@ def _convert_to_texts(column: pd.Series[Any]) -> pd.Series[str]:
 
 
 def describe_column(name: str) -> dict[str, str]:
-    """Return a column's words, unit and group by name.
+    """Return description, unit and group of a column by name.
 
     Returns
     -------
@@ -208,18 +203,18 @@ LIMITS = (".min", ".max")
 
 @dataclass
 class Filters:
-    """Conditions that a row must meet, all at once.
+    """Conditions that a row must meet, combined by AND.
 
     Parameters
     ----------
     values : dict
-        Wanted values by category column, any of them.
+        Allowed values by category column.
     limits : dict
-        Lower and upper limit by number column, both included; rows that do not know the number are left out.
+        Lower and upper limit by number column, both included; rows with an unknown number are left out.
     flags, no_flags : list of str
-        Patterns: a row has a flag that fits each of the first, and none that fits one of the second.
+        Patterns: a row has a flag that matches each pattern of ``flags``, and no flag that matches one of ``no_flags``.
     text : str
-        Part of the id, in small or capital letters.
+        Part of the id; upper and lower case are equivalent.
     """
 
     values: dict[str, list[str]] = field(default_factory=dict)
@@ -255,7 +250,7 @@ def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> 
         Parameters by name, as sent.
     columns : Columns
     further : sequence of str
-        Names that are no filters; each may come once.
+        Names that are no filters; each is allowed once.
 
     Returns
     -------
@@ -265,7 +260,7 @@ def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> 
     Raises
     ------
     ConfigError
-        If a name is not known, comes again where it may not, or its value is not allowed.
+        If a name is unknown or repeated, or if its value is not allowed.
     """
     filters, parameters = Filters(), {}
     for key, value in query:
@@ -287,7 +282,7 @@ def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> 
             limits[side] = parse_number(key, value)
             if limits.get(".min", -math.inf) > limits.get(".max", math.inf):
                 raise ConfigError(
-                    f"{name}.min: {limits['.min']:g} is above {name}.max, {limits['.max']:g}; no row can be meant"
+                    f"{name}.min: {limits['.min']:g} is above {name}.max, {limits['.max']:g}; no row can match"
                 )
         elif columns.kinds.get(key) != "category":
             categories = (name for name, kind in columns.kinds.items() if kind == "category")

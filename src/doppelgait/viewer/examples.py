@@ -1,6 +1,7 @@
 """Examples of a dataset, simulated again within limits.
 
-The plan of somebody else's dataset starts no huge simulation and reads only files of one folder.
+The limits are for datasets of other authors: their plans cannot start a very large simulation, and can read only files
+of one folder.
 """
 
 from __future__ import annotations
@@ -34,23 +35,23 @@ from doppelgait.viewer.run import Run, TargetView, compute_harmonics
 from doppelgait.viewer.settings import Settings
 
 MOST_SAMPLES = 24_000_000
-"""Pulses times samples per pulse, and pulses times scatterers: 60 s at 1 kHz with 400 range bins."""
+"""Largest number of pulses times samples per pulse or scatterers: 60 s at 1 kHz with 400 range bins."""
 MOST_SECONDS = 300.0
 BODY_SCATTERERS = 40
-"""Scatterers of one body, about the most that a motion has."""
+"""Number of scatterers of one body; few motions have more."""
 PATHS_PER_EFFECT = 3
-"""Further echoes of every scatterer that an entry of the environment may bring."""
+"""Number of additional echoes per scatterer that an entry of the environment may cause."""
 PATH_KEYS = ("path", "skeleton")
 """Options of a motion file that name a file."""
 
 
 def check_size(run: pipeline_run.Run) -> None:
-    """Refuse an example with a simulation of minutes and gigabytes.
+    """Reject an example that is too large to simulate.
 
     Raises
     ------
     DatasetError
-        If an example has more samples than :data:`MOST_SAMPLES`, or is too long.
+        If the example has more samples than :data:`MOST_SAMPLES`, or is too long.
     """
     scene, radar = run.scene, run.radar
     seconds = scene.duration_s if scene.duration_s is not None else DEFAULT_DURATION_S
@@ -65,21 +66,21 @@ def check_size(run: pipeline_run.Run) -> None:
 
 
 def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
-    """Refuse an example that uses files outside the user's folder.
+    """Reject an example that uses files outside the user's folder.
 
     Parameters
     ----------
     plan : PlanConfig
-        As the dataset stores it.
+        Plan of the dataset.
     number : int
-        Of the example.
+        Number of the example.
     folder : Path or None
-        None where the user named no folder: then no file is used.
+        Folder of the user, or None: then no file is used.
 
     Raises
     ------
     DatasetError
-        Naming the file.
+        With the name of the file.
     """
     motion = resolve(
         plan.classes[find_class(plan, number)[0]].motion,
@@ -92,10 +93,10 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
     for name, start in named:
         if folder is None:
             raise DatasetError(
-                f"its simulation needs {_find_last(name)!r}, which is no part of the dataset: start the viewer with "
+                f"its simulation needs {_find_last(name)!r}, which is not part of the dataset: start the viewer with "
                 "--motion-folder FOLDER to see its recording"
             )
-        # Whether a path is no relative one on some system: looking whether //HOST/... exists already asks that host.
+        # Reject paths that are absolute on any system: a test for the existence of //HOST/... contacts the host.
         windows = PureWindowsPath(name)
         if (bool(windows.drive or windows.root) or PurePosixPath(name).is_absolute() or ".." in windows.parts) or not (
             Path(name) if start == "skeleton" else folder / name
@@ -129,7 +130,7 @@ def _find_last(name: str) -> str:
 
 
 FACT_TOLERANCE = 1e-2
-"""A fact of the truth that differs by more, relatively, was not made by the motion files that are here now."""
+"""Relative difference of a fact of the truth above which the motion files are not those of the dataset."""
 
 
 class ExampleRuns:
@@ -139,7 +140,8 @@ class ExampleRuns:
     ----------
     dataset : Dataset
     folder : Path, optional
-        Folder with the plan's motion files; without, no file is used, and examples that need one have no recording.
+        Folder with the motion files of the plan. Without it no file is used, and examples that need one have no
+        recording.
     """
 
     def __init__(self, dataset: Dataset, folder: Path | None = None) -> None:
@@ -149,12 +151,12 @@ class ExampleRuns:
     def run(self, example_id: str) -> Run:
         """Open the stored results of an example.
 
-        Its recording is simulated again where that is possible.
+        Its recording is simulated again if possible.
 
         Parameters
         ----------
         example_id : str
-            Of a row; in a simulated dataset all targets of its scene are shown.
+            Id of a row; for a simulated dataset all targets of its scene are shown.
 
         Raises
         ------
@@ -166,7 +168,7 @@ class ExampleRuns:
         if not found.size:
             raise DatasetError(f"example: no {example_id!r} in this dataset{suggest_names(example_id, index['id'])}")
         rows = found[:1]
-        # All targets of a simulated scene; of a recording only this one, as the others are later.
+        # All targets of a simulated scene; only this one of a recording, because the others are at later times.
         if self.dataset.description.get("origin") != "imported" and "scene_id" in index:
             rows = np.flatnonzero((index["scene_id"] == index["scene_id"].iloc[found[0]]).to_numpy(dtype=bool))
         first = convert_to_json(self.dataset.index.iloc[rows[0]].to_dict())
@@ -187,21 +189,21 @@ class ExampleRuns:
 
         def simulate() -> Recording:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoppelgaitWarning)  # those of the build are among the notes
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # the notes have the warnings of the build
                 try:
                     recording = run_simulation(spec.run, folder=self.folder)
                 except DoppelgaitError as error:
                     raise DatasetError(self.describe_error(error)) from None
             if first.get("source") == "none":
                 return recording
-            # Another truth than when the dataset was built: a motion file has changed.
+            # The truth differs from that of the dataset: a motion file has changed.
             truth = make_truth_columns(recording.truth[0])
             for name in ("truth_range_m", "truth_ground_speed_mps", "truth_radial_velocity_mps"):
                 made, there = truth[name], first.get(name)
                 if there is None or not np.isclose(made, there, rtol=FACT_TOLERANCE, atol=1e-6):
                     raise DatasetError(
-                        f"{first['id']}: {name} is {there} in the dataset, simulated again {made:.4g}; its motion file "
-                        "is not the one that the dataset was built from"
+                        f"{first['id']}: {name} is {there} in the dataset, simulated again {made:.4g}; the motion file "
+                        "is not that of the dataset"
                     )
             return recording
 
@@ -227,7 +229,7 @@ class ExampleRuns:
         cadence = _find_cadence(example, run.settings.analysis)
         line_hz = None if signature is None else processing.main_line_hz(signature, order=1, tapered=True)
         view = build_stored_view(example)
-        # The gate that the example was made with, where it was that of the truth and the recording can be simulated.
+        # The gate of the example, if it was that of the truth and the recording can be simulated.
         recording, gate = run.recording if view.gate == "truth" else None, None
         if recording is not None and place < len(recording.truth):
             gate = Gate.from_truth(
@@ -265,10 +267,7 @@ def build_stored_view(example: Example) -> TargetView:
 
 
 def _number(value: Any) -> float | None:
-    """Return a number of an index.
-
-    It is None for unknown, and where a column holds something else.
-    """
+    """Return a number of an index, or None for other values."""
     return value if isinstance(value, int | float) else None
 
 
@@ -304,9 +303,8 @@ def _read_truth(row: dict[str, Any]) -> dict[str, Any] | None:
 def _find_cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
     """Return the stored cadence map, or compute it (E-28 to E-31).
 
-    It is None without both.
-
-    The noise floor is that of the row; the coordinates that it was estimated with are not stored.
+    The result is None if neither is possible. The noise floor is that of the row, because the coordinates for its
+    estimation are not stored.
     """
     signature, floor_v2 = example.arrays.get("signature"), _number(example.row.get("quality_noise_floor_v2"))
     if "cadence_map" in example.arrays or signature is None or floor_v2 is None:

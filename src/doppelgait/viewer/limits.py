@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from doppelgait.viewer.app import App
 
 END_S = 1
-"""How long requests that are being answered may take when the server ends."""
+"""Longest time for requests in progress when the server stops."""
 QUEUE = 1024
-"""Connections that the system holds until the server takes them."""
+"""Number of connections in the queue of the system before the server accepts them."""
 TAKEN_AT_ONCE = 16
-"""Connections that are taken before those beyond the limit are closed: each has an open file."""
+"""Number of connections that are accepted at once, before excess ones are closed; each needs an open file."""
 OUT_OF_FILES = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 QUIET_S = 60.0
-"""One line about a lack of open files, and the next after so long without one."""
+"""Time without a lack of open files after which the next lack is reported."""
 TOO_SLOW = b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 TOO_MANY = b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\nretry-after: 1\r\ncontent-length: 0\r\n\r\n"
 
 Phase = Literal["idle", "headers", "body", "answer"]
-"""What a connection keeps the server waiting for."""
+"""Part of a request for which the server waits on a connection."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class Limits:
     Parameters
     ----------
     connections : int
-        Open at once. One more closes the one that has kept the server waiting longest; where none does, because all
-        are being answered, the new one is refused.
+        Largest number of open connections. A further connection closes the one with the longest waiting time. If all
+        connections are being answered, the new one is rejected.
     idle_s, headers_s, body_s : float
-        How long a connection may wait for the first byte of a request, the rest of its headers, and its body.
+        Longest time until the first byte of a request, the end of its headers, and the end of its body.
     answer_s : float
-        How long a client may take none of an answer.
+        Longest time in which a client reads nothing of an answer.
     """
 
     connections: int = 100
@@ -57,7 +57,7 @@ class Limits:
     answer_s: float = 60.0
 
     def seconds(self, phase: Phase) -> float:
-        """Return how long a connection may stay in a phase."""
+        """Return the longest time of a connection in a phase."""
         return {"idle": self.idle_s, "headers": self.headers_s, "body": self.body_s, "answer": self.answer_s}[phase]
 
 
@@ -67,10 +67,10 @@ class LimitedConnection(H11Protocol):
     Parameters
     ----------
     *arguments, **named
-        Of uvicorn.
+        Arguments of uvicorn.
     limits : Limits
     waiting : dict
-        All connections that the server waits for, the longest first.
+        All connections on which the server waits, longest waiting time first.
     """
 
     def __init__(self, *arguments: Any, limits: Limits, waiting: dict[LimitedConnection, None], **named: Any) -> None:
@@ -81,7 +81,7 @@ class LimitedConnection(H11Protocol):
         self._full, self._unsent = False, 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection, closing others above the limit."""
+        """Accept a connection, closing others above the limit."""
         super().connection_made(transport)
         if len(self.connections) > self._limits.connections:
             longest = next(iter(self._waiting), None)
@@ -92,7 +92,7 @@ class LimitedConnection(H11Protocol):
         self._follow()
 
     def data_received(self, data: bytes) -> None:
-        """Take a part of a request."""
+        """Receive a part of a request."""
         super().data_received(data)
         self._follow()
 
@@ -108,13 +108,13 @@ class LimitedConnection(H11Protocol):
         self._follow()
 
     def resume_writing(self) -> None:
-        """Go on with an answer."""
+        """Continue an answer."""
         super().resume_writing()
         self._full = False
         self._follow()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
+        """Remove the connection."""
         self._enter(None)
         super().connection_lost(exc)
 
@@ -135,7 +135,7 @@ class LimitedConnection(H11Protocol):
             phase = "body"
         elif self.conn.their_state is h11.IDLE:
             phase = "headers" if self.conn.trailing_data[0] else "idle"
-        if phase != self._phase:  # further bytes of the same request do not prolong its time
+        if phase != self._phase:  # further bytes of the same request do not extend its time
             self._enter(phase)
 
     def _enter(self, phase: Phase | None) -> None:
@@ -149,7 +149,7 @@ class LimitedConnection(H11Protocol):
             self._timer = self.loop.call_later(self._limits.seconds(phase), self._end)
 
     def _end(self) -> None:
-        """Close the connection unless the answer advanced."""
+        """Close the connection unless the answer has advanced."""
         if self._phase == "answer" and self.transport.get_write_buffer_size() < self._unsent:
             self._enter(self._phase)
         else:
@@ -157,15 +157,15 @@ class LimitedConnection(H11Protocol):
 
 
 class LimitedServer(uvicorn.Server):
-    """Server that survives a lack of files.
+    """Server that continues after a lack of open files.
 
-    It reports in one line that it cannot open files, and goes on when it can.
+    It reports the lack in one line, and continues when files can be opened again.
 
     Parameters
     ----------
     config : uvicorn.Config
     waiting : dict
-        Connections that the server waits for, the longest first.
+        Connections on which the server waits, longest waiting time first.
     """
 
     def __init__(self, config: uvicorn.Config, waiting: dict[LimitedConnection, None]) -> None:
@@ -174,17 +174,17 @@ class LimitedServer(uvicorn.Server):
         self._lacked_s, self._closing = float("-inf"), False
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start to take connections."""
+        """Start to accept connections."""
         asyncio.get_running_loop().set_exception_handler(self._on_error)
         await super().startup(sockets=sockets)
         for listener in sockets or ():
-            listener.listen(QUEUE)  # asyncio has one number for the queue and for what it takes at once
+            listener.listen(QUEUE)  # asyncio uses one number for the queue and for connections accepted at once
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """End in order at a signal.
+        """Stop in an orderly manner at a signal.
 
-        uvicorn would raise it once more, which counts as a second one.
+        uvicorn would raise the signal again, which has the effect of a second signal.
         """
         with super().capture_signals():
             yield
@@ -200,14 +200,14 @@ class LimitedServer(uvicorn.Server):
             loop.call_soon(self._close_some)
         if loop.time() - self._lacked_s > QUIET_S:
             print(
-                f"note: the viewer takes no further connection for the moment: {error.strerror}; it continues when "
+                f"note: the viewer accepts no further connections at present: {error.strerror}; it continues when "
                 "connections are closed ('ulimit -n' shows how many files may be open)",
                 file=sys.stderr, flush=True,
             )  # fmt: skip
         self._lacked_s = loop.time()
 
     def _close_some(self) -> None:
-        """Close half of the connections, longest waiting first."""
+        """Close half of the connections, longest waiting time first."""
         self._closing = False
         for connection in list(self._waiting)[: len(self._waiting) // 2 + 1]:
             connection.drop()
@@ -223,7 +223,7 @@ def make_server(app: App, limits: Limits | None = None) -> LimitedServer:
     """
     known = limits or Limits()
     waiting: dict[LimitedConnection, None] = {}
-    # uvicorn takes anything that it can call so
+    # uvicorn accepts any callable with these parameters
     protocol = cast("type[asyncio.Protocol]", partial(LimitedConnection, limits=known, waiting=waiting))
     config = uvicorn.Config(
         cast("Any", app), loop="asyncio", http=protocol, ws="none", lifespan="on", access_log=False,

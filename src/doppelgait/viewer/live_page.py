@@ -28,24 +28,24 @@ from doppelgait.viewer.payload import (
 )
 
 SPAN_S, STEP_S = 30.0, 0.05
-"""Time that is shown, and width of a column."""
+"""Time span of the page, and width of a column."""
 MOST_ROWS = 300
-"""Range bins or Doppler cells of a column; more are put together, and the strongest stays."""
+"""Largest number of range bins or Doppler cells of a column; more are combined by their maximum."""
 MOST_MARKS = 2000
-"""Decisions that are kept."""
+"""Largest number of decisions that are kept."""
 
 
 class Rolling:
     """Last half minute of pictures, tracks and decisions.
 
-    One thread adds windows, others take the payload.
+    One thread adds windows; other threads read the payload.
 
     Parameters
     ----------
     source : str
         Name of the stream.
     radar : str
-        Its name.
+        Name of the radar.
     model : Model
     """
 
@@ -70,25 +70,25 @@ class Rolling:
         self, window: Window, decisions: Sequence[TrackDecision], results: Sequence[Result], counts: Mapping[str, Any],
         processor_share: float,
     ) -> None:  # fmt: skip
-        """Add what is new in a window.
+        """Add the new part of a window.
 
         Parameters
         ----------
         window : Window
         decisions : sequence of TrackDecision
         results : sequence of Result
-            Of the same targets.
+            Results of the same targets.
         counts : mapping
-            Frames and windows up to now.
+            Numbers of frames and windows so far.
         processor_share : float
-            Processor time per time of radar.
+            Processor time per time of the stream.
         """
         recording = window.recording
         moving = recording.samples.matrix - recording.samples.matrix.mean(axis=0)
         alarm = self._alarm
         with self._lock:
             if self._stop_s is not None and window.start_s < self._stop_s - 2 * (window.stop_s - window.start_s):
-                for columns in self._columns.values():  # the stream began anew
+                for columns in self._columns.values():  # the stream has restarted
                     columns.clear()
                 self._begin_s = window.start_s
             self._begin_s = min(self._begin_s, window.start_s)
@@ -115,7 +115,7 @@ class Rolling:
             self._state |= {"state": "running", "counts": dict(counts), "processor_share": processor_share}
 
     def end(self, reason: str, counts: Mapping[str, Any]) -> None:
-        """Say that the stream has ended, and why."""
+        """Store that the stream has ended, and the reason."""
         with self._lock:
             self._state |= {"state": "ended", "reason": reason, "counts": dict(counts)}
 
@@ -149,9 +149,9 @@ class Rolling:
     def _put(
         self, name: str, times_s: npt.NDArray[np.float64], power: npt.NDArray[Any], rows: npt.NDArray[np.float64]
     ) -> None:
-        """Put powers (time, row) into their columns."""
-        # A body that stands still in one window leaves its mean in the times when it was elsewhere, where other windows
-        # are better. The signatures of two targets lie over each other.
+        """Combine powers (time, row) with their columns."""
+        # If a body stands still in one window, clutter removal leaves its mean at the times when it is elsewhere; other
+        # windows are better there. The signatures of two targets are superimposed.
         join = np.minimum if name == "range_time" else np.maximum
         block = find_block_size(rows.size, MOST_ROWS)
         centres = np.array([part.mean() for part in np.array_split(rows, range(block, rows.size, block))])
@@ -168,4 +168,4 @@ class Rolling:
         for number, values in zip(numbers[starts].tolist(), strongest, strict=True):
             known[number] = join(known[number], values) if number in known else values
         columns.clear()
-        columns.extend(sorted(known.items()))  # the oldest fall out
+        columns.extend(sorted(known.items()))  # the oldest are dropped

@@ -24,18 +24,18 @@ def view(
     Parameters
     ----------
     source : Recording, str or Path
-        A recording in memory, or what ``doppelgait view`` takes: a recording, a result or the folder of a dataset.
+        A recording in memory, or the path of a recording, a result or the folder of a dataset.
     gate : {"track", "truth"}, (float, float) or text such as ``"1.2:2.8"``, optional
         Source of the gate; ``"track"`` by default, or all ranges if the recording cannot be tracked.
     analysis : Analysis, optional
     tracking : Tracking, optional
     port : int
-        Where to listen; 0 for any free one.
+        Port of the server; 0 for any free port.
 
     Returns
     -------
     View
-        With ``url`` and ``stop()``; it is a context manager, too.
+        Object with ``url`` and ``stop()``; it is also a context manager.
 
     Raises
     ------

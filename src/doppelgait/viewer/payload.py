@@ -20,26 +20,26 @@ from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 MAGIC = b"DGV1"
 ALIGNMENT = 8
 DTYPES = ("uint8", "uint16", "uint32", "int16", "int32", "float32", "float64")
-"""Kinds of numbers that a browser has typed arrays for."""
+"""Types of numbers for which a browser has typed arrays."""
 
 
 def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
     """Pack magic, length of the header (uint32), header and arrays.
 
-    Everything is little-endian. The header is JSON (UTF-8), padded with spaces; every array starts at a multiple of 8
-    bytes, so that typed arrays can look at it where it lies.
+    All parts are little-endian. The header is JSON (UTF-8), padded with spaces. Every array starts at a multiple of 8
+    bytes, so that typed arrays can access it without a copy.
 
     Parameters
     ----------
     facts : mapping
-        The header's content, ready for :func:`as_json`.
+        Content of the header for :func:`as_json`.
     arrays : mapping
         Arrays by name; the header's ``arrays`` states ``dtype``, ``shape`` and ``offset`` (bytes from its end) of each.
 
     Raises
     ------
     ValueError
-        If an array is of a kind that a browser has no typed array for.
+        If a browser has no typed array for the type of an array.
     """
     table, offset, parts = {}, 0, []
     for name, array in arrays.items():
@@ -58,7 +58,8 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 def as_json(value: Any) -> bytes:
     """Encode a value as JSON in UTF-8.
 
-    A number that is not finite becomes null, NumPy's numbers and arrays become plain ones, everything else text.
+    A number that is not finite becomes null. NumPy's numbers and arrays become plain numbers and lists, and other
+    objects become text.
     """
     return json.dumps(convert_to_json(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
@@ -74,7 +75,7 @@ def remove_folders(text: str, *folders: Path) -> str:
     *folders : Path
     """
     forms = {str(form): folder.resolve().name for folder in (*folders, Path()) for form in (folder, folder.resolve())}
-    for form in sorted(forms, key=len, reverse=True):  # a folder before those around it
+    for form in sorted(forms, key=len, reverse=True):  # a folder before its parents
         if len(form) > 1:  # neither "." nor "/"
             text = text.replace(form, forms[form])
     return text
@@ -84,12 +85,12 @@ FloatArray = npt.NDArray[np.floating[Any]]
 
 CODES = 65535
 DEEPEST_DB = 160.0
-"""Levels this far below the highest and deeper are shown as one: steps of 160 dB / 65535 keep 0.01 dB."""
+"""Range of encoded levels below the highest; steps of 160 dB / 65535 keep 0.01 dB, and lower levels are clipped."""
 MOST = (2000, 600)
 MEDIAN_OF = 500_000
-"""Cells of a picture that its median is taken from, about."""
+"""Approximate number of cells from which the median of a picture is computed."""
 AUTO_DB_RANGE = (20.0, 40.0)
-"""Smallest and largest range of levels that is shown at first, as in the figures."""
+"""Smallest and largest initial range of levels, as in the figures."""
 Axis = dict[str, Any]
 
 
@@ -108,7 +109,7 @@ def describe_axis(name: str, unit: str, values: npt.ArrayLike) -> Axis:
     ----------
     name, unit : str
     values : array_like, shape (n,)
-        Even; of one value the step is 0.
+        Evenly spaced values; the step of a single value is 0.
     """
     even = np.asarray(values, dtype=np.float64)
     step = float((even[-1] - even[0]) / (even.size - 1)) if even.size > 1 else 0.0
@@ -118,7 +119,7 @@ def describe_axis(name: str, unit: str, values: npt.ArrayLike) -> Axis:
 def describe_doppler(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
     """Describe a Doppler axis and its velocity scale.
 
-    The second scale is missing where the wavelength is not known.
+    The velocity scale is missing if the wavelength is unknown.
     """
     facts = describe_axis("Doppler", "Hz", doppler_hz)
     if math.isfinite(wavelength_m):
@@ -137,18 +138,19 @@ def encode_image(
     name : str
         Name of its array in the payload.
     power : ndarray, or DataArray (slow_time, ...), shape (x.n, y.n)
-        Its levels, 10 log10, are shown; 0, negative powers and NaN as the lowest. An array of pulses is read in tiles.
+        Powers, shown as levels, 10 log10; 0, negative powers and NaN have the lowest level. An array of pulses is read
+        in tiles.
     x, y : dict
         Axes from :func:`describe_axis`.
     unit : str
-        Of the levels, with their reference.
+        Unit of the levels, with their reference.
     most : (int, int)
-        Most columns and rows; more are put together in blocks, of which the strongest cell stays.
+        Largest numbers of columns and rows; more are combined in blocks by their maximum.
 
     Returns
     -------
     facts : dict
-        ``array``, ``x``, ``y``, ``db`` (levels of code 0 and 65535), ``shown_db`` (what to show at first) and ``unit``.
+        ``array``, ``x``, ``y``, ``db`` (levels of code 0 and 65535), ``shown_db`` (initial limits) and ``unit``.
     codes : ndarray of uint16, shape (x.n, y.n)
     """
     blocks = [find_block_size(size, limit) for size, limit in zip(power.shape, most, strict=True)]
@@ -157,7 +159,7 @@ def encode_image(
     for first, tile in [(0, power)] if isinstance(power, np.ndarray) else read_tiles(power, blocks[0]):
         maxima.append(find_block_maxima(tile, *blocks))
         some.append(tile[-first % every :: every].copy())  # a view would keep the tile
-    strongest = level_db(np.concatenate(maxima))  # of the powers: a logarithm of every cell takes ten times as long
+    strongest = level_db(np.concatenate(maxima))  # maxima of powers: a logarithm of every cell takes ten times as long
     low, high = level_span_db(strongest)
     facts = {
         "array": name,
@@ -196,7 +198,7 @@ def find_block_size(size: int, most: int) -> int:
 def find_block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
     """Return the strongest cell per block of ``columns`` times ``rows``.
 
-    The last blocks may hold fewer cells.
+    The last blocks may have fewer cells.
     """
     for dim, block in enumerate((columns, rows)):
         if block > 1:
@@ -215,7 +217,7 @@ def _average_axis(facts: Axis, block: int) -> Axis:
 def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
     """Return the limits of finite levels, within 160 dB.
 
-    They are -1 and 0 dB where none is finite.
+    They are -1 and 0 dB if no level is finite.
     """
     finite = levels_db[np.isfinite(levels_db)]
     if not finite.size:
@@ -225,9 +227,9 @@ def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
 
 
 def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
-    """Return the levels shown first, 20 to 40 dB.
+    """Return the initial limits of the levels, 20 to 40 dB apart.
 
-    It starts 3 dB below the median, so that noise is dark.
+    The lower limit is 3 dB below the median, so that noise is dark.
     """
     finite = levels_db[np.isfinite(levels_db)]
     noise_db = float(np.median(finite)) - 3.0 if finite.size else -math.inf

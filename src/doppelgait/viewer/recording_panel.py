@@ -52,7 +52,7 @@ def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Change
     run : Run
     gate : str, (float, float) or None
     changes : tuple of (name, value)
-        Analysis parameters, of which range against time shows the removal of static clutter.
+        Analysis parameters. The range-time map shows the removal of static clutter.
     """
     recording = run.recording
     if recording is None:
@@ -171,7 +171,7 @@ def _describe_truth(number: int, truth: TargetTruth, recording: Recording, array
 def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[list[str], npt.NDArray[np.float32]]:
     """Return true body-part Doppler at each ``step``-th pulse.
 
-    Scatterers of one part are averaged: a picture has no room for all of them.
+    Scatterers of one part are averaged, because a picture has no room for all of them.
 
     Returns
     -------
@@ -196,23 +196,23 @@ def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[l
 MOST_FRAMES = 600
 MOST_PER_REQUEST = 256
 MOST_PARTS = (300, 256)
-"""Most range bins and Doppler rows of a frame; more are put together, the strongest staying."""
+"""Largest numbers of range bins and Doppler rows of a frame; more are combined by their maximum."""
 LOOKED_AT = 8
-"""Frames that say what levels to show."""
+"""Number of frames that determine the levels."""
 SLOW_PULSES = 3 * MIN_CPI_PULSES
 """Fewest pulses of a frame's processing interval."""
-ONE_BIN = "this radar has no range: its signature shows all there is"
-IN_BURSTS = "this recording comes in bursts of pulses; its signature has one column a burst"
+ONE_BIN = "this radar has no range: see its signature"
+IN_BURSTS = "this recording has bursts of pulses; its signature has one column per burst"
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a recording, with equal levels per chunk.
+    """Frames of a recording with common levels.
 
     Parameters
     ----------
     columns : ndarray of int
-        Processing intervals shown.
+        Numbers of the processing intervals that are shown.
     db, shown_db : (float, float)
     """
 
@@ -249,7 +249,7 @@ def make_range_doppler_payload(
     doppler_hz = read_axis(cube, "doppler")
     ranges = describe_axis("range", "m", read_axis(cube, "range"))
     rows = describe_doppler(doppler_hz, float(2.0 * read_axis(cube, "velocity")[0] / doppler_hz[0]))
-    # No larger than a screen needs: the strongest cell of every block.
+    # The resolution of a screen is enough: the strongest cell of every block.
     for dim, facts in ((1, ranges), (2, rows)):
         block = math.ceil(levels.shape[dim] / MOST_PARTS[dim - 1])
         if block > 1:
@@ -294,7 +294,7 @@ def explain_missing_maps(run: Run) -> str | None:
 def make_frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
     """Return the analysis of the frames.
 
-    A slow recording has a longer interval, as for people who keep still.
+    A recording with a low frame rate, as for people who keep still, has a longer interval.
     """
     least_s = SLOW_PULSES / sampling_rate_hz(read_axis(baseband, "slow_time"))
     return analysis if analysis.cpi_s >= least_s else analysis.model_copy(update={"cpi_s": least_s})
@@ -308,7 +308,7 @@ def find_strongest_v(baseband: xr.DataArray) -> float:
 def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, strongest_v: float) -> Frames:
     """Choose the intervals to show, and common levels.
 
-    No map can be higher than all its echoes in phase.
+    The upper limit of the levels is that of all echoes in phase.
     """
     transform, _ = plan_for(baseband, analysis)
     step = math.ceil(transform.n_columns / MOST_FRAMES)
@@ -358,7 +358,7 @@ def make_sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, s
         raise ConfigError(f"channels: {channels!r} is not allowed; it must be {' or '.join(get_args(Channels))}")
     baseband = run.require_recording().baseband
     silent = explain_silence(baseband)
-    if silent is not None:  # said at once: no analysis changes it
+    if silent is not None:  # independent of the analysis
         raise AnalysisError(silent)
     targets = run.targets(gate, changes)
     number = parse_whole(parameters, "target", 0, least=0, most=max(len(targets) - 1, 0))

@@ -27,15 +27,15 @@ from doppelgait.viewer.payload import signature_picture
 from doppelgait.viewer.settings import CHANGEABLE, Changes, Settings
 
 Span = tuple[float, float]
-"""Start and stop, s."""
+"""Start and stop in s."""
 Truths = Callable[[float, float], dict[str, Any] | None]
 
 NEAR_M = 0.8
-"""Farther from a body than this, on the median, a gate does not follow that body."""
+"""Largest median distance of a gate from its body."""
 STILL = ("", "stand")
-"""Gaits of what does not step."""
+"""Gaits without steps."""
 DIGITS = 6
-"""Decimals of a true speed: what a model of something that stays adds up to is 0, not 1e-17 m/s."""
+"""Decimals of a true speed; rounding errors of a motionless model become 0."""
 
 
 def find_span(result: Result) -> Span:
@@ -47,11 +47,10 @@ def find_span(result: Result) -> Span:
 def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths]:
     """Match every result to a body of the simulation.
 
-    Each item gives the truth of that body between two times.
-
-    A gate of the truth is of the body of the same number. Other gates are matched by range: each body to the result
-    with the gate nearest to it, on the median over the times of the result and within 0.8 m, and to no other result of
-    the same time. In a gate that stays where the user said, it is the only body there.
+    Each item is a function that returns the truth of the body between two times. A gate of the truth belongs to the
+    body of the same number. Other gates are matched by range: each body is matched to the result with the nearest gate,
+    by median distance over the times of the result and within 0.8 m, and to no other result of the same time. A fixed
+    gate is matched to the only body inside it.
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths
     results : sequence of Result
     """
     times_s = recording.slow_time_s
-    # Number of the body of every result.
+    # Number of the body for every result.
     found: list[int | None] = [None] * len(results)
     pairs = []
     for number, body in product(range(len(results)), range(len(recording.truth))):
@@ -122,14 +121,14 @@ def _make_truths(
 def compute_true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
     """Return the true features and frequencies by their names.
 
-    Further facts of the simulation have names of their own.
+    Further facts of the simulation have separate names.
 
     Parameters
     ----------
     truth : TargetTruth
     wavelength_m : float
     during : ndarray of bool, shape (I,)
-        Pulses that speeds are averaged over. Frequencies of the gait are known for the whole recording only.
+        Pulses over which speeds are averaged. Gait frequencies are known only for the whole recording.
     """
     radial_mps = round(float(np.mean(truth.centre_velocity_mps[during])), DIGITS) + 0.0
     steps = truth.gait not in STILL and truth.gait_frequency_hz > 0
@@ -160,9 +159,9 @@ TRACK_FACTS = (
 )  # fmt: skip
 """Quality of the whole track, repeated for each of its segments."""
 MOST_ANALYSES = 2
-"""Analyses of one run, by gate and settings, that are kept: those of a minute at 1 kHz take 150 MB each."""
+"""Largest number of stored analyses of a run, by gate and settings; an analysis of a minute at 1 kHz needs 150 MB."""
 MOST_KEPT = 20
-"""Other values of one run that are kept: some numbers each."""
+"""Largest number of other stored values of a run; each is a few numbers."""
 
 
 @dataclass(frozen=True)
@@ -173,25 +172,25 @@ class TargetView:
     ----------
     label : str or None
     gate : str
-        Where the gate came from: ``truth``, ``track`` or ``given``.
+        Source of the gate: ``truth``, ``track`` or ``given`` (set by the user).
     features : mapping
-        The six by name, None where undetermined.
+        The six features by name, None where undetermined.
     gait_frequency_hz, torso_doppler_hz : float or None
     harmonics_hz : tuple of float or None
-        Found second and third harmonic of the gait frequency.
+        Measured second and third harmonic of the gait frequency.
     quality, standard_deviation, extended : mapping
     flags : tuple of str
     signature, cadence_map, cadence_spectrum : DataArray, optional
-        None where it was not kept.
+        None if not stored.
     main_line_hz : ndarray, optional
-        At the columns of the signature.
+        Main line at the columns of the signature.
     gate_limits : Gate, optional
     truth : mapping, optional
-        What is true of the features and frequencies, by their names.
+        True values of the features and frequencies, by name.
     segments : tuple of (float, float)
         Start and stop of the segments of steady motion, s.
     segment : int, optional
-        The segment that is shown, None where the whole recording is.
+        Segment that is shown, or None for the whole recording.
     segment_views : tuple of TargetView
         The view of each segment.
     track_picture : (dict, ndarray of uint16), optional
@@ -221,12 +220,12 @@ class TargetView:
 
 
 Analysed = tuple[list[TargetView], list[str]]
-"""Targets, and what their analysis warned of."""
+"""Targets, and the warnings of their analysis."""
 
 
 @dataclass(eq=False)
 class Run:
-    """Recording with its analyses, made on first use.
+    """Recording with its analyses, computed on first use.
 
     It is not safe for several threads at once.
 
@@ -235,15 +234,15 @@ class Run:
     name : str
     kind : {"recording", "result", "example", "try"}
     settings : Settings
-        Its gate is the one that is shown first.
+        Settings with the gate that is shown first.
     load : callable, optional
-        Gives the recording; without, or where it raises a DoppelgaitError, there is none.
+        Returns the recording. There is no recording without it, or if it raises a DoppelgaitError.
     reason : str
-        Why there is no recording, for people.
+        Why there is no recording, as a message.
     stored : callable, optional
-        Gives the targets as they were stored; shown unless a gate is asked for.
+        Returns the stored targets, which are shown unless a gate is requested.
     notes : tuple of str
-        For people, beside those of the recording.
+        Messages in addition to those of the recording.
     """
 
     name: str
@@ -274,31 +273,28 @@ class Run:
         return list(self.stored()) if self.stored is not None else []
 
     def require_recording(self) -> Recording:
-        """Return the recording, or raise AnalysisError.
-
-        The error has the reason for none.
-        """
+        """Return the recording, or raise AnalysisError with the reason."""
         if self.recording is None:
-            raise AnalysisError(f"{self.name}: there is no recording to take it from: {self.reason}")
+            raise AnalysisError(f"{self.name}: there is no recording for this: {self.reason}")
         return self.recording
 
     def analysis(self, gate: GateChoice | None, changes: Changes = ()) -> Analysis:
         """Return the analysis parameters of targets in a gate.
 
-        Of a recording static clutter is taken off, by the median, unless the user said how; what "Try it" simulates has
-        none; an example of a dataset is analysed as the dataset was.
+        Static clutter of a recording is removed by the median unless the user chooses a method. A simulation of "Try
+        it" has no clutter. An example of a dataset has the settings of the dataset.
         """
         known = self.settings.analysis
         if changes:
             known = validate(Analysis, {**known.model_dump(exclude_unset=True), **dict(changes)})
         if self.kind == "try":
-            return known.resolved(None)  # tracking, too, keeps it
+            return known.resolved(None)  # tracking also keeps the clutter
         return known.resolved("track" if self.kind == "recording" else gate or self.settings.gate)
 
     def analysis_facts(self, gate: GateChoice | None, changes: Changes = ()) -> dict[str, Any]:
         """Return the analysis parameters that a request may change.
 
-        The hop is that in use, in pulses, where there is a recording to plan it for.
+        If there is a recording, the hop is the one in use, in pulses.
         """
         analysis = self.analysis(gate, changes)
         facts = {name: getattr(analysis, name) for name in CHANGEABLE}
@@ -311,7 +307,7 @@ class Run:
         """Return the baseband without clutter, as it is analysed."""
         analysis = self.analysis(gate, changes)
         key = clutter_key(analysis)
-        if self._clean is None or self._clean[0] != key:  # one: it may be as large as the recording
+        if self._clean is None or self._clean[0] != key:  # only one is stored: it may be as large as the recording
             self._clean = None
             self._clean = key, remove_clutter(self.require_recording().baseband, analysis)
         return self._clean[1]
@@ -328,12 +324,12 @@ class Run:
     def targets(self, gate: GateChoice | None, changes: Changes = ()) -> list[TargetView]:
         """Return the targets in a gate.
 
-        Without a gate these are the stored ones, or those in the gate that is shown first.
+        Without a gate these are the stored targets, or those in the gate that is shown first.
 
         Raises
         ------
         DoppelgaitError
-            If there is no recording to analyse, or it cannot be analysed so.
+            If there is no recording, or it cannot be analysed with these settings.
         """
         if self.has_stored_targets(gate):
             return self.stored_targets
@@ -371,7 +367,7 @@ class Run:
 def track_picture(result: Result, clean: xr.DataArray, wavelength_m: float) -> Picture | None:
     """Encode the signature of a whole track, or None without segments.
 
-    Only the picture is kept: the array may be as large as those of all segments together.
+    Only the picture is stored, because the array may be as large as those of all segments together.
     """
     if not result.segments:
         return None
@@ -381,7 +377,7 @@ def track_picture(result: Result, clean: xr.DataArray, wavelength_m: float) -> P
 
 
 def clutter_key(analysis: Analysis) -> str:
-    """Return a name of what is removed as static clutter."""
+    """Return a key for the removal of static clutter."""
     return f"{analysis.clutter} {analysis.clutter_time_s}"
 
 
@@ -400,13 +396,13 @@ def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
 def make_view(result: Result, truths: Truths) -> TargetView:
     """Build the view of an analysed target.
 
-    A tracked target shows its longest segment, and has views of the others.
+    The view of a tracked target shows its longest segment, and has views of all segments.
 
     Parameters
     ----------
     result : Result
     truths : callable
-        Gives what is true of the target from a start to a stop; None where nothing is known.
+        Returns the true values of the target from start to stop, or None if they are unknown.
     """
     spans = tuple(find_span(segment) for segment in result.segments)
     shown = replace(_view(result, truths), segments=spans)

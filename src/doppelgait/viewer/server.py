@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ADDRESS = "127.0.0.1"
 TOKEN_BYTES = 24
 END_S = 2
-"""How long the thread of a server may take to end."""
+"""Longest time for the thread of a server to stop."""
 NO_SERVER = "the viewer needs starlette and uvicorn, which are not installed: pip install 'doppelgait[viewer]'"
 
 
@@ -46,20 +46,20 @@ def serve(
     port : int
         Where to listen; 0 for any free one.
     on_ready : callable
-        Gets the address of the page as soon as it can be asked for.
+        Called with the address of the page when the server is ready.
 
     Raises
     ------
     DoppelgaitError
-        If starlette or uvicorn are not installed.
+        If starlette or uvicorn is not installed.
     ConfigError
-        If the port cannot be taken.
+        If the port cannot be used.
     """
     with _prepare_server(port, opened, settings) as (server, listener, url):
         try:
             on_ready(url)
             server.run(sockets=[listener])
-        except KeyboardInterrupt:  # how a viewer is ended
+        except KeyboardInterrupt:  # the usual way to stop the viewer
             return
 
 
@@ -67,7 +67,7 @@ def serve(
 def serve_live(live: Rolling, port: int = 0) -> Iterator[str]:
     """Serve the page of a stream from a thread.
 
-    It is served for the time of the block.
+    The page is served within the ``with`` block.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class View:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the server; its address then leads nowhere."""
+        """Stop the server; its address is then invalid."""
         self._server.should_exit = True
         self._thread.join(END_S)
         self._ends.close()
@@ -175,9 +175,9 @@ PAGE = (
 def open_in_browser(url: str) -> Iterator[None]:
     """Open the page in the user's browser.
 
-    What that needs exists for the time of the block. Every user of a computer can read the command lines of all
-    programs, and the address holds the secret. The browser is therefore started with the name of a file that only this
-    user can read, and that leads on to the address.
+    Every user of a computer can read the command lines of all programs, and the address contains the secret. The
+    browser is therefore started with the name of a file that only this user can read, and that redirects to the
+    address. The file exists within the ``with`` block.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def open_in_browser(url: str) -> Iterator[None]:
             file.write(PAGE.format(url=escape(url)))
     except OSError as error:
         said = (
-            f"note: the browser is not opened, since no file can be written for it: {error}; open the address by hand"
+            f"note: the browser is not opened, since no file can be written for it: {error}; open the address yourself"
         )
         print(said, file=sys.stderr, flush=True)
         yield
@@ -206,7 +206,7 @@ def open_in_browser(url: str) -> Iterator[None]:
 def check_installed() -> None:
     """Raise a DoppelgaitError if a server package is missing.
 
-    The error names the command that installs it.
+    The message has the command that installs it.
     """
     from importlib.util import find_spec
 
@@ -222,9 +222,9 @@ def open_socket(port: int) -> socket.socket:
     ConfigError
         If the port is taken or not allowed.
     """
-    # the protocol is named for asyncio, which otherwise lets the body of an answer wait 40 ms for the client's receipt
+    # the protocol is set explicitly: otherwise asyncio delays the body of an answer by 40 ms, until the client's ACK
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    # on Windows "reuse" would let another program take the port while it is in use
+    # on Windows "reuse" would allow another program to use the same port
     alone = getattr(socket, "SO_EXCLUSIVEADDRUSE", None)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR if alone is None else alone, 1)
     try:

@@ -23,7 +23,7 @@ def parse_parameters(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
     Raises
     ------
     ConfigError
-        Naming the parameter that is not known here, or comes twice.
+        With the name of the parameter that is unknown or repeated.
     """
     found: dict[str, str] = {}
     for key, value in query:
@@ -46,7 +46,7 @@ def parse_number(key: str, value: str, *, least: float = -math.inf, most: float 
     Raises
     ------
     ConfigError
-        Naming the parameter ``key``, if it is none.
+        With the name of the parameter ``key``, if it is no such number.
     """
     try:
         number = float(value)
@@ -59,14 +59,14 @@ def parse_number(key: str, value: str, *, least: float = -math.inf, most: float 
 
 
 def parse_whole(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
-    """Parse a whole number between two limits.
+    """Parse an integer between two limits.
 
-    A ``default`` outside of them stands for none.
+    A ``default`` outside the limits means that the parameter is required.
 
     Raises
     ------
     ConfigError
-        Naming the parameter ``key``, if it is none, or missing without a default.
+        With the name of the parameter ``key``, if it is no integer, or missing without a default.
     """
     if key not in parameters and not least <= default <= most:
         raise ConfigError(f"{key}: is missing; it must be a whole number from {least} to {most}")
@@ -78,7 +78,7 @@ def parse_whole(parameters: Mapping[str, str], key: str, default: int, *, least:
 
 
 Changes = tuple[tuple[str, Any], ...]
-"""Analysis parameters of a request, with their names, in place of those that the run was opened with."""
+"""Names and values of the analysis parameters of a request; they replace those of the run."""
 CHANGEABLE = ("clutter", "cpi_s", "window_steepness", "hop")
 """Analysis parameters that a request may change."""
 
@@ -89,7 +89,7 @@ def parse_changes(parameters: Mapping[str, str]) -> Changes:
     Raises
     ------
     ConfigError
-        Naming the parameter with a value that is not allowed.
+        With the name of the parameter that has an invalid value.
     """
     found: dict[str, Any] = {}
     for key in CHANGEABLE:
@@ -109,13 +109,13 @@ class Settings:
     gate : str or (float, float)
         Gate that is shown first.
     gate_asked : bool
-        Whether the user named that gate: of a recording that cannot be tracked all ranges are shown otherwise.
+        True if the user set the gate. Otherwise all ranges are shown for a recording that cannot be tracked.
     analysis : Analysis
     tracking : Tracking
     options : mapping
-        Options for what a recording's file does not store.
+        Options for values that the file of a recording does not store.
     motion_folder : Path, optional
-        Where the motion files of a dataset's plan are; without, none is opened.
+        Folder with the motion files of a dataset's plan. Without it no motion file is opened.
     """
 
     gate: GateChoice = "track"

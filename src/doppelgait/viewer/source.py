@@ -26,20 +26,20 @@ DATASET_FILES = ("dataset.json", "index.parquet")
 
 @dataclass(frozen=True)
 class OpenedSource:
-    """Recording, result or dataset that the viewer was started with.
+    """Recording, result or dataset that was opened at the start.
 
     Parameters
     ----------
     kind : {"recording", "result", "dataset"}
     name : str
     path_name : str
-        Last part of the path, for the page, which never gets the folder.
+        Last part of the path for the page, which does not show the folder.
     run : Run, optional
-        Recording or result.
+        Run of a recording or result.
     browser : Browser, optional
-        Dataset.
+        Browser of a dataset.
     other : Run, optional
-        Second recording, to compare the first with.
+        Second recording for comparison.
     """
 
     kind: Literal["recording", "result", "dataset"]
@@ -64,12 +64,12 @@ def open_path(path: str | Path, settings: Settings) -> OpenedSource:
         Anything that :func:`doppelgait.radar.read_recording` reads, an .h5 file of ``doppelgait analyze -o``, or the
         folder of a dataset.
     settings : Settings
-        For recordings; a result and a dataset show what they store.
+        Settings for recordings; results and datasets are shown as stored.
 
     Raises
     ------
     DoppelgaitError
-        If it is none of these, or damaged.
+        If it is none of these, or is damaged.
     """
     place = Path(path)
     if not place.exists():
@@ -80,7 +80,7 @@ def open_path(path: str | Path, settings: Settings) -> OpenedSource:
 
         dataset = open_dataset(place)
         if not len(dataset):
-            raise ConfigError(f"{place}: the dataset has no rows, so there is nothing to look at")
+            raise ConfigError(f"{place}: the dataset has no rows, so there is nothing to show")
         return OpenedSource(
             "dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder)
         )
@@ -91,7 +91,7 @@ def open_path(path: str | Path, settings: Settings) -> OpenedSource:
 
         read = read_results(place)
         views = [make_view(target, lambda start_s, stop_s: None) for target in read.targets]
-        reason = f"a result holds no recording; open {read.source or 'the recording'} to see range, bodies and sound"
+        reason = f"a result has no recording; open {read.source or 'the recording'} to see range, bodies and sound"
         analysis = read.targets[0].analysis if read.targets else Analysis()
         shown = Settings(gate=settings.gate, analysis=analysis, tracking=settings.tracking)
         return OpenedSource("result", name, name, run=Run(name, "result", shown, reason=reason, stored=lambda: views))
@@ -111,8 +111,8 @@ def open_recording(recording: Recording, name: str, settings: Settings, notes: t
         If the gate does not fit the recording.
     """
     if settings.gate == "truth" and not recording.truth:
-        raise ConfigError(f"--gate truth: {name} has no truth; take --gate track, or give the range, --gate 1.2:2.8")
-    if isinstance(settings.gate, tuple):  # a gate outside would show a page without targets
+        raise ConfigError(f"--gate truth: {name} has no truth; use --gate track, or give the range, --gate 1.2:2.8")
+    if isinstance(settings.gate, tuple):  # a gate outside the frame would show a page without targets
         try:
             Gate.fixed(*settings.gate, time_s=recording.slow_time_s, range_m=recording.range_m)
         except AnalysisError as error:
@@ -125,7 +125,7 @@ def open_recording(recording: Recording, name: str, settings: Settings, notes: t
 
 
 def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> OpenedSource:
-    """Open a second recording to compare the first with.
+    """Open a second recording for comparison.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> Ope
 def can_track(recording: Recording) -> bool:
     """Return True if targets can be tracked.
 
-    There must be ranges, and no pauses between the pulses.
+    Tracking requires several ranges, and no pauses between the pulses.
     """
     return recording.n_range_bins > 1 and get_burst_pulses(recording.baseband) is None
 
@@ -160,18 +160,18 @@ MOST_RUNS = 4
 
 @dataclass(frozen=True)
 class Reference:
-    """A run, its gate, and the parameters that are left.
+    """Reference to a run, with gate and further parameters.
 
     Parameters
     ----------
     key : tuple
-        Names the run: ``()`` is the opened one.
+        Key of the run; ``()`` is the opened run.
     gate : str, (float, float) or None
-        None: whatever the run shows first.
+        Gate; None is the gate that the run shows first.
     further : dict
         Parameters of the endpoint itself.
     changes : tuple of (name, value)
-        Analysis parameters in place of those of the run.
+        Analysis parameters that replace those of the run.
     segment : (int, int), optional
         Number of a target, and of its segment to show.
     """
@@ -186,8 +186,8 @@ class Reference:
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     """Parse the reference to a run.
 
-    Nothing refers to what was opened, ``run=2`` to the second recording, ``example=ID`` to an example, ``try=1`` to the
-    values of the controls.
+    ``run=2`` is the second recording, ``example=ID`` an example, and ``try=1`` the simulation of the controls. Without
+    these parameters the reference is to the opened run.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     Raises
     ------
     ConfigError
-        If a parameter is unknown, comes twice, or the run is named in two ways.
+        If a parameter is unknown or repeated, or if several parameters select a run.
     """
     trying = any(key == "try" for key, _ in query)
     own: list[str] = []
@@ -208,9 +208,9 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
         own = [str(control["name"]) for control in describe_controls()]
     found = parse_parameters(query, ["example", "try", "run", "gate", *names, *own])
     if "run" in found and (found["run"] != "2" or trying or "example" in found):
-        raise ConfigError("run: must be 2, and does not go together with try or example")
+        raise ConfigError("run: must be 2, and cannot be combined with try or example")
     if trying and (found["try"] != "1" or "example" in found):
-        raise ConfigError("try: must be 1, and does not go together with example")
+        raise ConfigError("try: must be 1, and cannot be combined with example")
     gate = Gate.parse(found["gate"], where="gate") if "gate" in found else None
     further = {key: value for key, value in found.items() if key in names and key not in own}
     key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
@@ -229,9 +229,9 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
 
 
 class RunCache:
-    """Opened run and the last few others.
+    """Opened run and the most recent other runs.
 
-    It is for one thread at a time.
+    Only one thread at a time may use it.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class RunCache:
         Raises
         ------
         DoppelgaitError
-            If there is none, or it cannot be made.
+            If there is no such run, or it cannot be computed.
         """
         if not reference.key:
             if self.opened is None or self.opened.run is None:
@@ -308,7 +308,7 @@ def describe_session(opened: OpenedSource | None, settings: Settings) -> dict[st
 
 
 def list_gates(run: Run | None) -> list[str]:
-    """Return the named gates that are free of errors."""
+    """Return the named gates that are possible for a run."""
     if run is None or run.recording is None:
         return []
     named = {"track": can_track(run.recording), "truth": bool(run.recording.truth)}
@@ -316,7 +316,7 @@ def list_gates(run: Run | None) -> list[str]:
 
 
 def format_gate(gate: GateChoice) -> str:
-    """Format a gate as a request has it."""
+    """Format a gate as in a request."""
     return gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}"
 
 

@@ -30,7 +30,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 MOST_GATE_POINTS = 2000
 HARMONIC_NAMES = ("2nd", "3rd")
-NO_TARGET = "no target was found: nothing moves steadily or breathes in this recording; try a gate of your own"
+NO_TARGET = "no target is detected: this recording has no steady motion and no breathing; try another gate"
 
 
 def make_targets_payload(
@@ -38,7 +38,7 @@ def make_targets_payload(
 ) -> bytes:
     """Make the payload of ``api/targets``.
 
-    A run that cannot be analysed gives the reason instead.
+    For a run that cannot be analysed the payload has the reason.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def make_targets_payload(
     gate : str, (float, float) or None
     changes : tuple of (name, value)
     segment : (int, int), optional
-        Number of a target, and of the segment of steady motion to show instead of its longest.
+        Number of a target, and of its segment that is shown instead of the longest one.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def make_targets_payload(
         If there is no such target, or no such segment of it.
     """
     arrays: Arrays = {}
-    # What was stored is as it was stored, whatever is asked for.
+    # Stored targets are shown as stored, independently of the request.
     applied = () if run.has_stored_targets(gate) else changes
     done = run.analysis(gate, applied)
     facts = {"clutter": done.clutter, "analysis": run.analysis_facts(gate, applied)}
@@ -132,7 +132,7 @@ def _describe_target(number: int, view: TargetView, method: str, arrays: Arrays)
         "whole_track": view.track_picture is not None,
         "main_lines": [line for line in main_lines if line is not None],
         "aligned": is_aligned(view, method),
-        # Rows of the cadence-velocity diagram that are worth looking at, as in its figure.
+        # Occupied rows of the cadence-velocity diagram, as in its figure.
         "cadence_band_hz": None
         if cadence_map is None or power is None
         else doppler_limits_hz(replace_array_values(cadence_map, power)),
@@ -159,7 +159,7 @@ def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | 
 def is_aligned(view: TargetView, method: str) -> bool | None:
     """Return True if the map's Doppler is relative.
 
-    It is relative to the main line. It is None where that is not known.
+    True means relative to the main line. The result is None if this is unknown.
     """
     if method == "liland2018" or view.cadence_map is None:
         return None if view.cadence_map is None else False
@@ -173,7 +173,7 @@ def is_aligned(view: TargetView, method: str) -> bool | None:
 def _describe_spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
     """Describe the cadence spectrum in dB with its peaks.
 
-    The report's own spectrum is a sum of magnitudes.
+    The spectrum of the report's method is a sum of magnitudes.
     """
     spectrum = view.cadence_spectrum
     if spectrum is None or spectrum.size == 0:

@@ -24,7 +24,7 @@ from doppelgait.radar.presets import list_preset_names
 from doppelgait.viewer.settings import parse_number
 
 BUILD_OF = {"dog": "standard", "cat": "cat"}
-"""Build of the animals, by target."""
+"""Body build of the animals, by target."""
 SIZE_OF = {"person": "height_m", "dog": "withers_m", "cat": "withers_m"}
 COMPANY_M = {"person": 1.75, "dog": 0.5}
 """Size of a second target."""
@@ -34,16 +34,16 @@ COMPANY_M = {"person": 1.75, "dog": 0.5}
 class Limit:
     """Limits of a control that depend on other controls.
 
-    They hold from ``low`` to ``high`` while the others have the values ``when``.
+    The control is limited to ``low`` to ``high`` while the other controls have the values ``when``.
 
     Parameters
     ----------
     when : mapping
-        Values by name of a control; all must be so.
+        Values by name of a control; all must be equal.
     low, high : float, optional
-        None where there is no limit.
+        Limits; None for no limit.
     size, power : str, float
-        Control that multiplies both by its value to this power; "" for none.
+        Control that scales both limits by its value to this power; "" for none.
     """
 
     when: Mapping[str, str]
@@ -61,7 +61,7 @@ class Limit:
 def list_speed_limits() -> tuple[Limit, ...]:
     """Return the speed limits of every gait of every target.
 
-    Those next to a second target follow.
+    The limits for a second target follow.
     """
     found = []
     for who, size in SIZE_OF.items():
@@ -76,7 +76,7 @@ def list_speed_limits() -> tuple[Limit, ...]:
 def _list_gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
     """Yield gaits with their speed limits at 1 m size.
 
-    The last item is the power of the size that the speeds scale with; "auto" comes first.
+    The last item is the power of the size with which speeds scale. The first gait is "auto".
     """
     if who == "person":
         run = _human_mps("run")
@@ -100,7 +100,7 @@ def _human_mps(gait: Literal["walk", "run"]) -> tuple[float, float]:
 def seen_m(radar: str) -> tuple[float, float | None]:
     """Return the nearest and farthest range of a preset, m.
 
-    Continuous wave has no farthest range.
+    A continuous-wave radar has no farthest range.
     """
     preset = Radar.preset(radar)
     return (preset.range_start_m, preset.range_stop_m) if preset.waveform.ranged else (0.0, None)
@@ -112,7 +112,7 @@ def list_range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:
 
 
 NEAREST_M = 1.0
-"""Nearer a body fills the beam, and the moment of passing holds all the power that the SNR is measured by."""
+"""Smallest distance of a body; nearer, it fills the beam, and the moment of passing dominates the SNR."""
 BESIDE_M = 1.0
 """Distance of the paths of two targets."""
 STEP_M = 0.1
@@ -121,18 +121,18 @@ STEP_M = 0.1
 def middle_range_m(values: Mapping[str, Any]) -> float:
     """Return the range in the middle of the time.
 
-    It is the requested range, or the next farther one that keeps all targets away from the radar.
+    It is the requested range, or the next larger range at which no target is too near to the radar.
 
     Raises
     ------
     ConfigError
-        If the radar does not see that far.
+        If the range is outside the frame of the radar.
     """
     asked_m, (start_m, stop_m) = float(values["range_m"]), seen_m(str(values["radar"]))
     if stop_m is not None and asked_m > stop_m:
         raise ConfigError(
-            f"range_m: {asked_m:g} is not allowed: the radar {values['radar']} sees {start_m:.3g} to {stop_m:.3g} m; "
-            "take x4-long or come nearer"
+            f"range_m: {asked_m:g} is not allowed: the radar {values['radar']} covers {start_m:.3g} to {stop_m:.3g} m; "
+            "use x4-long or a smaller range"
         )
     allowed_m, steps = max(NEAREST_M, start_m), 0
     while nearest_m(values, asked_m + steps * STEP_M) < allowed_m - 1e-9:
@@ -141,7 +141,7 @@ def middle_range_m(values: Mapping[str, Any]) -> float:
 
 
 def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
-    """Return the paths' least distance from the radar, m.
+    """Return the smallest distance of the paths from the radar, m.
 
     The range is that in the middle of the time.
     """
@@ -156,9 +156,9 @@ def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
 
 
 def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a note that the targets are farther than requested.
+    """Return a note if the targets are farther than requested.
 
-    It is empty if they are not.
+    Otherwise the result is empty.
     """
     asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
     if taken_m == asked_m:
@@ -173,7 +173,7 @@ def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
 def place_beside(range_m: float, aspect_deg: float) -> dict[str, float]:
     """Place a second target next to the first.
 
-    Its path is parallel.
+    Both paths are parallel.
     """
     heading = math.radians(180.0 + aspect_deg)
     x, y = range_m - BESIDE_M * math.sin(heading), BESIDE_M * math.cos(heading)
@@ -199,20 +199,20 @@ class Control:
     Parameters
     ----------
     name, words, unit, help : str
-        Name in a request, and what people read.
+        Name in a request, and texts of the page.
     kind : {"number", "whole", "choice"}
     low, high, step, default : float
-        Of a number.
+        Limits, step and default of a number.
     values : mapping
-        Words by value, of a choice; the first is the default unless ``default`` says otherwise.
+        Text by value, for a choice; the first is the default unless ``default`` is set.
     who : tuple of str
         Targets with this control; all by default.
     by_who : mapping
         Other limits and defaults by target.
     values_by_who : mapping
-        Values that a target has, where it does not have all.
+        Allowed values by target, for targets that do not have all values.
     limits : tuple of Limit
-        What other controls leave of the limits.
+        Limits that depend on other controls.
     """
 
     name: str
@@ -244,7 +244,7 @@ class Control:
         """
         if who not in self.who:
             owners = ", ".join(TARGETS[name] for name in self.who)
-            raise ConfigError(f"{self.name}: is not for who = {who}; it is for {owners}")
+            raise ConfigError(f"{self.name}: is not available for who = {who}; it is for {owners}")
         if self.kind == "choice":
             allowed = self.values_by_who.get(who, tuple(self.values))
             if text not in allowed:
@@ -263,18 +263,18 @@ class Control:
 def list_controls() -> tuple[Control, ...]:
     """Return all controls in the order of the page.
 
-    ``who`` comes first.
+    ``who`` is first.
     """
     radars = {name: name for name in list_preset_names() if name not in TOO_SLOW}
-    # Who moves, how fast and how.
+    # Target, speed and gait.
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}
     return (
         *(
-            Control("who", "who", "What moves in front of the radar.", "choice", default="person", values=TARGETS),
+            Control("who", "target", "Target in front of the radar.", "choice", default="person", values=TARGETS),
             Control(
                 "speed_mps",
                 "speed",
-                "Speed over the floor; the gait sets how slow and how fast it can be.",
+                "Speed over the floor; the gait determines its limits.",
                 unit="m/s",
                 low=0.3,
                 high=10.0,
@@ -291,7 +291,7 @@ def list_controls() -> tuple[Control, ...]:
             Control(
                 "gait",
                 "gait",
-                "How it moves its legs; 'by speed' takes the gait that goes with speed and size.",
+                "Gait; 'by speed' selects the gait for speed and size.",
                 "choice",
                 default="auto",
                 values=gaits,
@@ -302,7 +302,7 @@ def list_controls() -> tuple[Control, ...]:
                 },
             ),
         ),
-        # Size and company of the target.
+        # Size of the target, and second target.
         Control(
             "height_m", "stature", "Height of the person: longer legs step more slowly at the same speed.", unit="m",
             low=0.9, high=2.2, step=0.01, default=1.75, who=("person",),
@@ -317,17 +317,17 @@ def list_controls() -> tuple[Control, ...]:
             low=0.5, high=25.0, step=0.5, default=3.0, who=("fan",),
         ),
         Control(
-            "company", "beside it", "A second target, one metre to the side, at the same speed.", "choice",
+            "company", "second target", "A second target, one metre to the side, at the same speed.", "choice",
             default="nobody", values={"nobody": "no one", "person": "a person", "dog": "a dog"}, who=LEGGED,
         ),
-        # Where it moves, seen from the radar.
+        # Position and direction relative to the radar.
         Control(
             "aspect_deg", "aspect", "Direction of travel: 0 towards the radar, 90 across, 180 away.", unit="°",
             low=-180.0, high=180.0, step=1.0, default=0.0,
             by_who={"fan": {"default": 60.0}},  # towards the radar the blades turn across the line of sight
         ),
         Control(
-            "range_m", "range", "Distance from the radar in the middle of the time; more where a target came too near.",
+            "range_m", "range", "Range in the middle of the time; it is increased if a target would be too near.",
             unit="m", low=1.0, high=15.0, step=0.1, default=4.0, limits=list_range_limits(radars),
         ),
         # The radar, its noise and the analysis.
@@ -347,12 +347,12 @@ def list_controls() -> tuple[Control, ...]:
             "cpi_s", "interval", "Coherent processing interval: longer gives finer Doppler, and blurs the legs.",
             unit="s", low=0.02, high=0.5, step=0.01, default=0.1,
         ),
-        # Length and draw.
+        # Duration and random seed.
         Control(
-            "duration_s", "duration", "How long the radar looks.", unit="s", low=2.0, high=6.0, step=0.5, default=4.0,
+            "duration_s", "duration", "Duration of the recording.", unit="s", low=2.0, high=6.0, step=0.5, default=4.0,
         ),
         Control(
-            "seed", "seed", "Number of the draw: noise, and how unlike the steps are.", "whole",
+            "seed", "seed", "Random seed of the noise and of the variation of steps.", "whole",
             low=0, high=9999, step=1, default=1,
         ),
     )  # fmt: skip

@@ -25,13 +25,13 @@ from doppelgait.viewer.try_controls import (
 )
 
 STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.02
-"""How unlike the steps of healthy adults are, and the strides of an animal."""
+"""Variation of the steps of healthy adults, and of the strides of an animal."""
 LABELS = {"person": "human"}
 GATE: GateName = "truth"
 
 
 def describe_controls() -> list[dict[str, Any]]:
-    """Return the controls as the page gets them.
+    """Return the controls for the page.
 
     They have the fields of :class:`doppelgait.viewer.try_controls.Control`.
     """
@@ -39,19 +39,19 @@ def describe_controls() -> list[dict[str, Any]]:
 
 
 def parse_controls(parameters: Mapping[str, str]) -> dict[str, Value]:
-    """Return the value of every control that the target has.
+    """Return the value of every control of the target.
 
-    It is that of the request, else the default.
+    The value is that of the request or the default.
 
     Raises
     ------
     ConfigError
-        If a value is not allowed, or a parameter is no control.
+        If a value is not allowed, or a parameter is not a control.
     """
     first, *others = list_controls()
     unknown = sorted(set(parameters) - {control.name for control in list_controls()})
     if unknown:
-        raise ConfigError(f"{unknown[0]}: is no control of 'Try it'")
+        raise ConfigError(f"{unknown[0]}: is not a control of 'Try it'")
     who = str(first.parse(parameters.get("who", str(first.default)), str(first.default)))
     found: dict[str, Value] = {"who": who}
     for control in others:
@@ -123,13 +123,13 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     Parameters
     ----------
     parameters : mapping
-        Values by the name of a control, as text; defaults where they are left out. Warnings of the simulation
-        (aliasing, a target that leaves the frame) become notes of the run, as does a range that had to be another.
+        Values by the name of a control, as text; missing values have their defaults. Warnings of the simulation
+        (aliasing, a target that leaves the frame) and a change of the range become notes of the run.
 
     Raises
     ------
     ConfigError
-        In one sentence, if a value is not allowed, or values do not go together.
+        If a value is not allowed, or values cannot be combined; the message is one sentence.
     """
     table = make_scene_table(parameters)
     try:
@@ -138,7 +138,7 @@ def run_of(parameters: Mapping[str, str]) -> Run:
             warnings.simplefilter("always", DoppelgaitWarning)
             recording = run_simulation(spec)
     except DoppelgaitError as error:
-        # Message without the places in a scene file that the page does not show.
+        # Message without positions in a scene file, which the page does not show.
         text = str(error)
         head, mark, rest = text.rpartition("': ")
         raise ConfigError(rest if mark and head.startswith("targets.") else text) from None
@@ -154,7 +154,7 @@ def run_of(parameters: Mapping[str, str]) -> Run:
 def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
     """Return the answer of ``api/scene``.
 
-    It holds the scene as a file for ``doppelgait simulate``, and notes.
+    The answer has the scene as a file for ``doppelgait simulate``, and notes.
     """
     return {"toml": format_scene_toml(make_scene_table(parameters)), "notes": list(run.notes)}
 
@@ -162,7 +162,7 @@ def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
 def format_scene_toml(table: Mapping[str, Any]) -> str:
     """Format a scene file as TOML.
 
-    Values come first, then sections, then one section per target.
+    Values are first, followed by sections and one section per target.
     """
     plain = {key: value for key, value in table.items() if not isinstance(value, dict | list)}
     lines = ["# doppelgait simulate scene.toml -o recording.h5", *_rows(plain)]

@@ -23,12 +23,13 @@ Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
 def plot_domains(
     pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str
 ) -> Figure:
-    """Plot recordings of every kind, and a table below.
+    """Plot recordings of every kind, with a table below.
 
     Parameters
     ----------
     pictures : mapping
-        By kind (``real``, a model's name): level over time and range or Doppler in dB, that axis, its label.
+        For each kind (``real``, or the name of a model): levels in dB over time and range or Doppler, the values of
+        this axis, and its label.
     table : sequence of mapping
         Rows of text.
     title : str

@@ -1,4 +1,4 @@
-"""Maps in decibel: levels, limits and axes."""
+"""Maps in decibels: levels, limits and axes."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ FloatArray = npt.NDArray[np.float64]
 
 NO_DATA = "#bdbdbd"
 AUTO_DB_RANGE = (20.0, 40.0)
-"""Smallest and largest dynamic range of a map when the caller asks for none."""
+"""Smallest and largest dynamic range of a map if the caller sets none."""
 
 
 def check_array(array: xr.DataArray, schema: Schema) -> xr.DataArray:
-    """Return ``array`` if it keeps ``schema`` and holds values.
+    """Return ``array`` if it has values and conforms to ``schema``.
 
-    Otherwise raise an :class:`AnalysisError`.
+    Otherwise an :class:`AnalysisError` is raised.
     """
     check_signal(array, schema)
     if array.size == 0:
-        raise AnalysisError(f"{schema.name}: nothing to draw, its shape is {array.shape}")
+        raise AnalysisError(f"{schema.name}: nothing to plot, its shape is {array.shape}")
     return array
 
 
@@ -50,7 +50,7 @@ def check_db_range(db_range: float) -> float:
 def compute_level_db(power: npt.ArrayLike) -> FloatArray:
     """Convert powers to levels in dB.
 
-    0 and below (a floor was subtracted) give -inf without a warning, NaN stays NaN.
+    Powers of 0 or less (after subtraction of a floor) give -inf without a warning. NaN stays NaN.
     """
     return np.asarray(power_to_db(np.maximum(np.asarray(power, dtype=np.float64), 0.0)), dtype=np.float64)
 
@@ -63,10 +63,9 @@ def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
 def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
     """Return the lower and upper end of the colour scale.
 
-    The upper is the highest finite level, the lower ``db_range`` below it.
-
-    Without a range 3 dB below the median of the finite levels, so that noise is dark, but 20 to 40 dB. Without any
-    finite level (all cells zero) the scale ends at 0 dB.
+    The upper end is the highest finite level, and the lower end is ``db_range`` below it. Without ``db_range`` the
+    lower end is 3 dB below the median of the finite levels, so that noise is dark, with a range of 20 to 40 dB. Without
+    any finite level (all cells zero) the scale ends at 0 dB.
     """
     finite = level_db[np.isfinite(level_db)]
     top = float(finite.max()) if finite.size else 0.0
@@ -82,30 +81,29 @@ def wavelength_m(array: xr.DataArray) -> float:
     Raises
     ------
     AnalysisError
-        If the Doppler axis holds nothing but zero.
+        If the Doppler axis has no value except zero.
     """
     doppler_hz = array.coords["doppler"].values
     furthest = int(np.abs(doppler_hz).argmax())
     if doppler_hz[furthest] == 0:
-        raise AnalysisError(f"{array.name}: the Doppler axis has no other value than 0 Hz, so no wavelength follows")
+        raise AnalysisError(f"{array.name}: the Doppler axis has only 0 Hz, so the wavelength cannot be computed")
     return float(2.0 * array.coords["velocity"].values[furthest] / doppler_hz[furthest])
 
 
 ROWS_AT_ONCE = 16
-"""Doppler rows that are looked at together."""
+"""Number of Doppler rows that are processed together."""
 
 
 def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
     """Select the Doppler rows above the noise.
 
-    Three or more adjacent rows must stand out, always or at times.
-
-    The floor is what a fifth of the rows keep below, the threshold 3 dB above it or more where quiet rows scatter
-    more; rows 40 dB below the strongest are not counted.
+    Three or more adjacent rows must be above the threshold, permanently or at times. The floor is the 20 % quantile of
+    the rows. The threshold is 3 dB above it, or more if the rows of low power scatter more. Rows 40 dB below the
+    strongest row are ignored.
     """
     occupied = np.zeros(power.shape[1], dtype=bool)
     means, peaks = np.empty((2, power.shape[1]))
-    for first in range(0, power.shape[1], ROWS_AT_ONCE):  # the map of a long recording takes 100 MB
+    for first in range(0, power.shape[1], ROWS_AT_ONCE):  # the map of a long recording needs 100 MB
         part = slice(first, first + ROWS_AT_ONCE)
         known = np.maximum(np.nan_to_num(np.asarray(power[:, part], dtype=np.float64)), 0.0)
         means[part], peaks[part] = known.mean(axis=0), np.quantile(known, 0.97, axis=0, overwrite_input=True)
@@ -120,7 +118,7 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
 def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Keep only flags in a run of three or more.
 
-    A line is as wide as that, chance peaks are not.
+    A line has this width, random peaks do not.
     """
     padded = np.pad(flags, 2)
     runs = padded[:-2] & padded[1:-1] & padded[2:]
@@ -128,9 +126,9 @@ def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> tuple[float, float]:
-    """Return the part of the Doppler axis worth showing.
+    """Return the occupied part of the Doppler axis.
 
-    It holds occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if that is most of it.
+    It contains the occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if this is most of the axis.
     """
     doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
     whole = float(doppler_hz.min()), float(doppler_hz.max())
@@ -147,7 +145,7 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
 def compute_cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
     """Return cell edges of a uniform axis.
 
-    It is None if the steps differ by more than 0.1 %.
+    The result is None if the steps differ by more than 0.1 %.
     """
     values = np.asarray(axis, dtype=np.float64)
     if values.size == 1:

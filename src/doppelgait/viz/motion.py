@@ -52,11 +52,11 @@ PART_COLOURS = {
     "tail": "#8c564b",
     "other": "#b0b0b0",
 }
-"""Colour of every group of body parts, the same in all figures; left warm or green, right blue."""
+"""Colour of each group of body parts, the same in all figures; left is warm or green, right is blue."""
 
 FEET = ("foot", "paw")
 LIMB_ORDER = ("thigh", "upper_arm", "upper", "shank", "forearm", "lower", "foot", "hand", "paw")
-"""Endings of the parts of a limb from the body outwards."""
+"""Name suffixes of the parts of a limb, from the body outwards."""
 LIMB_PARTS = frozenset(
     f"{side}_{rest}"
     for side in ("left", "right")
@@ -72,7 +72,7 @@ THIN, BOLD = 0.7, 2.2
 def find_part_group(part: str) -> str:
     """Return the group of a body part of :mod:`doppelgait.motion.skeleton`.
 
-    It is ``"other"`` when unknown.
+    The group of an unknown part is ``"other"``.
     """
     if part in TORSO:
         return "torso"
@@ -85,7 +85,7 @@ def find_part_group(part: str) -> str:
 
 
 def rank_part(part: str) -> int:
-    """Return a part's place in its limb."""
+    """Return the position of a part in its limb."""
     return next(rank for rank, ending in enumerate(LIMB_ORDER) if part.endswith(ending))
 
 
@@ -95,9 +95,9 @@ def choose_part_colour(part: str) -> str:
 
 
 def format_bold_name(part: str) -> str | None:
-    """Return a part's legend entry with a bold line.
+    """Return the legend entry of a part with a bold line.
 
-    These are torso, feet and paws; it is None for all others.
+    Torso, feet and paws have bold lines; the result is None for all other parts.
     """
     if part in TORSO:
         return "torso"
@@ -106,7 +106,7 @@ def format_bold_name(part: str) -> str | None:
 
 @dataclass(frozen=True)
 class PartLines:
-    """Lines over time with the body part of each.
+    """Lines over time, each with its body part.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class PartLines:
     values : ndarray, shape (T, L)
     parts : tuple of str, length L
     target : ndarray of int, shape (L,)
-        Which of the targets in the array each line belongs to, from 0.
+        Number of the target in the array to which each line belongs, from 0.
     """
 
     time_s: FloatArray
@@ -139,7 +139,7 @@ def group_lines(array: xr.DataArray) -> PartLines:
     if "part" not in array.coords:
         raise AnalysisError(f"{name}: coordinate 'part' (body part of every scatterer) is missing")
     if array.size == 0:
-        raise AnalysisError(f"{name}: nothing to draw, its shape is {array.shape}")
+        raise AnalysisError(f"{name}: nothing to plot, its shape is {array.shape}")
     count = array.sizes["scatterer"]
     target = array.coords["target"].values if "target" in array.coords else np.zeros(count, dtype=np.int64)
     return PartLines(
@@ -151,11 +151,9 @@ def group_lines(array: xr.DataArray) -> PartLines:
 
 
 def plot_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
-    """Plot every line thin in its part's colour.
+    """Plot thin lines in the colours of their parts.
 
-    The mean of the torso and of every foot is bold.
-
-    ``bold=0`` leaves the bold lines out. Targets after the first are dashed.
+    The means of the torso and of each foot are bold; ``bold=0`` omits them. Targets after the first are dashed.
     """
     for number in dict.fromkeys(lines.target.tolist() if bold else ()):
         first = number == 0
@@ -189,7 +187,7 @@ def _choose_dash(number: int) -> str:
 def average_without_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
     """Average some columns; shape (T,).
 
-    The mean is NaN only where all of them are.
+    The mean is NaN only where all columns are NaN.
     """
     chosen = values[:, list(columns)]
     known = np.isfinite(chosen)
@@ -215,7 +213,7 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        With ``radial_velocity`` in m/s, positive approaching.
+        With ``radial_velocity`` in m/s, positive when approaching.
     wavelength_m : float
 
     Returns
@@ -250,7 +248,7 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
         With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is dashed.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -297,12 +295,12 @@ def doppler_lines(
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        With ``radial_velocity`` in m/s, positive approaching, and the coordinate ``part``.
+        With ``radial_velocity`` in m/s, positive when approaching, and the coordinate ``part``.
     wavelength_m : float
         Positive.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -374,11 +372,12 @@ def stick_frames(
     Parameters
     ----------
     motion : doppelgait.motion.Motion
-        Positions in m with the coordinate ``part``; NaN points are left out.
+        Positions in m with the coordinate ``part``; points that are NaN are omitted.
     start_s : float, optional
         Time of the first frame; the motion's start by default.
     duration_s : float, optional
-        Time from first to last frame; by default one stride (``facts.stride_frequency_hz``), or all there is.
+        Time from first to last frame; by default one stride (``facts.stride_frequency_hz``), or the whole motion if the
+        stride is unknown.
     n_frames : int
         2 to 16.
     title : str
@@ -386,12 +385,12 @@ def stick_frames(
     Returns
     -------
     Figure
-        Horizontal axis along the direction of travel, from the middle of the body; floor at 0 m.
+        The horizontal axis is along the direction of travel, from the middle of the body; the floor is at 0 m.
 
     Raises
     ------
     AnalysisError
-        If the times lie outside the motion, ``n_frames`` is not allowed.
+        If the times lie outside the motion, or ``n_frames`` is not allowed.
 
     Examples
     --------
@@ -409,7 +408,7 @@ def stick_frames(
     frames = _choose_cycle_frames(times_s, stride_hz, start_s, duration_s, n_frames)
     side_m = side_view_m(positions.values[frames])
     if not np.isfinite(side_m).any():
-        raise AnalysisError("the motion has no known point in these frames: nothing to draw")
+        raise AnalysisError("the motion has no known point in these frames: nothing to plot")
     figure, panels = _make_panels(side_m, n_frames)
     times_s = times_s[frames]
     for axes, points_m, time_s in zip(panels, side_m, times_s, strict=True):
@@ -456,7 +455,8 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (F, P, 2)
-        m. Without travel (under 0.1 m) the horizontal direction of the largest spread counts as the path.
+        Coordinates in m. Without travel (less than 0.1 m) the horizontal direction of the largest spread is used as the
+        path.
     """
     low, high = np.fmin.reduce(position_m, axis=1), np.fmax.reduce(position_m, axis=1)
     centre = (low + high)[:, :2] / 2.0
@@ -472,7 +472,7 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
 def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
     """Make a figure with one panel per frame.
 
-    All have one scale that is equal in both directions.
+    All panels have the same scale, equal in both directions.
     """
     rows = 1 if n_frames <= 5 else 2
     across = -(-n_frames // rows)

@@ -31,7 +31,7 @@ class PlottedRecording(Protocol):
 def overview(
     recording: PlottedRecording | xr.DataArray, result: Any = None, *, title: str | None = None, **arrays: Any
 ) -> Figure:
-    """Plot a recording and one result of it on one page.
+    """Plot a recording and one of its results on a page.
 
     The page has range-time map, signature, cadence-velocity diagram, cadence spectrum and features.
 
@@ -39,10 +39,10 @@ def overview(
     ----------
     recording : Recording or DataArray (slow_time, range)
     result : Result, optional
-        One target of :func:`doppelgait.analyze`. Without it ``recording`` must be a baseband and ``arrays`` are
+        One target of :func:`doppelgait.analyze`. Without a result, ``recording`` must be a baseband and ``arrays`` are
         required.
     title : str, optional
-        By default the label of the result.
+        Title; by default the label of the result.
     **arrays
         Without a result: ``signature``, ``cadence_map``, ``cadence_spectrum`` and ``features`` (values by name), and
         optionally ``gate``, ``main_line_hz``, ``gait_frequency_hz``, ``amplitude`` and ``flags``.
@@ -134,7 +134,7 @@ def plot_scene(scene: Any, *, ax: Axes | None = None) -> Axes:
 
 
 def _place_of(target: Any, radar_m: Place) -> tuple[Place | None, float | None]:
-    """Return place and heading of a target as stated."""
+    """Return place and heading of a target from its parameters."""
     if target.start_position_m is not None:
         return tuple(target.start_position_m[:2]), target.heading_deg
     if target.range_m is None or target.path is not None:
@@ -145,7 +145,7 @@ def _place_of(target: Any, radar_m: Place) -> tuple[Place | None, float | None]:
 
 
 def plot_radar(radar: Any, *, ax: Axes | None = None) -> Axes:
-    """Plot what a radar covers: ranges and velocities."""
+    """Plot the unambiguous ranges and velocities of a radar."""
     ax = make_axes(ax)[1]
     ranged = radar.waveform.kind != "cw"
     start_m, stop_m = (radar.range_start_m, radar.range_stop_m) if ranged else (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""One page about one target."""
+"""Overview of one target on one page."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def overview(
     cadence_map : DataArray (cadence, doppler)
     cadence_spectrum : DataArray (cadence)
     features : mapping
-        Values by name, None where undetermined; the unit is read from the name's ending. ``harmonic_ratio_2`` and
-        ``harmonic_ratio_3`` place the harmonics' marks.
+        Values by name, None where undetermined; the suffix of the name determines the unit. ``harmonic_ratio_2`` and
+        ``harmonic_ratio_3`` determine the marks of the harmonics.
     gate : Dataset (time) or mapping of str to Dataset, optional
         Gate limits on the range-time map.
     main_line_hz : array_like, shape (J,) or scalar, optional
@@ -79,9 +79,9 @@ def overview(
     gait_frequency_hz : float, optional
         f_mu.
     amplitude : bool
-        Whether ``cadence_spectrum`` holds amplitudes (the report's method).
+        True if ``cadence_spectrum`` has amplitudes (the report's method).
     flags : sequence of str
-        Reasons and cautions, printed under the features.
+        Flags, printed under the features.
     doubtful : sequence of str
         Names of values of low confidence, shown with a question mark.
     title : str
@@ -93,7 +93,7 @@ def overview(
     Raises
     ------
     AnalysisError
-        If an array does not keep its schema.
+        If an array does not conform to its schema.
 
     Examples
     --------
@@ -181,7 +181,7 @@ def _plot_features(
 def format_value(name: str, value: float | None) -> str:
     """Format a value with its unit in about three digits.
 
-    It is "not determined" for None and NaN.
+    The text for None and NaN is "not determined".
     """
     if value is None or not np.isfinite(value):
         return "not determined"

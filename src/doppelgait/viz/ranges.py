@@ -47,7 +47,7 @@ ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity"
 GATE_RANGES = ("range_low", "range_high")
 GATE_BAND = ("doppler_low", "doppler_high")
 MOST_COLUMNS = 4096
-"""Columns of a map of a long recording, about: more than a page has dots."""
+"""Approximate number of columns in the map of a long recording; a page cannot show more."""
 
 
 def check_gate(gate: xr.Dataset, *names: str) -> xr.Dataset:
@@ -74,14 +74,14 @@ def range_time(
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-        Complex, V. Of more than 32,768 pulses every n-th is plotted, about 4,096 of them.
+        Complex, V. For more than 32,768 pulses, about 4,096 equally spaced pulses are plotted.
     tracks : Dataset (time) or mapping of str to Dataset, optional
         Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
     db_range : float, optional
-        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+        Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -90,11 +90,11 @@ def range_time(
     Raises
     ------
     AnalysisError
-        If an array does not keep its schema.
+        If an array does not conform to its schema.
 
     See Also
     --------
-    range_doppler_map : power over range and Doppler.
+    range_doppler_map : plot power over range and Doppler.
 
     Examples
     --------
@@ -165,13 +165,13 @@ def range_doppler_map(
     power : DataArray (doppler, range)
         V^2, with the coordinate ``velocity`` and, if known, the scalar coordinate ``time``.
     gate : Dataset (time), optional
-        ``range_low``, ``range_high`` in m, ``doppler_low``, ``doppler_high`` in Hz, which may be infinite; taken at
-        the map's time, or at its own middle when the map has none.
+        ``range_low`` and ``range_high`` in m, ``doppler_low`` and ``doppler_high`` in Hz, which may be infinite. The
+        limits are those at the time of the map, or at the middle of the gate if the map has no time.
     db_range : float, optional
-        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+        Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -180,7 +180,7 @@ def range_doppler_map(
     Raises
     ------
     AnalysisError
-        If an array does not keep its schema.
+        If an array does not conform to its schema.
 
     See Also
     --------

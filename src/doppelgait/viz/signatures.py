@@ -59,16 +59,16 @@ def signature(
         Raw (V^2) or normalised (1).
     truth_doppler : DataArray (slow_time, scatterer), optional
         True Doppler of every scatterer in Hz with the coordinate ``part``
-        (:func:`doppelgait.viz.scatterer_doppler`); drawn thin in the parts' colours over a grey map.
+        (:func:`doppelgait.viz.scatterer_doppler`); plotted as thin lines in the colours of the parts over a grey map.
     main_line_hz : array_like, shape (J,) or scalar, optional
         Main Doppler line at the signature's times, Hz.
     db_range : float, optional
-        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+        Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     doppler_hz : (float, float), optional
-        Doppler limits; by default the part of the axis that is occupied, 0 Hz and a margin.
+        Doppler limits; by default the occupied part of the axis with 0 Hz and a margin.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def signature(
     Raises
     ------
     AnalysisError
-        If an array does not keep its schema or the main line has another length.
+        If an array does not conform to its schema or the main line has a different length.
 
     See Also
     --------
@@ -114,7 +114,7 @@ def signature(
 def choose_reference(signature: xr.DataArray) -> str:
     """Return the reference of the levels.
 
-    It is 1 V² for a raw signature; a normalised one has none.
+    The reference is 1 V² for a raw signature, and empty for a normalised one.
     """
     return "1 V²" if signature.attrs["units"] == "V^2" else ""
 
@@ -154,7 +154,7 @@ def plot_signature(
         count = signature.sizes["time"]
         if values.shape not in ((), (count,)):
             raise AnalysisError(
-                f"main_line_hz has shape {values.shape}; it must be one number or ({count},), one a column"
+                f"main_line_hz has shape {values.shape}; it must be one number or ({count},), one per column"
             )
         axes.plot(
             signature.coords["time"].values,
@@ -183,11 +183,11 @@ def signature_normalisation(
     signature : DataArray (time, doppler)
         Raw, V^2.
     normalised : DataArray (time, doppler)
-        The same, normalised.
+        The same signature, normalised.
     db_range : float, optional
-        Dynamic range of both maps, dB; by default each down to its noise, at most 40 dB.
+        Dynamic range of both maps in dB; by default down to the noise of each, at most 40 dB.
     doppler_hz : (float, float), optional
-        Doppler limits of both; by default those of the normalised one.
+        Doppler limits of both maps; by default those of the normalised signature.
 
     Returns
     -------
@@ -196,7 +196,7 @@ def signature_normalisation(
     Raises
     ------
     AnalysisError
-        If an array does not keep its schema.
+        If an array does not conform to its schema.
 
     See Also
     --------

@@ -68,18 +68,18 @@ def cadence_spectrum(
     gait_frequency_hz : float, optional
         f_mu.
     harmonics_hz : sequence of float or None
-        Measured second, third, ... harmonic; None for one that was not found.
+        Measured second, third, ... harmonic; None for a harmonic that was not found.
     max_cadence_hz : float, optional
-        Right end of the cadence axis; by default what shows three harmonics, 8 to 20 Hz.
+        Right end of the cadence axis; by default 8 to 20 Hz, to show three harmonics.
     db_range : float
         Range of the level axis, dB.
     amplitude : bool
-        Whether the values are amplitudes (20 log10) and not powers (10 log10).
+        True if the values are amplitudes (20 log10), False if they are powers (10 log10).
     doubtful : bool
-        Whether the frequencies are of low confidence: they are shown with a question mark.
+        True if the frequencies have low confidence; they are then shown with a question mark.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -88,11 +88,11 @@ def cadence_spectrum(
     Raises
     ------
     AnalysisError
-        If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
+        If the array does not conform to its schema or has no cadence below ``max_cadence_hz``.
 
     See Also
     --------
-    cadence_map : power over cadence and Doppler.
+    cadence_map : plot magnitude over cadence and Doppler.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def mark_harmonics(
 ) -> None:
     """Mark the gait frequency and its harmonics by number.
 
-    The legend has their values, with a question mark where they are doubtful.
+    The legend has their values, with a question mark if they have low confidence.
     """
     for number, value in enumerate(found_hz, start=1):
         if value is not None and np.isfinite(value) and value <= axes.get_xlim()[1]:
@@ -160,7 +160,7 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
 def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
     """Return levels in dB relative to the maximum.
 
-    They are not lower than twice the range; without a peak all are at the bottom.
+    The levels are limited to twice the range below the peak; without a peak all levels have this limit.
     """
     check_db_range(db_range)
     power = np.asarray(values, dtype=np.float64) ** (2 if amplitude else 1)
@@ -173,7 +173,8 @@ def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: b
 def level_axis_db(level_db: FloatArray, db_range: float) -> tuple[float, float]:
     """Return the ends of the level axis.
 
-    It is no deeper than the range, nor than 5 to 10 dB below the data; there is room for words above.
+    The lower end is at most ``db_range`` below the peak, and at most 5 to 10 dB below the data. The upper end leaves
+    room for text.
     """
     lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
     bottom = max(-db_range, min(lowest, -15.0))
@@ -201,13 +202,13 @@ def mean_doppler_spectrum(
     values : array_like, shape (K,)
         D_1, powers.
     doppler_hz : array_like, shape (K,)
-        Rising.
+        Ascending Doppler frequencies.
     wavelength_m : float
         For the axis in m/s.
     torso_doppler_hz : float, optional
         Main line, marked with its value.
     bandwidth_hz : float or (float, float), optional
-        Micro-Doppler bandwidth B_mu, shaded: its two edges, or its width alone, which is then put where it holds the
+        Micro-Doppler bandwidth B_mu, shaded: its two edges, or its width alone. A width is placed where it contains the
         most power.
     threshold : float, optional
         t_mu relative to the maximum, plotted as a level.
@@ -215,7 +216,7 @@ def mean_doppler_spectrum(
         Range of the level axis, dB.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -280,7 +281,7 @@ def mean_doppler_spectrum(
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
     """Return the edges of the band of most power.
 
-    Its width is fixed; it is the middle one of all that hold 99.9 % of the maximum.
+    The width of the band is fixed. The result is the middle one of all bands with 99.9 % of the maximum power or more.
     """
     span = min(max(width_hz, 0.0), float(np.ptp(doppler_hz)))
     starts = np.linspace(doppler_hz[0], doppler_hz[-1] - span, 4 * doppler_hz.size)
@@ -308,14 +309,14 @@ def cadence_map(
     cadence_map : DataArray (cadence, doppler)
         Magnitudes D.
     gait_frequency_hz : float, optional
-        f_mu: marked above the map, with its second and third harmonic.
+        f_mu, marked above the map with its second and third harmonic.
     max_cadence_hz : float, optional
-        Right end of the cadence axis; by default what shows three harmonics, 8 to 20 Hz.
+        Right end of the cadence axis; by default 8 to 20 Hz, to show three harmonics.
     db_range : float, optional
-        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+        Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
     title : str
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -324,11 +325,11 @@ def cadence_map(
     Raises
     ------
     AnalysisError
-        If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
+        If the array does not conform to its schema or has no cadence below ``max_cadence_hz``.
 
     See Also
     --------
-    cadence_spectrum : power over cadence alone.
+    cadence_spectrum : plot power over cadence alone.
 
     Examples
     --------
@@ -355,7 +356,7 @@ def cadence_map(
 def label_cadence_map(cadence_map: xr.DataArray) -> str:
     """Return the label of a cadence map's Doppler axis.
 
-    Columns that were moved onto the main line are measured from there.
+    The Doppler of an aligned map is relative to the main line.
     """
     return FROM_LINE_LABEL if from_main_line(cadence_map) else DOPPLER_LABEL
 
@@ -405,7 +406,7 @@ def plot_cadence_map(
 def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | None) -> float:
     """Return the right end of the cadence axis.
 
-    By default it is 3.6 times the gait frequency, but 8 to 20 Hz.
+    The default is 3.6 times the gait frequency, limited to 8 to 20 Hz.
     """
     if max_cadence_hz is not None:
         return max_cadence_hz
@@ -413,9 +414,9 @@ def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | No
 
 
 def crop_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
-    """Cut an array (cadence, ...) at a cadence.
+    """Crop an array (cadence, ...) at a cadence.
 
-    At least two values are left.
+    At least two values must remain.
     """
     shown = array.isel(cadence=array.coords["cadence"].values <= max_cadence_hz + 1e-9)
     if shown.sizes["cadence"] < 2:

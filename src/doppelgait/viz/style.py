@@ -24,39 +24,39 @@ from doppelgait.core.labels import STEP_LENGTHS
 
 DPI = 110
 FIGURE_FORMATS = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
-"""Formats of figure files, and what would change their bytes with day and version: it is left out."""
+"""Formats of figure files, each with the metadata that are left out because they depend on date and version."""
 _SETTINGS_LOCK = Lock()
 MAP_COLOURS = "magma"
-"""Perceptually uniform; starts at black, so an empty room is dark."""
+"""Colour map of levels. It is perceptually uniform and starts at black, so an empty scene is dark."""
 OVERLAY_COLOURS = "gray"
-"""Under lines coloured by body part."""
+"""Colour map below lines that are coloured by body part."""
 SHARE_COLOURS = "Blues"
-"""Shares from 0 to 1, with black or white numbers on them."""
+"""Colour map of shares from 0 to 1, below black or white numbers."""
 
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#e69f00", "#009e73", "#cc79a7"
 SKY, VERMILLION, YELLOW = "#56b4e9", "#d55e00", "#f0e442"
-"""Colours of Okabe and Ito (2008), distinct in every colour-vision deficiency; all categories take theirs from here."""
+"""Colours of Okabe and Ito (2008) for all categories; they are distinct in every colour-vision deficiency."""
 LINE_COLOURS = (SKY, ORANGE, "#ffffff", PURPLE, YELLOW, GREEN)
-"""Lines on a map, with a black edge."""
+"""Colours of lines on a map, with a black edge."""
 SERIES_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
-"""Lines and markers on white."""
+"""Colours of lines and markers on white."""
 LINE, SHADE, GRID, REFERENCE = "#1f3b57", "#9ecae1", "#e0e0e0", "#606060"
-"""A single curve, a band, the grid, and lines to compare with."""
+"""Colours of a single curve, a band, the grid, and reference lines."""
 ACCENT = "#c1121f"
-"""Marks and words on a curve."""
+"""Colour of marks and text on a curve."""
 CLASS_COLOURS = {"human": BLUE, "dog": ORANGE, "cat": GREEN}
 OTHER_CLASS_COLOURS = (PURPLE, SKY, VERMILLION, "#444444")
 ON_MAPS = {BLUE: SKY}
 """Colours that are too dark for a map, and those that replace them there."""
 TARGET_STYLES = ("-", "--", ":", "-.")
-"""Lines of the first, second, ... target of a class."""
+"""Line styles of the first, second, ... target of a class."""
 
 TIME_LABEL, RANGE_LABEL = "time (s)", "range (m)"
 DOPPLER_LABEL = "Doppler frequency (Hz)"
 FROM_LINE_LABEL = "Doppler frequency from the main line (Hz)"
 VELOCITY_LABEL = "radial velocity (m/s), approaching positive"
 SHORT_VELOCITY_LABEL = "radial velocity (m/s)"
-"""On pages of several panels."""
+"""Label of the velocity axis on pages with several panels."""
 CADENCE_LABEL = "cadence (Hz)"
 LEVEL_LABEL = "level (dB re maximum)"
 
@@ -78,7 +78,7 @@ QUANTITY_NAMES |= STEP_LENGTHS
 
 
 def describe_quantity(name: str) -> tuple[str, str]:
-    """Return a column's words and unit from its name.
+    """Return description and unit of a column from its name.
 
     ``gait_frequency_hz`` gives ``("gait frequency", "Hz")``.
     """
@@ -96,9 +96,9 @@ def describe_flag(flag: str) -> str:
 
 
 def label_quantity(name: str) -> str:
-    """Return the axis label of a column: words and unit.
+    """Return the axis label of a column: description and unit.
 
-    A number without a unit has words alone.
+    The label of a number without a unit is the description alone.
     """
     words, unit = describe_quantity(name)
     return words if unit == "1" else f"{words} ({unit})"
@@ -107,7 +107,7 @@ def label_quantity(name: str) -> str:
 def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
     """Return the colour of every class.
 
-    Known classes have fixed colours, others follow the alphabet.
+    Known classes have fixed colours; other classes have colours in alphabetical order.
     """
     names = sorted(set(classes))
     others = [name for name in names if name not in CLASS_COLOURS]
@@ -118,7 +118,8 @@ def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
 def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
     """Return colour and line style of targets on a map.
 
-    A target with a known class, such as "0: human", has the colour of the class; several of a class differ in style.
+    A target with a known class, such as "0: human", has the colour of its class. Targets of the same class have
+    different line styles.
     """
     known = [next((name for name in CLASS_COLOURS if name in label.split()), "") for label in labels]
     looks = []
@@ -132,7 +133,7 @@ def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
 def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
     """Make an empty figure without global state.
 
-    The layout keeps texts apart (``compressed``: panels, too).
+    The layout avoids overlapping text; ``compressed`` also places panels close to each other.
     """
     layout: Literal["compressed", "constrained"] = "compressed" if compressed else "constrained"
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout, facecolor="white")
@@ -171,7 +172,7 @@ def draw_grid(axes: Axes) -> None:
 def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
     """Put a legend below the axes, or inside them.
 
-    Without labelled artists there is none. Below, it needs a figure with a layout that makes room.
+    Without labelled artists there is no legend. A legend below the axes needs a figure with a constrained layout.
     """
     handles, labels = axes.get_legend_handles_labels()
     if handles:
@@ -186,7 +187,7 @@ def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: 
 def legend_under(axes: Axes, *, columns: int = 1) -> None:
     """Put the legend of one panel below its labels.
 
-    Pages of several panels need it where the panels differ.
+    It is for pages with several panels that have different legends.
     """
     if axes.get_legend_handles_labels()[0]:
         strengthen(
@@ -209,15 +210,14 @@ def strengthen(legend: Legend) -> None:
 def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:
     """Write a figure as PNG, SVG or PDF, atomically.
 
-    The same input gives the same bytes.
-
-    That holds for a figure as it came: each drawing lays it out anew and may move panels by a fraction of a pixel.
+    The same input gives the same bytes, provided that the figure was not rendered before: each rendering repeats the
+    layout and may shift panels by a fraction of a pixel.
 
     Parameters
     ----------
     figure : Figure
     path : str or Path
-        Must end in ``.png``, ``.svg`` or ``.pdf``; the folder must exist.
+        Path that ends in ``.png``, ``.svg`` or ``.pdf``; the folder must exist.
     dpi : float, optional
         Pixels per inch; the figure's own by default.
 
@@ -229,9 +229,9 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
     Raises
     ------
     AnalysisError
-        If the name has another ending.
+        If the name has another extension.
     OutputError
-        If the file cannot be written; an older file of that name is then untouched.
+        If the file cannot be written; an older file of this name then stays unchanged.
 
     Examples
     --------

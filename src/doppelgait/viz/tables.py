@@ -47,7 +47,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 BINS = (8, 30)
 TAIL = 0.002
-"""Share at either end that a histogram's first and last bin take in, so that single outliers do not flatten it."""
+"""Share of the values at each end that is in the first and last bin, so that outliers do not widen a histogram."""
 
 
 def _select_columns(
@@ -57,11 +57,11 @@ def _select_columns(
     if missing:
         raise AnalysisError(f"the table has no columns {missing}; it has {[str(name) for name in table.columns]}")
     if len(table) == 0:
-        raise AnalysisError("the table has no rows: nothing to draw")
+        raise AnalysisError("the table has no rows: nothing to plot")
     try:
         values = {name: np.asarray(table[name].to_numpy(dtype=float, na_value=np.nan)) for name in names}
     except (TypeError, ValueError) as error:
-        raise AnalysisError(f"the columns {list(names)} must hold numbers: {error}") from None
+        raise AnalysisError(f"the columns {list(names)} must be numbers: {error}") from None
     classes = table[by].fillna("unknown").astype(str).to_numpy(dtype=str)
     return values, np.where(classes == "", "unknown", classes)
 
@@ -81,13 +81,13 @@ def feature_scatter(
     table : DataFrame
         One row per example.
     x, y : str
-        Columns; the unit on the axis comes from the name's ending. Rows where one is None or NaN are left out and
-        counted in the legend.
+        Columns; the suffix of the name determines the unit on the axis. Rows with None or NaN are left out, and the
+        legend has their number.
     by : str
         Column of the class.
     title : str, optional
     ax : Axes, optional
-        Where to plot; a figure of its own by default.
+        Axes for the plot; by default those of a new figure.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def feature_matrix(
     table : DataFrame
         One row per example.
     features : sequence of str
-        Columns, 1 to 12; the six features by default. None and NaN are left out and counted in the panel.
+        1 to 12 columns; the six features by default. None and NaN are left out, and the panel has their number.
     by : str
         Column of the class.
     title : str
@@ -152,7 +152,7 @@ def feature_matrix(
     Returns
     -------
     Figure
-        Share of the class's known values per bin; the end bins hold the outermost 0.2 % and all beyond.
+        Share of the known values of a class per bin; the first and last bins contain the outermost 0.2 %.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def feature_matrix(
 
     See Also
     --------
-    feature_scatter : two features against each other.
+    feature_scatter : plot two features against each other.
 
     Examples
     --------
@@ -232,20 +232,20 @@ def contact_sheet(
     columns: int | None = None,
     doppler_hz: Limits | None = None,
 ) -> Figure:
-    """Plot many signatures on one page, equally scaled.
+    """Plot many signatures on one page with the same scale.
 
     Parameters
     ----------
     signatures : sequence of DataArray (time, doppler)
-        1 to 64, all raw or all normalised.
+        1 to 64 signatures, all raw or all normalised.
     titles : sequence of str
-        One each.
+        One title per signature.
     db_range : float, optional
-        Dynamic range shown below the strongest cell of all, dB; by default down to the noise, at most 40 dB.
+        Dynamic range below the strongest cell of all signatures in dB; by default down to the noise, at most 40 dB.
     columns : int, optional
         Signatures in a row; about square by default.
     doppler_hz : (float, float), optional
-        Doppler limits; by default what holds the occupied part of each.
+        Doppler limits; by default limits that include the occupied part of every signature.
 
     Returns
     -------
@@ -254,7 +254,7 @@ def contact_sheet(
     Raises
     ------
     AnalysisError
-        If there are none or too many, titles do not match, or units differ.
+        If there are no or too many signatures, titles do not match, or units differ.
 
     See Also
     --------
@@ -307,8 +307,8 @@ def _check_sheet(signatures: Sequence[xr.DataArray], titles: Sequence[str], colu
             f"a contact sheet takes 1 to 64 signatures and one title each; got {len(arrays)} and {len(titles)}"
         )
     if columns is not None and columns < 1:
-        raise AnalysisError(f"columns is {columns}; a row holds at least one signature")
+        raise AnalysisError(f"columns is {columns}; it must be 1 or more")
     units = sorted({str(array.attrs["units"]) for array in arrays})
     if len(units) > 1:
-        raise AnalysisError(f"signatures in units {units} cannot share one dB scale; pass all raw or all normalised")
+        raise AnalysisError(f"signatures in units {units} have no common dB scale; pass all raw or all normalised")
     return arrays

@@ -224,7 +224,7 @@ def test_lack_of_open_files_is_one_line():
         with ExitStack() as ends:
             for _ in range(200):
                 ends.enter_context(socket.create_connection(("127.0.0.1", port), timeout=processes.LIMIT_S))
-            assert process.stderr.readline().startswith("note: the viewer takes no further connection for the moment: ")
+            assert process.stderr.readline().startswith("note: the viewer accepts no further connections at present: ")
             for _ in range(5):  # while the others stay open
                 with urllib.request.urlopen(url, timeout=processes.LIMIT_S) as answer:
                     assert answer.status == 200

@@ -311,7 +311,7 @@ def test_the_viewer_goes_on_where_no_file_can_be_written(monkeypatch, capsys):
     monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail("nothing to open"))
     with server.open_in_browser("http://127.0.0.1:1/token/"):
         said = capsys.readouterr().err
-    assert "No space left on device; open the address by hand" in said
+    assert "No space left on device; open the address yourself" in said
     assert said.count("\n") == 1
 
 

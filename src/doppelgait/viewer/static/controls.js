@@ -15,14 +15,14 @@ const NUMBERS = [
 ];
 /** Parameters of the analysis that the controls change, as requests have them. */
 export const ANALYSIS = ["clutter", ...NUMBERS.map(({ name }) => name)];
-const LEVEL_TITLE = "Levels at the ends of the colours, in dB relative to the strongest of each picture; empty: chosen by the picture";
+const LEVEL_TITLE = "Levels at the ends of the colour scale, in dB relative to the maximum of each picture; empty: automatic";
 
 /** Bar of controls; every choice goes into the state, and who listens to it draws. */
 export function makeControls(session) {
   const target = element("select", { id: "target", onchange: () => state.set({ target: Number(target.value) || null }) });
   const low = levelInput("db-low", "lo", "low");
   const high = levelInput("db-high", "hi", "high");
-  const auto = element("button", { type: "button", title: "Levels as each picture chooses them", onclick: () => state.set({ lo: null, hi: null }) }, "auto");
+  const auto = element("button", { type: "button", title: "Automatic levels for each picture", onclick: () => state.set({ lo: null, hi: null }) }, "auto");
   const map = makeSelect("map", "map", Object.keys(session.colour_maps).map((name) => [name, name]), session.default_map);
   const band = makeSelect("band", "band", [["occupied", "occupied"], ["all", "whole band"]], "occupied");
   const faults = {}; // lines for errors, by control
@@ -31,7 +31,7 @@ export function makeControls(session) {
   const numbers = NUMBERS.map(makeNumber);
   const gate = makeGate(session, { edit, refuse: (words) => say("gate", words) });
   const segment = element("select", { id: "segment", onchange: () => state.set({ segment: segment.value }) });
-  const segments = field("segment", segment, "Segment of steady motion that the cadence-velocity diagram and the features come from");
+  const segments = field("segment", segment, "Segment of steady motion for the cadence-velocity diagram and the features");
   segments.hidden = true;
   const node = element(
     "div",
@@ -39,9 +39,9 @@ export function makeControls(session) {
     field("target", target),
     segments,
     withFault("gate", gate.node),
-    withFault("clutter", field("static clutter", clutter, "Echoes of what stands still: in all pictures, the features and the sound")),
+    withFault("clutter", field("static clutter", clutter, "Echoes of static objects, in all pictures, the features and the sound")),
     ...numbers.map((number) => withFault(number.name, number.node)),
-    element("button", { id: "standard", type: "button", title: "Gate and analysis as the recording was opened", onclick: standard }, "reset analysis"),
+    element("button", { id: "standard", type: "button", title: "Gate and analysis settings from the start", onclick: standard }, "reset analysis"),
     field("Doppler", band),
     field("colours", map),
     element("span", { class: "field", title: LEVEL_TITLE }, "levels ", low, " to ", high, " dB ", auto),

@@ -49,7 +49,7 @@ export async function show(container, session) {
   function checkAddress() {
     const out = asked.takeOutUnknown(facts);
     parts.leftOut.hidden = !out.length;
-    parts.leftOut.textContent = `Not known to this dataset, or contradictory, and so left out: ${out.join(", ")}`;
+    parts.leftOut.textContent = `Ignored, because unknown in this dataset or contradictory: ${out.join(", ")}`;
   }
 
   function changed(names) {
@@ -179,7 +179,7 @@ function layout(list, facts) {
     table, sheet,
   );
   const title = element("h1", {}, facts.name, " ", element("small", {}, facts.origin), " ", count);
-  const warning = facts.complete ? null : element("p", { class: "warning" }, "Some of the planned examples could not be made.");
+  const warning = facts.complete ? null : element("p", { class: "warning" }, "Some of the planned examples could not be generated.");
   const leftOut = element("p", { id: "left-out", class: "warning", role: "status", hidden: true });
   const main = element("div", { class: "dataset-main" }, title, warning, leftOut, figures, rows);
   const narrow = matchMedia("(max-width: 760px)").matches; // there the filters would push everything off the screen

@@ -6,8 +6,8 @@ import { showRun } from "./run_page.js";
 import * as state from "./state.js";
 import { element, showError } from "./ui.js";
 
-const TRACKED = "The gate followed a track, which the dataset does not keep: no gate is drawn.";
-const ANEW = "Choose another gate than “as stored” to analyse the example anew, with its gate.";
+const TRACKED = "The gate followed a track, which the dataset does not store: no gate is shown.";
+const ANEW = "Choose another gate than “as stored” to analyse the example again.";
 
 /** Bar and run in `container`; `open(id)` shows an example, `onOpen(id, place)` is called for the one before or behind it. */
 export function showExample(container, session, { onBack, onOpen }) {

@@ -2,7 +2,7 @@
 
 import { element, fixed, flagWords, makePanel, shownSegment, significant, span, words } from "./ui.js";
 
-/** What is farther from the truth than this share of it stands out. */
+/** Relative deviation from the truth above which a value is highlighted. */
 const FAR = 0.2;
 /** Rows before a feature of the set: name, words, unit, and where a target has it. */
 const BEFORE = { step_length_m: ["ground_step_length_m", "ground step length", "m", "quality"] };
@@ -51,7 +51,7 @@ export function makeFeatures({ session }, { id = "features", before = "" } = {})
   function featureRow({ key, name, value, deviation, unit, truth }) {
     const cells = [name, significant(value), significant(deviation, 2), unit === "1" ? "" : unit];
     const node = row("td", [...cells, compared(truth, { value, deviation, unit })]);
-    if (value === null || value === undefined) node.title = "not determined; the flags below say why";
+    if (value === null || value === undefined) node.title = "not determined; see the flags below";
     if (key === "breathing_rate_hz") node.title = `${significant(60 * value)} breaths a minute`;
     if (isFar(truth, { value, unit })) {
       node.className = "far";
@@ -100,7 +100,7 @@ export function compared(truth, { value, deviation = null, unit = "" }) {
 }
 
 function flagList(flags) {
-  if (!flags.length) return element("p", { class: "flags none" }, "No flags: nothing speaks against these values.");
+  if (!flags.length) return element("p", { class: "flags none" }, "No flags.");
   return element("ul", { class: "flags", "aria-label": "Flags" }, flags.map((flag) => element("li", {}, flagWords(flag))));
 }
 

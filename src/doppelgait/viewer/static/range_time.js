@@ -60,7 +60,7 @@ export function makeRangeTime(page, { id = "range-time", before = "" } = {}) {
     const image = facts.range_time;
     shown = image && { image, codes: arrays[image.array], facts, arrays };
     scales.put("range-time", id, image);
-    panel.say(image ? null : facts.reason || "No picture of range against time: this radar has one range bin.");
+    panel.say(image ? null : facts.reason || "No range-time map: this radar has one range bin.");
     redraw();
   }
 

@@ -210,8 +210,8 @@ export function showRun(container, reference, session) {
     controls.fillTargets(targets.targets, targets.selected);
     controls.fillSegments(target);
     bands = targets.targets.map(({ signature }) => (signature ? occupied(signature, arrays[signature.array]) : null));
-    showOrSay(panels.signature, target?.signature, "The signature of this target was not kept.", target, arrays);
-    showOrSay(panels.cadence, target?.cadence_map, "The cadence-velocity diagram of this target was not kept.", target, arrays);
+    showOrSay(panels.signature, target?.signature, "The signature of this target is not stored.", target, arrays);
+    showOrSay(panels.cadence, target?.cadence_map, "The cadence-velocity diagram of this target is not stored.", target, arrays);
     showOrSay(panels.features, target, null, target, arrays);
     for (const panel of [panels.rangeTime, panels.rangeDoppler, panels.scene]) panel.showTargets(targets);
   }

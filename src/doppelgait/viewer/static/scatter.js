@@ -40,7 +40,7 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
     grid = null;
     selects.x.value = found.x.name;
     selects.y.value = found.y.name;
-    panel.say(found.n_known ? null : "No row of these knows both numbers.");
+    panel.say(found.n_known ? null : "Both values are unknown in all of these rows.");
     drawLegend();
     chart.redraw();
   }
@@ -49,7 +49,7 @@ export function makeScatter(container, facts, colours, { onAxes, onOpen }) {
     const names = points.classes.map((label) => element("span", {}, dot(colours[label] ?? "#888888"), label));
     const [shown, known, all] = [points.x.length, points.n_known, points.n_matching];
     const part = shown < known ? `${counted(shown)} of ${counted(known)} points, evenly chosen` : `${counted(known)} points`;
-    const unknown = known < all ? `; ${counted(all - known)} rows do not know both` : "";
+    const unknown = known < all ? `; ${counted(all - known)} rows without both values` : "";
     legend.replaceChildren(...names, element("span", { class: "faint" }, part + unknown));
   }
 

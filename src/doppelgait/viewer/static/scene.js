@@ -13,10 +13,10 @@ const CLOSE_M = 5;
 /** Views by name: degrees beside the antenna's direction and pitch (rad) that the camera looks from. */
 const VIEWS = {
   all: { title: "everything in view", degrees: -40, pitch: 0.3 },
-  body: { title: "close up, going along with the body", degrees: -65, pitch: 0.12 },
+  body: { title: "close up, following the body", degrees: -65, pitch: 0.12 },
   side: { title: "from the side", degrees: -90, pitch: 0.06 },
   top: { title: "from above", degrees: -90, pitch: Math.PI / 2 },
-  radar: { title: "as the radar looks", degrees: 180, pitch: 0.12 },
+  radar: { title: "from the radar", degrees: 180, pitch: 0.12 },
 };
 
 export function makeScene({ session, clock }) {
@@ -49,7 +49,7 @@ export function makeScene({ session, clock }) {
     const pose = facts.scene;
     if (!pose || !facts.bodies?.length) {
       scene = null;
-      panel.say(facts.reason || "No scene: only simulated recordings know where the body is.");
+      panel.say(facts.reason || "No scene: the position of the body is known only for simulated recordings.");
       return;
     }
     panel.say(null);

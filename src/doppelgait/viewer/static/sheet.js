@@ -26,7 +26,7 @@ export function makeSheet(container, session, { onOpen }) {
       return card({ id, label: facts.labels[n], caption: facts.captions[n], reason }, facts.offset + n, codes, [columns, rows]);
     });
     grid.replaceChildren(...cards);
-    note.textContent = image ? axesText(image) : cards.length ? "" : "No row fits these filters.";
+    note.textContent = image ? axesText(image) : cards.length ? "" : "No row matches these filters.";
     recolour();
   }
 

@@ -26,8 +26,8 @@ export function attachSound(transport, clock, named) {
   const pitch = choice("pitch", PITCHES);
   const ears = choice("ears", EARS);
   const choices = [
-    field("pitch", pitch, "Every Doppler frequency times this; auto: 4, or what the frame rate allows"),
-    field("ears", ears, "Left | right: real and imaginary part, or what comes nearer and what goes away"),
+    field("pitch", pitch, "Factor for every Doppler frequency; auto: 4, or the largest that the audio rate allows"),
+    field("ears", ears, "Left | right: real and imaginary part, or approaching and receding motion"),
   ];
   const nodes = [button, ...choices, audio];
   let on = false;

@@ -79,7 +79,7 @@ export function counted(number) {
 }
 
 function emptyLine(columns) {
-  return element("tr", { class: "none" }, element("td", { colspan: columns, class: "text" }, "No row fits these filters."));
+  return element("tr", { class: "none" }, element("td", { colspan: columns, class: "text" }, "No row matches these filters."));
 }
 
 // The quantity is enough in a narrow column; the reason is in the title.
