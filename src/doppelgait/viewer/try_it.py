@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -141,7 +142,8 @@ def run_of(parameters: Mapping[str, str]) -> Run:
         # Message without positions in a scene file, which the page does not show.
         text = str(error)
         head, mark, rest = text.rpartition("': ")
-        raise ConfigError(rest if mark and head.startswith("targets.") else text) from None
+        text = rest if mark and head.startswith("targets.") else text
+        raise ConfigError(re.sub(r"^targets\.\d+\.(motion\.)?", "", text)) from None
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, DoppelgaitWarning))
     values = parse_controls(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)

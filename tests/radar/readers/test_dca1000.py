@@ -163,7 +163,7 @@ def test_transmitters_in_turn_and_pauses(tmp_path):
     assert recording.slow_time_s == pytest.approx(times_s[::2])
     other = read_recording(path, chirp=1)
     assert np.abs(other.baseband.values).max() == pytest.approx(0.1 * np.abs(recording.baseband.values).max(), rel=0.02)
-    with pytest.raises(AnalysisError, match="recording with bursts"):  # bursts with ranges are not tracked; a gate is needed
+    with pytest.raises(AnalysisError, match="recording with bursts"):  # a gate is needed
         dg.analyze(recording)
     mu = dg.analyze(recording, gate=(1.0, 2.5))[0].signature
     assert mu.sizes["time"] == 40

@@ -311,7 +311,7 @@ def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(tiny):
     for browser, words in (
         (changed(tiny, data_version=5), "made with data version 5"),
         (changed(tiny, origin="imported"), "arrays of measured recordings"),
-        (Browser(replace(tiny, index=other_row)), "motion file is not the one"),
+        (Browser(replace(tiny, index=other_row)), "motion file is not that of the dataset"),
     ):
         run = browser.run("dog-000000")
         assert run.recording is None
