@@ -298,7 +298,7 @@ def test_a_short_segment_has_no_aspect_and_an_empty_one_is_refused():
     times = np.arange(0, 5, 0.1)
     found = estimate_segment_motion(times, 8 - times, start_s=0, stop_s=2)
     assert (found.ground_speed_mps, found.aspect_deg, found.visibility) == (None, None, "unknown")
-    with pytest.raises(AnalysisError, match="from 7 to 9 s holds 0 ranges"):
+    with pytest.raises(AnalysisError, match="from 7 to 9 s has 0 ranges"):
         estimate_segment_motion(times, 8 - times, start_s=7, stop_s=9)
 
 
