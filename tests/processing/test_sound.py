@@ -208,7 +208,7 @@ class TestSound:
         assert spectrum[np.abs(hz - 1000) > 300].max() < 0.01 * spectrum.max()
 
     @pytest.mark.parametrize(("prf_hz", "pitch", "says"), [
-        (1000.0, 60.0, "at most 48"), (128_000.0, 4.0, "at most 1 "), (1000.0, 0.0, "0.1 to 5000"),
+        (1000.0, 60.0, "at most 48"), (128_000.0, 4.0, "at most 1$"), (1000.0, 0.0, "0.1 to 5000"),
         (10.0, 1e4, "0.1 to 5000"),
     ])  # fmt: skip
     def test_a_pitch_that_cannot_be_is_an_error(self, prf_hz, pitch, says):
