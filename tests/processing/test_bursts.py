@@ -159,7 +159,7 @@ def test_a_last_burst_that_is_not_whole_is_left_out():
 
 def test_missing_bursts_are_told():
     times = np.delete(burst_times(count=8), slice(3 * M, 4 * M))
-    with pytest.warns(DoppelgaitWarning, match="1 of 6 pauses"):
+    with pytest.warns(DoppelgaitWarning, match="1 of 6 periods"):
         mu = burst_signature(labelled(np.ones(times.size), times), None, Analysis(), wavelength_m=LAMBDA_M)
     np.testing.assert_allclose(np.diff(mu.time.values), [0.2, 0.2, 0.4, 0.2, 0.2, 0.2])
 

@@ -107,7 +107,7 @@ def test_short_and_long_recordings():
         (lambda s: s.drop_vars("velocity"), "coordinates"),
         (lambda s: s.assign_coords(velocity=("doppler", np.full(160, np.nan))), "carrier"),
         (lambda s: 10 * np.log10(s * 0 + 0.5), "finite power"),
-        (lambda s: s.assign_coords(time=np.geomspace(1, 3, 240)), "even time axis"),
+        (lambda s: s.assign_coords(time=np.geomspace(1, 3, 240)), "evenly spaced time axis"),
     ],
 )
 def test_what_is_no_signature_is_refused(change, says):

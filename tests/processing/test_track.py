@@ -247,7 +247,7 @@ def test_velocities_of_a_slow_radar_are_left_out() -> None:
 
 def test_faults_are_named() -> None:
     scan = Scan(1.0, (seen(3.0, 1.0),))
-    with pytest.raises(AnalysisError, match="order of time"):
+    with pytest.raises(AnalysisError, match="ascending, different times"):
         track([scan, scan])
     with pytest.raises(AnalysisError, match="at 1 s: range nan"):
         track([Scan(1.0, (seen(float("nan"), 1.0),))])
