@@ -105,7 +105,7 @@ def test_the_rows_are_the_fields_of_the_model() -> None:
 @pytest.mark.parametrize(
     ("topic", "message"),
     [
-        ("radra", r"^keys radra: is not a topic; known are scene, motion, .*impairment.*motion\.human$"),
+        ("radra", r"^keys radra: is not a topic; topics are scene, motion, .*impairment.*motion\.human$"),
         ("motion.horse", r"^keys motion\.horse: no motion 'horse' with keys; known are boulic, .*human"),
     ],
 )

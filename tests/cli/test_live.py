@@ -51,7 +51,7 @@ def test_a_full_disk_is_said_once_and_loses_nothing_before(tmp_path, monkeypatch
     assert (tmp_path / "log").read_text() == "first\n"
     said = capsys.readouterr().err
     assert said.count("No space left on device") == 1
-    assert "decisions go on to standard output" in said
+    assert "decisions continue on standard output" in said
     room[0] = True
     log.write("fourth")
     assert (tmp_path / "log").read_text() == "first\nfourth\n"

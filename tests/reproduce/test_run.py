@@ -338,4 +338,4 @@ def test_the_command_prints_a_table_and_fails_where_an_entry_could_not_be_made(f
     assert bad.exit_code == 1
     assert re.search(r"fig-9\.2 +0 +0 +0 +0 +\d+\.\d +NOT MADE: no such gait here", bad.output)
     assert re.search(r"fig-9\.1 +1 +1 +2 +1 ", bad.output)
-    assert "error: fig-9.2 could not be made" in bad.output
+    assert "error: fig-9.2 could not be reproduced" in bad.output

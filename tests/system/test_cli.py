@@ -90,7 +90,7 @@ def test_a_lack_of_memory_is_one_line(monkeypatch, capsys, text):
     monkeypatch.setattr(cli_app, "app", no_memory)
     assert _exit_status() == 1
     said = capsys.readouterr().err
-    assert said.strip() == f"error: the memory of this computer does not suffice: {text or 'nothing is left'}"
+    assert said.strip() == f"error: this computer does not have enough memory: {text or 'no memory is left'}"
 
 
 def test_in_a_process_of_its_own_the_command_says_the_same(recorded):

@@ -11,7 +11,7 @@ import sys
 def main() -> None:
     """Run the command line.
 
-    Signals are looked after before anything else is loaded.
+    The signal handlers are installed before anything else is loaded.
     """
     from doppelgait.core.interrupt import SIGNALS, restore_signals
 
@@ -27,14 +27,14 @@ def main() -> None:
         if not isinstance(end.code, int | None):
             raise
         code = end.code or 0
-    # The end of Python is left out: it takes a quarter of a second, in which a signal counts as before the start, and
-    # after an interruption it may wait for ever for what a thread holds, for example a file of HDF5.
+    # The interpreter's shutdown is skipped. It takes a quarter of a second without signal handlers, and after an
+    # interruption it may wait forever for a resource that a thread holds, for example an HDF5 file.
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except (OSError, ValueError):  # a full disk, a closed pipe
+        except (OSError, ValueError):  # for example a full disk or a closed pipe
             code = code or 1
     os._exit(code)

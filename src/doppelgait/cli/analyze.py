@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from doppelgait.processing.gate import GateChoice
     from doppelgait.radar import Recording
 
-OPTION_HELP = "What the file does not store, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
+OPTION_HELP = "Value that the file does not store, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
 
 Changes = Annotated[
     list[str] | None,
@@ -33,31 +33,34 @@ Changes = Annotated[
 ]
 ReaderOptions = Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)]
 WindowS = Annotated[
-    float | None, typer.Option("--window-s", help="Work in windows of this length, s; tracks are linked.")
+    float | None,
+    typer.Option("--window-s", help="Analyse windows of this length, s; tracks are linked across windows."),
 ]
 HopS = Annotated[
-    float | None, typer.Option("--hop-s", help="From window to window, s; by default a quarter of the window.")
+    float | None, typer.Option("--hop-s", help="Step between window starts, s; by default a quarter of the window.")
 ]
 
 SHOWN_QUALITY = {
     "track_range_m": "m", "start_s": "s", "stop_s": "s", "n_pieces": "1", "ground_speed_mps": "m/s",
     "aspect_deg": "deg", "breathing_rate_hz": "Hz",
 }  # fmt: skip
-"""Diagnostics worth a row of the feature table, with their units."""
+"""Diagnostics that the feature table shows, with their units."""
 SEGMENTS = {"n_pieces": "n_segments"}
-"""Name in the table of a diagnostic that files store under an older name."""
+"""Names in the table for diagnostics that files store under an older name."""
 
 
 def analyze(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Results to write, .h5.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Result file to write, .h5.")] = None,
     gate: Annotated[
-        str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
+        str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")
     ] = "track",
-    method: Annotated[str, typer.Option("--method", help="standard, or liland2018 for the report's own.")] = "standard",
+    method: Annotated[
+        str, typer.Option("--method", help="Analysis method: standard, or liland2018 for the method of the report.")
+    ] = "standard",
     changes: Changes = None,
     options: ReaderOptions = None,
-    figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
+    figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write figures into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
     window_s: WindowS = None,
     hop_s: HopS = None,
@@ -94,7 +97,9 @@ def analyze(
     if window_s is not None or hop_s is not None:
         refused = [name for name, value in (("-o", output), ("--figures", figures)) if value is not None]
         if refused:
-            raise ConfigError(f"{', '.join(refused)}: not with --window-s or --hop-s; take --json for all values")
+            raise ConfigError(
+                f"{', '.join(refused)}: not allowed with --window-s or --hop-s; use --json to get all values"
+            )
         _analyze_windows(loaded, window_s, hop_s, choice, settings, tracking, as_json=as_json)
         return
     results = run_analysis(loaded, gate=choice, analysis=settings, tracking=tracking)
@@ -186,11 +191,12 @@ def print_features(results: Sequence[Result]) -> None:
     ]
     print_table(rows)
     if any(r.doubtful for r in results):
-        print("?: low confidence; the value may be a multiple or a fraction of the true one")
+        print("?: low confidence; the value may be a multiple or a fraction of the true value")
     n_bodies = sum(r.is_body for r in results)
     if n_bodies < len(results):
         print(
-            f"bodies: {n_bodies} of {len(results)} targets; the others are echoes of a body or things, see their flags"
+            f"bodies: {n_bodies} of {len(results)} targets; the others are echoes of a body, or objects; "
+            "see their flags"
         )
     for name, result in zip(names, results, strict=True):
         if result.flags:

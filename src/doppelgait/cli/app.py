@@ -79,7 +79,7 @@ def options(
         bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Set the options that hold for every command."""
+    """Set the options that apply to every command."""
     global _debug
     _debug = debug
 
@@ -87,7 +87,7 @@ def options(
 def main() -> None:
     """Run the command line.
 
-    A user's mistake is one paragraph on standard error and exit status 2, or 1 if the work failed.
+    A user error is reported in one paragraph on standard error with exit status 2; a failure of the work has status 1.
     """
     try:
         collect_garbage_rarely()
@@ -97,7 +97,7 @@ def main() -> None:
         print_message(f"\n{stop}" if str(stop) else "\nstopped")
         sys.exit(130)
     except Exception as error:
-        if is_stop_requested():  # a library took the interruption for an error
+        if is_stop_requested():  # a library reported the interruption as an error
             print_message("\nstopped")
             sys.exit(130)
         if isinstance(error, BrokenPipeError):
@@ -105,7 +105,7 @@ def main() -> None:
             sys.exit(1)
         if isinstance(error, MemoryError) and not _debug:
             print_message(
-                f"error: the memory of this computer does not suffice: {str(error) or 'nothing is left'}"[:300]
+                f"error: this computer does not have enough memory: {str(error) or 'no memory is left'}"[:300]
             )
             sys.exit(1)
         if _debug or not isinstance(error, DoppelgaitError):

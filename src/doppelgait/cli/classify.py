@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 def classify(
     recording: Annotated[
-        Path, typer.Argument(help="Recording of any format of 'radar formats', or results of 'analyze -o'.")
+        Path, typer.Argument(help="Recording in any format of 'radar formats', or result file of 'analyze -o'.")
     ],
     model: Annotated[
         str | None,
@@ -38,7 +38,7 @@ def classify(
         ),
     ] = None,
     gate: Annotated[
-        str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
+        str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")
     ] = "track",
     changes: Annotated[
         list[str] | None,
@@ -84,7 +84,7 @@ def classify(
         from doppelgait.processing import Analysis, Gate
         from doppelgait.radar import read_recording
 
-        # resolved: a reader looks at the name, and "." has none
+        # resolve the path: a reader uses the name, and "." has none
         path = recording.resolve() if recording.is_dir() else recording
         with explain_reader_options():
             read = read_recording(path, **apply_overrides({}, options or []))
@@ -137,7 +137,7 @@ def classify(
 def describe_model(model: Model, file: str | None) -> dict[str, Any]:
     """Describe a model for JSON.
 
-    Its file is None for a chosen shipped model.
+    The file is None if a shipped model was chosen automatically.
     """
     facts = model.facts
     return {"file": file, "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
@@ -196,14 +196,14 @@ ALARM = {None: "-", True: "yes", False: "no"}
 
 
 def explain_model(model: Model, name: str | None) -> None:
-    """Explain the alarm and the training data."""
+    """Print notes on the alarm and on the training data."""
     from doppelgait.classify.model import describe_alarm_data
 
     facts = model.facts
     if name is None:
         print_message(f"model: {facts.dataset_name}, which comes with doppelgait and fits this radar")
     if facts.alarm is None or facts.alarm_threshold is None:
-        print_message("note: alarm: this model has none")
+        print_message("note: alarm: this model has no alarm threshold")
     else:
         print_message(
             f"note: alarm: yes from a probability of {facts.alarm_threshold:.2g} for {facts.alarm} on, which 95 % of "
@@ -233,10 +233,14 @@ def evaluate(
             "signature-network (needs torch); repeatable; by default the ensemble, its members and six-logistic.",
         ),
     ] = None,
-    cv: Annotated[int | None, typer.Option("--cv", help="Cross-validate over all rows in so many folds.")] = None,
+    cv: Annotated[
+        int | None, typer.Option("--cv", help="Cross-validate over all rows with this number of folds.")
+    ] = None,
     left_out: Annotated[
         str | None,
-        typer.Option("--leave-out", help="Leave one value of this column out at a time: source, subject, ..."),
+        typer.Option(
+            "--leave-out", help="Cross-validate by leaving out one value of this column at a time: source, subject, ..."
+        ),
     ] = None,
     options: Annotated[
         list[str] | None, typer.Option("--option", help="With --names: reader option KEY=VALUE; repeatable.")
@@ -246,7 +250,7 @@ def evaluate(
         typer.Option(
             "--adapt",
             help="A dataset of your own recordings to test on and to adapt the saved model to; all labelled, or all "
-            "of them called unlabelled.",
+            "of them called 'unlabelled'.",
         ),
     ] = None,
     shares: Annotated[
@@ -262,22 +266,23 @@ def evaluate(
         typer.Option("--unknown", help="A dataset with further classes, which the models should abstain from."),
     ] = None,
     alarm_class: Annotated[
-        str | None, typer.Option("--alarm-class", help="Class that the alarm is for; human by default.")
+        str | None, typer.Option("--alarm-class", help="Class that triggers the alarm; human by default.")
     ] = None,
     alarm: Annotated[
         bool,
-        typer.Option("--alarm", help="Score the kept model as an alarm over simulated days, minutes of computing."),
+        typer.Option("--alarm", help="Score the kept model as an alarm over simulated days; this takes minutes."),
     ] = False,
     save: Annotated[
         Path | None,
         typer.Option("--save", help="Save the ensemble, or of the named models the best on the validation set, .npz."),
     ] = None,
     motion_folder: Annotated[
-        Path | None, typer.Option("--motion-folder", help="Where the motion files of the plan are.")
+        Path | None, typer.Option("--motion-folder", help="Folder of the plan's motion files.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of folds, training and intervals.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds, training and confidence intervals.")] = 0,
     n_seeds: Annotated[
-        int, typer.Option("--seeds", min=1, max=20, help="Train with so many seeds; the ensemble joins them.")
+        int,
+        typer.Option("--seeds", min=1, max=20, help="Number of seeds to train with; the ensemble combines the models."),
     ] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -309,7 +314,7 @@ def evaluate(
     if names is not None or classes or options:
         clash = [name for name, value in (("--cv", cv), ("--leave-out", left_out), ("--adapt", adapt)) if value]
         if clash:
-            raise ConfigError(f"--names and {clash[0]}: take one of them; --names is a way to name --test")
+            raise ConfigError(f"--names and {clash[0]}: use one of them; --names already reads the folder of --test")
         test = _import_test(dataset, test, names, classes or [], options or [], output)
     with report_progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
@@ -345,7 +350,7 @@ def evaluate(
     print_message(f"report: {page}")
     if save is not None and found.best is not None:
         several = len(found.models) - len(BASELINES) > 1
-        chosen = "the best on the rows held back" if several else "the one trained"
+        chosen = "the best model on the held-out rows" if several else "the only trained model"
         if found.best == "ensemble":
             chosen = "the mean of its members"
         if adapt is not None:
@@ -372,9 +377,9 @@ def _parse_shares(texts: list[str] | None) -> dict[str, float] | None:
 def _import_test(
     dataset: Path, folder: Path | None, names: str | None, classes: list[str], options: list[str], output: Path
 ) -> Path:
-    """Make a dataset from a folder of recordings.
+    """Import a folder of recordings as a dataset.
 
-    It lies next to the report and uses the analysis of the training data.
+    The dataset is written next to the report and uses the analysis settings of the training data.
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError, DatasetError
@@ -391,9 +396,9 @@ def _import_test(
     entries = label_entries(folder, None, names, classes, gate="track", options=apply_overrides({}, options))
     if not isinstance(entries, Path):
         further = sorted({entry.label for entry in entries} - set(description["classes"]))
-        if further:  # before recordings are read, which takes long
+        if further:  # check before the recordings are read, which is slow
             raise ConfigError(
-                f"{folder}: shows {', '.join(further)}, which {dataset} does not have; call them one of "
+                f"{folder}: has the labels {', '.join(further)}, which {dataset} does not have; rename them to one of "
                 f"{', '.join(description['classes'])} (--label {further[0]}=CLASS), or leave them out "
                 f"(--label {further[0]}=)"
             )
@@ -402,7 +407,9 @@ def _import_test(
             report = import_dataset(folder, entries, target, config=config, on_progress=on_progress)
     except DatasetError as error:
         if (target / "dataset.json").is_file():
-            raise DatasetError(f"{error}; {target} is of an earlier run: remove it, or name another report") from None
+            raise DatasetError(
+                f"{error}; {target} belongs to an earlier run: remove it, or choose another report folder"
+            ) from None
         raise
     failed = f"; {report.n_failed} failed, the first: {report.failures[0]['reason']}" if report.n_failed else ""
     print_message(f"{target}: {report.n_rows} rows of {report.n_recordings} recordings{failed}")
@@ -410,9 +417,9 @@ def _import_test(
 
 
 def _check_save(save: Path, output: Path) -> None:
-    """Refuse an unwritable name for the model.
+    """Refuse a model path that cannot be written.
 
-    This is done before any work.
+    The check runs before any work.
     """
     from doppelgait.classify.model_file import SUFFIX
     from doppelgait.core.errors import ConfigError
@@ -422,9 +429,9 @@ def _check_save(save: Path, output: Path) -> None:
         raise ConfigError(f"--save {save}: must end in {SUFFIX}")
     if folder == output.resolve() or output.resolve() in folder.parents:
         raise ConfigError(
-            f"--save {save}: lies in the folder of the report, which a later one replaces; put it elsewhere"
+            f"--save {save}: lies in the report folder, which a later report replaces; choose a path outside it"
         )
     if not folder.is_dir():
         raise ConfigError(f"--save {save}: the folder {save.parent} does not exist; make it first")
     if save.is_dir():
-        raise ConfigError(f"--save {save}: is a folder; give a file")
+        raise ConfigError(f"--save {save}: is a folder; name a file")

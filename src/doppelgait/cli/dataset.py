@@ -27,17 +27,15 @@ Changes = Annotated[
 ]
 MotionFolder = Annotated[
     Path | None,
-    typer.Option(
-        "--motion-folder", help="Where the motion files of the plan are; by default the folder of the plan file."
-    ),
+    typer.Option("--motion-folder", help="Folder of the plan's motion files; by default the folder of the plan file."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 LEAKS_LOOKED_AT = 1000
-"""Number of examples of the leakage test of a plan."""
+"""Number of examples that the leakage test of a plan uses."""
 FEASIBILITY_LOOKED_AT = 500
-"""Number of examples with ranges and speeds that are compared with the radar's limits."""
+"""Number of examples that are compared with the range and speed limits of the radar."""
 ALL_CHECKED = 20_000
-"""Most examples that ``dataset plan`` samples in full; those of a larger plan are evenly spread."""
+"""Maximum number of examples that ``dataset plan`` samples in full, evenly spread over a larger plan."""
 
 
 @app.callback()
@@ -58,15 +56,18 @@ def plan_command(
     changes: Changes = None,
     motion_folder: MotionFolder = None,
     specs: Annotated[
-        Path | None, typer.Option("--specs", help="Write every resolved example to this file, one JSON a line.")
+        Path | None,
+        typer.Option("--specs", help="Write every resolved example to this file, one JSON document per line."),
     ] = None,
-    pilot: Annotated[int, typer.Option("--pilot", min=0, help="Examples made to estimate time and size.")] = 8,
+    pilot: Annotated[
+        int, typer.Option("--pilot", min=0, help="Number of examples to simulate for the estimate of time and size.")
+    ] = 8,
     as_json: AsJson = False,
 ) -> None:
     """Check a plan and estimate its size and duration.
 
-    The numbers of examples, subjects and files are printed, and how many rows alias in Doppler, leave the frame of the
-    radar or lose a part of their gate.
+    The command prints the numbers of examples, subjects and files. It also prints how many rows alias in Doppler, leave
+    the radar frame or have a gate that the frame truncates.
 
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
@@ -109,7 +110,7 @@ def plan_command(
     if not feasibility.judges_gate:
         print('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
     if feasibility.n_examples < summary.n_examples:
-        print(f"limits of the radar: found in {feasibility.n_examples} of {summary.n_examples} examples")
+        print(f"radar limits: computed from {feasibility.n_examples} of {summary.n_examples} examples")
     print(
         f"{summary.name}: {summary.n_examples} examples in {summary.n_shards} shards, id {summary.dataset_id}; "
         f"{summary.n_checked} were sampled in full, their values are allowed and do not predict the class"
@@ -128,20 +129,25 @@ def plan_command(
 @app.command("build")
 def build(
     plan: PlanName,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder; the plan's name by default.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder of the dataset; the plan's name by default.")
+    ] = None,
     changes: Changes = None,
     motion_folder: MotionFolder = None,
-    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes; one per processor.")] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Number of processes; by default one per processor.")
+    ] = None,
     executor: Annotated[
-        str, typer.Option("--executor", help="serial, processes, dask, or dask://HOST:PORT.")
+        str, typer.Option("--executor", help="Executor: serial, processes, dask, or dask://HOST:PORT.")
     ] = "processes",
-    part: Annotated[str | None, typer.Option("--part", help="I/N: only this part, for job arrays.")] = None,
+    part: Annotated[str | None, typer.Option("--part", help="Build only part I of N, for job arrays: I/N.")] = None,
     max_failed: Annotated[
-        float, typer.Option("--max-failed-share", min=0, max=1, help="Share of examples that may fail.")
+        float,
+        typer.Option("--max-failed-share", min=0, max=1, help="Share of examples that may fail in a complete dataset."),
     ] = 0.0,
     as_json: AsJson = False,
 ) -> None:
-    """Build a dataset, or finish one that was begun.
+    """Build a dataset, or resume an interrupted build.
 
     Example: doppelgait dataset build home-alarm -o home-alarm
     """
@@ -172,7 +178,7 @@ def build(
         values = {name: getattr(report, name) for name in names}
         print_json({"directory": str(report.directory), "id": report.dataset_id, **values, "counts": counts})
     else:
-        made = f"{report.n_built} made in {report.seconds:.1f} s, {report.n_reused} were there"
+        made = f"{report.n_built} built in {report.seconds:.1f} s, {report.n_reused} reused"
         if report.missing:
             print(f"{target}: this part is done, {made}; {report.missing} shards of other parts are missing")
         else:
@@ -209,7 +215,7 @@ def card(directory: Directory) -> None:
 
 def status(
     directory: Directory,
-    quick: Annotated[bool, typer.Option("--quick", help="Compare sizes only, hash nothing.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Compare file sizes only, without hashes.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Report a dataset's progress and damaged shards.
@@ -254,20 +260,22 @@ def status(
 def verify(
     directory: Directory,
     motion_folder: Annotated[
-        Path | None, typer.Option("--motion-folder", help="Where the motion files of the plan are.")
+        Path | None, typer.Option("--motion-folder", help="Folder of the plan's motion files.")
     ] = None,
     resimulate: Annotated[
-        float, typer.Option("--resimulate", min=0, max=1, help="Share of the examples to make again.")
+        float, typer.Option("--resimulate", min=0, max=1, help="Share of the examples to simulate again.")
     ] = 0.01,
-    figures: Annotated[Path | None, typer.Option("--figures", help="Folder for a page of signatures a class.")] = None,
+    figures: Annotated[
+        Path | None, typer.Option("--figures", help="Folder for one page of signatures per class.")
+    ] = None,
     figure_format: FigureOption = FigureFormat.png,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the samples that are taken.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random samples.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Verify a dataset: hashes, repeated simulation, truth, and leaks.
 
-    A share of the examples is simulated again and compared, features are compared with the truth, and leaks are
-    searched between splits and through nuisance parameters.
+    A share of the examples is simulated again and compared. Features are compared with the truth. Leaks between splits
+    and leaks through nuisance parameters are searched.
 
     Example: doppelgait dataset verify home-alarm --figures pages
     """
@@ -290,7 +298,7 @@ def verify(
     else:
         print_table([{"check": c.name, "result": c.status, "found": c.summary} for c in found.checks])
         skipped = sum(check.status == "skipped" for check in found.checks)
-        rest = f", {skipped} checks could not be made" if skipped else ""
+        rest = f", {skipped} checks were skipped" if skipped else ""
         verdict = found.verdict if found.passed else found.verdict.upper()
         print(f"{directory}: {verdict}{rest}, {found.seconds:.1f} s")
         if found.figures:
@@ -301,18 +309,23 @@ def verify(
 
 def export(
     directory: Directory,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to make.")],
-    form: Annotated[str, typer.Option("--form", help="One of dataset forms: parquet, csv, zarr, ...")] = "parquet",
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
+    form: Annotated[
+        str, typer.Option("--form", help="Form, one of 'dataset forms': parquet, csv, zarr, ...")
+    ] = "parquet",
     changes: Annotated[
         list[str] | None, typer.Option("--set", help="Parameter of the form, for example examples_per_tar=500.")
     ] = None,
     fields: Annotated[
-        list[str] | None, typer.Option("--field", help="Array to write, repeatable; by default what the form holds.")
+        list[str] | None,
+        typer.Option("--field", help="Array to write, repeatable; by default the arrays that the form supports."),
     ] = None,
     select: Annotated[
-        str | None, typer.Option("--select", help="Only rows that fulfil this condition on columns of the index.")
+        str | None, typer.Option("--select", help="Export only rows that fulfil this condition on index columns.")
     ] = None,
-    release: Annotated[bool, typer.Option("--release", help="Refuse what licences keep from being handed on.")] = False,
+    release: Annotated[
+        bool, typer.Option("--release", help="Refuse the export if a source licence forbids redistribution.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a dataset in another form.
@@ -354,33 +367,41 @@ def forms(as_json: AsJson = False) -> None:
 
 
 NAMES_HELP = (
-    "Instead of --labels: where the names of the files hold label and subject, glasgow or for example "
+    "Instead of --labels: template of file names with label and subject, glasgow or for example "
     "'{label}/{subject}_*.dat'."
 )
-LABEL_HELP = "LABEL=CLASS: call a label so, or leave it out with nothing after =; '*' is any; repeatable."
+LABEL_HELP = "LABEL=CLASS: rename a label, or leave its recordings out with LABEL=; '*' matches any label; repeatable."
 
 
 def import_recordings(
     folder: Annotated[Path, typer.Argument(help="Folder of recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the dataset.")],
     labels: Annotated[
-        Path | None, typer.Option("--labels", help="What they show: CSV with file, label and more.")
+        Path | None, typer.Option("--labels", help="Labels of the recordings: CSV with file, label and more.")
     ] = None,
     names: Annotated[str | None, typer.Option("--names", help=NAMES_HELP)] = None,
     classes: Annotated[list[str] | None, typer.Option("--label", help=LABEL_HELP)] = None,
-    gate: Annotated[str, typer.Option("--gate", help="track, or FROM:TO in m, where a line does not say.")] = "track",
-    window_s: Annotated[float | None, typer.Option("--window-s", help="Cut recordings into windows of this.")] = None,
-    hop_s: Annotated[float | None, typer.Option("--hop-s", help="Step from window to window.")] = None,
+    gate: Annotated[str, typer.Option("--gate", help="Gate of lines without one: track, or FROM:TO in m.")] = "track",
+    window_s: Annotated[
+        float | None, typer.Option("--window-s", help="Split recordings into windows of this length, s.")
+    ] = None,
+    hop_s: Annotated[float | None, typer.Option("--hop-s", help="Step between window starts, s.")] = None,
     split: Annotated[
-        str | None, typer.Option("--split", help="train, validation or test for all; else the column, else test.")
+        str | None,
+        typer.Option(
+            "--split", help="Split of all rows: train, validation or test; by default the column split, or test."
+        ),
     ] = None,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", help="For example analysis.cpi_s=0.2, tracking.detector.pfa=1e-4, split.train=0.8."),
+        typer.Option(
+            "--set",
+            help="Change a setting, for example analysis.cpi_s=0.2, tracking.detector.pfa=1e-4, split.train=0.8.",
+        ),
     ] = None,
     options: Annotated[
         list[str] | None,
-        typer.Option("--option", help="Reader option KEY=VALUE of all recordings, as of analyze; repeatable."),
+        typer.Option("--option", help="Reader option KEY=VALUE for all recordings, as in analyze; repeatable."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -406,7 +427,7 @@ def import_recordings(
         print_table([{"label": label, "rows": rows} for label, rows in report.counts.items()])
         print(
             f"{output}: {report.n_rows} rows of {report.n_recordings} recordings, {report.n_not_tracked} without a "
-            f"target, id {report.dataset_id}" + ("; it was there already" if report.was_there else "")
+            f"target, id {report.dataset_id}" + ("; the dataset already existed" if report.was_there else "")
         )
     if report.n_failed:
         reasons = "".join(f"\n  {f['id']}: {f['reason']}" for f in report.failures[:SHOWN_FAILURES])

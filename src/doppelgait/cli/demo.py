@@ -29,13 +29,13 @@ DEMO_SCENE: dict[str, Any] = {
         },
     ],
 }
-"""Scene file of the demonstration: the person approaches, the dog trots away, and they pass each other."""
+"""Scene file of the demonstration: an approaching person and a receding dog pass each other."""
 
 
 def run_demo(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for recording, results and figures.")] = Path(
-        "demo"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder for the recording, the results and the figures.")
+    ] = Path("demo"),
     figure_format: FigureOption = FigureFormat.png,
 ) -> None:
     """Simulate a person and a dog, analyse and plot both.
@@ -52,7 +52,7 @@ def run_demo(
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"-o {output}: cannot be made: {error}") from None
+        raise OutputError(f"-o {output}: cannot be created: {error}") from None
     recording = run_simulation(spec)
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)

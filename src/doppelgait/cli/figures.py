@@ -17,7 +17,7 @@ from doppelgait.radar import Recording
 def save_figures(
     recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
 ) -> Iterator[Path]:
-    """Draw every figure into a folder.
+    """Plot every figure into a folder.
 
     Each path is yielded as soon as its file is written.
 
@@ -30,7 +30,7 @@ def save_figures(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be made: {error}") from None
+        raise OutputError(f"{folder}: cannot be created: {error}") from None
     for name, figure in _make_figures(recording, results, analysis):
         path = folder / f"{name}.{form}"
         viz.save_figure(figure, path)

@@ -1,4 +1,4 @@
-"""``doppelgait keys``: what a file can configure."""
+"""``doppelgait keys``: the configuration keys of a file."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _groups() -> dict[str, list[str]]:
 
 
 SHORT = {"motion_model": "motion"}
-"""Names of groups as in a scene file, where they differ."""
+"""Names of plug-in groups in a scene file, where they differ from the group."""
 
 
 def _find(topic: str) -> list[tuple[str, Any]]:
@@ -105,7 +105,7 @@ def _find(topic: str) -> list[tuple[str, Any]]:
     heading = next((found for t in TOPICS for found in models_of(t) if found[0].lower() == topic.lower()), None)
     if heading is None:
         raise ConfigError(
-            f"keys {topic}: is not a topic; known are {', '.join([*TOPICS, *(g for g in known if g not in TOPICS)])}, "
+            f"keys {topic}: is not a topic; topics are {', '.join([*TOPICS, *(g for g in known if g not in TOPICS)])}, "
             "and GROUP.NAME, for example motion.human"
         )
     return [heading]

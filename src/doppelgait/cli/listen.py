@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     LabelledGate = tuple[str | None, Gate]
 
 DEEP_HZ = 250.0
-"""A sound that ends below this is next to inaudible."""
+"""Frequency, Hz, below which a sound is hardly audible."""
 
 
 class StereoChannels(StrEnum):
-    """Contents of the two channels."""
+    """Options for the contents of the two stereo channels."""
 
     iq = "iq"
     sides = "sides"
@@ -35,16 +35,21 @@ def listen(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Sound to write, .wav.")],
     gate: Annotated[
-        str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
+        str, typer.Option("--gate", help="Range gate of the targets: track, truth, or FROM:TO in m.")
     ] = "track",
-    target: Annotated[int, typer.Option("--target", min=0, help="Which of the targets, from 0.")] = 0,
+    target: Annotated[int, typer.Option("--target", min=0, help="Number of the target, from 0.")] = 0,
     pitch: Annotated[
         float | None,
-        typer.Option("--pitch", help="Multiply every Doppler frequency, same duration; by default 4, or what fits."),
+        typer.Option(
+            "--pitch",
+            help="Factor on every Doppler frequency; the duration stays. By default 4, or the largest that fits.",
+        ),
     ] = None,
     channels: Annotated[
         StereoChannels,
-        typer.Option("--channels", help="iq: I left, Q right; sides: what approaches left, what recedes right."),
+        typer.Option(
+            "--channels", help="iq: I left, Q right; sides: approaching targets left, receding targets right."
+        ),
     ] = StereoChannels.iq,
     changes: Annotated[
         list[str] | None,
@@ -55,8 +60,8 @@ def listen(
 ) -> None:
     """Make the Doppler signal of one target audible.
 
-    The stereo WAV file is as long as the recording. Static clutter is removed first, as 'analyze --gate track' does,
-    whatever the gate; --set clutter=none keeps it.
+    The stereo WAV file is as long as the recording. Static clutter is removed first for every gate, as in 'analyze
+    --gate track'; --set clutter=none keeps it.
 
     Example: doppelgait listen walk.h5 -o walk.wav
 
@@ -83,12 +88,12 @@ def listen(
     highest_hz = factor * prf_hz / 2.0
     if highest_hz < DEEP_HZ:
         print_message(
-            f"note: at {prf_hz:g} frames per second and pitch {factor:g} nothing is above {highest_hz:.0f} Hz, too "
-            f"deep for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
+            f"note: at {prf_hz:g} frames per second and pitch {factor:g} the highest frequency is "
+            f"{highest_hz:.0f} Hz, too low for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
         )
     found = _list_gates(loaded, gate, settings, tracking)
     if not found:
-        raise AnalysisError(f"{recording}: no target found, so there is nothing to hear; give a range, --gate 1.2:2.8")
+        raise AnalysisError(f"{recording}: no target found; set a range, for example --gate 1.2:2.8")
     if target >= len(found):
         allowed = "0" if len(found) == 1 else f"0 to {len(found) - 1}"
         raise AnalysisError(f"--target {target}: must be {allowed}; {recording} has no more targets")
@@ -116,7 +121,7 @@ def listen(
 def _list_gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
     """Return label and gate of every target.
 
-    A gate that is known in advance needs no analysis.
+    A known gate needs no analysis.
     """
     from doppelgait.pipeline import analyze
     from doppelgait.processing import Gate

@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from doppelgait.viewer.live_page import Rolling
 
 WAIT_S = 0.2
-"""Time between looks for Ctrl-C, after the end of the stream."""
+"""Interval, s, at which Ctrl-C is checked after the end of the stream."""
 STATUS_S = 60.0
-"""Time of radar from one line on the state of the stream to the next, where nothing is lost."""
+"""Interval, s of radar time, between two lines on the state of the stream while no frame is lost."""
 SENSORS = ("tcp://", "udp://")
-"""Sources that do not wait."""
+"""Prefixes of the sources that do not wait for the reader."""
 
 
 class DecisionLog:
-    """Append lines to a file, each synced at once.
+    """Append lines to a file and sync each line.
 
-    A power cut loses at most the line that is being written; where the file ends in half a line, the next one begins on
-    a line of its own. Where a line cannot be written, for example because the disk is full, what was written before is
-    untouched and later lines are tried again.
+    A power failure loses at most the line that is being written. If the file ends in an incomplete line, the next line
+    starts on a new one. If a line cannot be written, for example because the disk is full, earlier lines stay untouched
+    and later lines are tried again.
 
     Raises
     ------
@@ -49,9 +49,9 @@ class DecisionLog:
         self.path, self.lost = path, 0
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            if os.name == "posix":  # elsewhere a folder cannot be opened
+            if os.name == "posix":  # other systems cannot open a folder
                 folder = os.open(path.resolve().parent, os.O_RDONLY)
-                os.fsync(folder)  # the name of a new file
+                os.fsync(folder)  # sync the directory entry of a new file
                 os.close(folder)
             size = os.fstat(self._file).st_size
             os.lseek(self._file, max(size - 1, 0), os.SEEK_SET)
@@ -67,8 +67,8 @@ class DecisionLog:
         except OSError as error:
             if not self.lost:
                 print_message(
-                    f"error: --log {self.path}: {error.strerror}; decisions go on to standard output, and to the log "
-                    "when it can be written again"
+                    f"error: --log {self.path}: {error.strerror}; decisions continue on standard output, "
+                    "and in the log when it can be written again"
                 )
             self.lost += 1
             return
@@ -78,7 +78,7 @@ class DecisionLog:
 
     def _append(self, content: bytes) -> None:
         """Append and sync, undoing a failed write."""
-        size = os.fstat(self._file).st_size  # another program may have cut the file, or written to it
+        size = os.fstat(self._file).st_size  # another program may have truncated the file, or written to it
         done = 0
         try:
             while done < len(content):
@@ -93,7 +93,7 @@ class DecisionLog:
 
 @contextmanager
 def _serve_page(stream: Stream, model: Model, port: int, no_browser: bool) -> Iterator[Rolling]:
-    """Serve the page of a stream and print its address."""
+    """Serve the live page of a stream and print its address."""
     from doppelgait.viewer.live_page import Rolling
     from doppelgait.viewer.server import open_in_browser, serve_live
 
@@ -120,25 +120,28 @@ def live(
     window_s: WindowS = None,
     hop_s: HopS = None,
     log: Annotated[
-        Path | None, typer.Option("--log", help="File to append the lines to, each on the disk at once.")
+        Path | None, typer.Option("--log", help="File to append the lines to; each line is synced to the disk.")
     ] = None,
     options: ReaderOptions = None,
     timeout_s: Annotated[
-        float, typer.Option("--timeout-s", min=0.0, help="A source that is silent for so long has ended.")
+        float,
+        typer.Option("--timeout-s", min=0.0, help="Time without data, s, after which the source counts as ended."),
     ] = 10.0,
     view: Annotated[
-        bool, typer.Option("--view", help="Show pictures, tracks and decisions in the browser; stays until Ctrl-C.")
+        bool, typer.Option("--view", help="Show pictures, tracks and decisions in the browser until Ctrl-C.")
     ] = False,
     port: Annotated[
         int | None,
         typer.Option("--port", min=0, max=65535, help="With --view: port of the page; any free one by default."),
     ] = None,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="With --view: only print the address.")] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="With --view: print the address without opening the browser.")
+    ] = False,
 ) -> None:
     """Classify targets while the frames of a radar arrive.
 
     Every line on standard output is one JSON document: a start, a decision about a track at the end of a window, the
-    state of the stream, the end. Sockets listen on this machine alone unless a host is named.
+    state of the stream, the end. Sockets accept connections from this machine only, unless a host is named.
 
     Example: doppelgait live tcp://:7290 --log decisions.jsonl
 
@@ -214,7 +217,7 @@ def live(
             if page is not None:
                 page.end(reason, state())
         if page is not None:
-            print_message("the page stays until Ctrl-C")
+            print_message("the page remains available until Ctrl-C")
             with stop_in_order():
                 while True:
                     sleep(WAIT_S)

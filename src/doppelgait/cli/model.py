@@ -1,4 +1,4 @@
-"""``doppelgait model``: trained models in forms for other programs."""
+"""``doppelgait model``: export trained models and score them as alarms."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def export(
     model: Annotated[
         str, typer.Argument(help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait.")
     ],
-    form: Annotated[str, typer.Option("--form", help="onnx, c, or numpy (a scorer that needs NumPy alone).")],
+    form: Annotated[str, typer.Option("--form", help="Form: onnx, c, or numpy (a scorer that needs only NumPy).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
-    integers: Annotated[bool, typer.Option("--int8", help="C: the network in 8-bit integers, not float32.")] = False,
+    integers: Annotated[bool, typer.Option("--int8", help="C: network in 8-bit integers instead of float32.")] = False,
     prf_hz: Annotated[
         float | None, typer.Option("--prf-hz", help="C: pulse rate; by default that of the training data.")
     ] = None,
@@ -36,17 +36,21 @@ def export(
         float | None,
         typer.Option("--window-s", help="C: observation of one decision; by default the training data's shortest."),
     ] = None,
-    bins: Annotated[int, typer.Option("--bins", min=1, max=1024, help="C: range bins of the gate.")] = 1,
+    bins: Annotated[int, typer.Option("--bins", min=1, max=1024, help="C: number of range bins in the gate.")] = 1,
     still_s: Annotated[
         float,
-        typer.Option("--still-s", min=0, help="C: time constant of the mean taken off as static echoes; 0: none is."),
+        typer.Option(
+            "--still-s", min=0, help="C: time constant of the mean that removes static echoes, s; 0 removes nothing."
+        ),
     ] = 2.0,
     data: Annotated[
         Path | None,
-        typer.Option("--data", help="C: dataset with signatures that scale the integers; else simulated ones."),
+        typer.Option(
+            "--data", help="C: dataset with signatures that calibrate the integers; by default simulated examples."
+        ),
     ] = None,
-    n_examples: Annotated[int, typer.Option("--examples", min=1, max=10_000, help="C: golden vectors.")] = 16,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="C: of the simulated examples.")] = 0,
+    n_examples: Annotated[int, typer.Option("--examples", min=1, max=10_000, help="C: number of golden vectors.")] = 16,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="C: seed of the simulated examples.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Write a trained model for other programs.
@@ -73,16 +77,19 @@ def alarm(
         str, typer.Argument(help="Model of 'evaluate --save', .npz, or the name of one that comes with doppelgait.")
     ],
     day: Annotated[
-        Path | None, typer.Option("--day", help="Day of episodes, TOML; by default the built-in home-alarm-day.")
+        Path | None, typer.Option("--day", help="Day of episodes, TOML file; by default the built-in home-alarm-day.")
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option("--repeats", min=1, help="Recordings of each kind of episode; as the day says.")
+        int | None,
+        typer.Option(
+            "--repeats", min=1, help="Recordings of each kind of episode; by default the number in the day file."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Score a model as an alarm over simulated days.
 
-    False triggers a day and per animal-hour, missed entries and time to detect, by threshold.
+    The table has false alarms per day and per animal-hour, missed entries and detection time for every threshold.
 
     Example: doppelgait model alarm x4 --repeats 50
     """

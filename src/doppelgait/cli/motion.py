@@ -9,12 +9,12 @@ import typer
 
 from doppelgait.cli.output import check_output, print_json, print_message, print_table
 
-app = typer.Typer(help="Look at motion recordings and convert them.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Inspect motion recordings and convert them.", no_args_is_help=True, rich_markup_mode=None)
 
 WIDEST_CELL = 90
 
-Start = Annotated[float | None, typer.Option("--start", help="Use the file from this time on, s.")]
-Stop = Annotated[float | None, typer.Option("--stop", help="Use the file up to this time, s.")]
+Start = Annotated[float | None, typer.Option("--start", help="Start of the used part of the file, s.")]
+Stop = Annotated[float | None, typer.Option("--stop", help="End of the used part of the file, s.")]
 Options = Annotated[
     list[str] | None,
     typer.Option(
@@ -32,9 +32,9 @@ def info(
     options: Options = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Print a motion recording's facts, stored and cleaned.
+    """Print facts about a motion recording, before and after cleaning.
 
-    These are rate, units, axes, points, gaps, height, speed, stride, and the straight segments at constant speed.
+    The facts are rate, units, axes, points, gaps, height, speed, stride, and the straight segments at constant speed.
 
     Example: doppelgait motion info 07_01.c3d
     """
@@ -84,7 +84,7 @@ def convert(
 ) -> None:
     """Write the cleaned motion as a CSV table.
 
-    Columns are time_s, then x, y, z in m of every point.
+    The columns are time_s, then x, y, z in m of every point.
 
     Example: doppelgait motion convert 07_01.c3d -o walk.csv
     """

@@ -20,9 +20,9 @@ from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingErro
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 
 ASKS = re.compile(r"\bgive (?!a |one )|name it,|(?=\b[a-z_]+ must be given)")
-"""Where a reader's message begins to ask for options: ``give subsweep=0 to 3``, ``give carrier_hz``."""
+"""Start of the text in a reader's error that names missing options: ``give subsweep=0 to 3``, ``give carrier_hz``."""
 PROGRESS_DELAY_S = 1.0
-"""Progress of shorter work is not shown."""
+"""Minimum duration, s, of work for which progress is shown."""
 WANTED = re.compile(r"\b(?P<name>[a-z][a-z_]*) ?= ?(?P<value>'[^']*'|\.\.\.|\w+)|\b(?P<bare>[a-z]+(?:_[a-z]+)+)")
 
 
@@ -32,7 +32,7 @@ def print_json(document: Any) -> None:
 
 
 def print_message(text: str) -> None:
-    """Print a line for people on standard error."""
+    """Print a status line on standard error."""
     print(text, file=sys.stderr)
 
 
@@ -51,7 +51,7 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def format_number(value: float | None, digits: int = 3) -> str:
-    """Format a number for people; ``-`` for None."""
+    """Format a number for a table; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}g}" if abs(value) >= 1e4 else f"{value:.{digits}f}"
 
 
@@ -96,8 +96,8 @@ def show_warnings_plainly() -> None:
 def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Report progress of long work as ``on_progress(done, total)``.
 
-    On a terminal it is a bar, elsewhere plain lines; both appear after :data:`PROGRESS_DELAY_S`. Signals stop the work
-    in order: at the next report, or before.
+    Progress is a bar on a terminal and plain lines elsewhere; both appear after :data:`PROGRESS_DELAY_S`. A signal
+    stops the work in order, at the next report or earlier.
     """
     lines = _report_tenths(what) if not sys.stderr.isatty() else _show_bar(what)
     with stop_in_order(), nullcontext(None) if quiet else lines as report:
@@ -148,7 +148,7 @@ def _show_bar(what: str) -> Iterator[Callable[[int, int], None]]:
         rate = done / max(monotonic() - began, 1e-9)
         bar.update(task, completed=done, total=total, rate=f"{rate:.1f}/s")
 
-    timer = Timer(PROGRESS_DELAY_S, bar.start)  # a first report can take long
+    timer = Timer(PROGRESS_DELAY_S, bar.start)  # the first report can take a long time
     timer.daemon = True
     timer.start()
     try:
@@ -185,7 +185,7 @@ PageFigureOption = Annotated[
 def check_output(path: Path, *suffixes: str) -> Path:
     """Return the path of a writable file.
 
-    A wrong ending or a missing folder is an error before any work is done.
+    A wrong ending or a missing folder raises an error before any work is done.
     """
     if path.suffix.lower() not in suffixes:
         raise ConfigError(f"-o {path}: must end in {' or '.join(suffixes)}")

@@ -11,7 +11,7 @@ from doppelgait.cli.output import print_json, print_table
 
 def plugins(
     group: Annotated[
-        list[str] | None, typer.Argument(help="Groups to list, for example impairment; all without.")
+        list[str] | None, typer.Argument(help="Groups to list, for example impairment; by default all.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

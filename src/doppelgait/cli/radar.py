@@ -27,31 +27,33 @@ if TYPE_CHECKING:
 def fit(
     recordings: Annotated[
         list[Path],
-        typer.Argument(help="A recording of an empty room; or several recordings, or folders of them, of any content."),
+        typer.Argument(help="One recording of an empty room, or several recordings or folders with any content."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Calibrated preset to write, .toml.")],
     preset: Annotated[
         str | None,
-        typer.Option("--preset", help="Preset for what the files do not store; of one file same as --option radar=."),
+        typer.Option(
+            "--preset", help="Preset for values that the files do not store; for one file the same as --option radar=."
+        ),
     ] = None,
     options: Annotated[
         list[str] | None,
         typer.Option("--option", help="Reader option KEY=VALUE, for example matrix=Data_Matrix_1; may be repeated."),
     ] = None,
-    start: Annotated[float | None, typer.Option("--start", help="Use the recording from this time on, s.")] = None,
-    stop: Annotated[float | None, typer.Option("--stop", help="Use the recording up to this time, s.")] = None,
+    start: Annotated[float | None, typer.Option("--start", help="Start of the used part of the recording, s.")] = None,
+    stop: Annotated[float | None, typer.Option("--stop", help="End of the used part of the recording, s.")] = None,
     people_at: Annotated[
         float | None,
         typer.Option("--people-at", help="Median range of the people in several recordings, m: sets the gain."),
     ] = None,
-    figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw a figure into.")] = None,
+    figures: Annotated[Path | None, typer.Option("--figures", help="Folder to write a figure into.")] = None,
     figure_format: FigureOption = FigureFormat.png,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Fit a sensor's noise and faults to recordings.
+    """Fit the noise and faults of a sensor to recordings.
 
-    One recording of an empty room gives a sensor. Several recordings, empty or with people in them, give a kind of
-    sensors: a preset with distributions, of which a plan draws one sensor for every example.
+    One recording of an empty room gives a calibrated preset of one sensor. Several recordings, with or without people,
+    give a preset with distributions, from which a plan samples one sensor for every example.
 
     Examples: doppelgait radar fit empty-room.h5 -o my-x4.toml; doppelgait radar fit week/ -o my-sensor.toml
     """
@@ -63,11 +65,11 @@ def fit(
     if len(recordings) > 1 or is_folder_of_recordings(recordings[0]):
         for name, value in {"--start": start, "--stop": stop, "--figures": figures}.items():
             if value is not None:
-                raise typer.BadParameter(f"{name} goes with one recording only; leave it out")
+                raise typer.BadParameter(f"{name} is allowed with one recording only; leave it out")
         _fit_kind(recordings, output, preset, _parse_options(options), people_at, as_json)
         return
     if people_at is not None:
-        raise typer.BadParameter("--people-at goes with several recordings; leave it out")
+        raise typer.BadParameter("--people-at is allowed with several recordings only; leave it out")
     empty = recordings[0]
     with explain_reader_options():
         recording = read_recording(
@@ -87,7 +89,7 @@ def fit(
         try:
             figures.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"{figures}: cannot be made: {error}") from None
+            raise OutputError(f"{figures}: cannot be created: {error}") from None
         figure = plot_sensor_fit(
             range_m=found.range_m,
             static_db=power_to_db(np.abs(found.echo_v) ** 2),
@@ -189,16 +191,16 @@ app.command("fit")(fit)
 
 @app.command("compare")
 def compare(
-    recordings: Annotated[list[Path], typer.Argument(help="Real recordings, or folders; not those fitted to.")],
+    recordings: Annotated[list[Path], typer.Argument(help="Real recordings or folders that were not used in the fit.")],
     models: Annotated[
         list[str],
-        typer.Option("--model", help="Sensor model .toml or preset to judge; may be repeated."),
+        typer.Option("--model", help="Sensor model .toml or preset to compare; may be repeated."),
     ],
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Page of pictures and tables to write: .png, .svg, .pdf.")
     ],
     plan: Annotated[
-        str | None, typer.Option("--plan", help="Plan of the same kind of scene; an empty room without it.")
+        str | None, typer.Option("--plan", help="Plan of the same kind of scene; by default an empty room.")
     ] = None,
     options: Annotated[
         list[str] | None, typer.Option("--option", help="Reader option KEY=VALUE; may be repeated.")
@@ -208,10 +210,10 @@ def compare(
 ) -> None:
     """Compare real recordings with simulated ones.
 
-    A classifier is trained to separate them, and tested on recordings that it has not seen: an AUC of 0.5 means that
-    it cannot, 1 that it always can. With fewer than four recordings it is tested on parts of them that it has not seen,
-    which raises the AUC; the table says so. It has the distance of every statistic, too. Recordings of fewer than 32
-    pulses or two bursts are left out.
+    A classifier is trained to separate real from simulated recordings and tested on unseen recordings. An AUC of 0.5
+    means that they cannot be separated, 1 that they always can. With fewer than four recordings the classifier is
+    tested on unseen parts of them, which raises the AUC; the table then has a note. The table also has the distance of
+    every statistic. Recordings of fewer than 32 pulses or two bursts are left out.
 
     Example: doppelgait radar compare other-week/ --model x4 --model my-sensor.toml -o page.png
     """
@@ -246,9 +248,9 @@ def compare(
     found, pictures = {}, {"real": [plot_recording(one) for one in real[:SHOWN]]}
     for model in models:
         stem = Path(model).stem
-        name = stem if stems.count(stem) == 1 else model  # two files of one name are distinguished by their folders
+        name = stem if stems.count(stem) == 1 else model  # add the folder to distinguish files of the same name
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)  # a sensor that clips does so here, too
+            warnings.simplefilter("ignore", DoppelgaitWarning)  # the simulated sensor may clip, too
             made = simulate_like(real, model, plan=loaded, folder=folder, seed=seed)
         found[name] = compare_recordings(real, made, seed=seed)
         pictures[name] = [plot_recording(one) for one in made[:SHOWN]]
@@ -265,23 +267,24 @@ def compare(
 
 
 SHOWN = 4
-"""Recordings of each kind on the page."""
+"""Number of recordings of each kind on the page."""
 
 UNITS = {
     "hz_per_s": "Hz/s", "per_unit": "V/unit", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "dbv": "dBV", "hz": "Hz",
     "rad": "rad", "v2": "V^2", "v": "V", "db": "dB", "m": "m", "s": "s",
 }  # fmt: skip
-"""Unit by the end of a name; the first that fits counts."""
+"""Units by the ending of a name; the first matching ending applies."""
 
 
 @app.command("points")
 def points(
     log: Annotated[Path, typer.Argument(help="Log of a TI people-tracking demo: .csv, or .json of its visualizer.")],
     frame_period_s: Annotated[
-        float | None, typer.Option("--frame-period-s", help="Where the log counts frames and states no time.")
+        float | None,
+        typer.Option("--frame-period-s", help="Frame period, s, of a log that has frame numbers but no times."),
     ] = None,
     approaching_positive: Annotated[
-        bool, typer.Option("--approaching-positive", help="Where Doppler is positive for a body that comes nearer.")
+        bool, typer.Option("--approaching-positive", help="Set if positive Doppler means an approaching target.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -337,7 +340,7 @@ def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSO
 def list_formats(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
     """List the formats of recordings that can be read.
 
-    The options supply what files of a format do not store.
+    The options supply the values that files of a format do not store.
 
     Example: doppelgait radar formats
     """

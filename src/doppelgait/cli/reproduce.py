@@ -11,21 +11,24 @@ from doppelgait.cli.output import FigureFormat, PageFigureOption, print_message,
 
 
 def reproduce(
-    output: Annotated[Path, typer.Argument(help="Folder to make, or one of an earlier run to replace.")],
+    output: Annotated[Path, typer.Argument(help="Folder to write; the folder of an earlier run is replaced.")],
     only: Annotated[
-        list[str] | None, typer.Option("--only", help="Make this one only, for example fig-4.13; repeatable.")
+        list[str] | None,
+        typer.Option("--only", help="Reproduce only this figure or table, for example fig-4.13; repeatable."),
     ] = None,
     motion_folder: Annotated[
         Path | None,
-        typer.Option("--motion-folder", help="Folder with human/ and dog/: real recordings in place of models."),
+        typer.Option(
+            "--motion-folder", help="Folder with human/ and dog/: motion recordings to use instead of models."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Root of what is random in the scenarios.")] = 2018,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers in the scenarios.")] = 2018,
     figure_format: PageFigureOption = FigureFormat.png,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Reproduce the figures and tables of Liland (2018).
 
-    Every value stands next to that of the report.
+    Every value is shown next to the value of the report.
 
     Example: doppelgait reproduce report --motion-folder MOCAP
 
@@ -55,5 +58,7 @@ def reproduce(
     print_message(f"page: {output / 'index.html'}")
     failed = [one.entry.number for one in outcomes if one.made is None]
     if failed:
-        print_message(f"error: {', '.join(failed)} could not be made of these motions; the page says why")
+        print_message(
+            f"error: {', '.join(failed)} could not be reproduced from these motions; the page has the reasons"
+        )
         raise typer.Exit(1)

@@ -1,7 +1,8 @@
 """``doppelgait simulate``: scene, motion or model to recording.
 
-Command-line options are put into the table of the scene, which is then read like any scene file. The ending of ``-o``
-sets the format of the recording: our HDF5 file, NumPy arrays, SigMF, or a folder for a XeThru recording.
+Command-line options are merged into the table of the scene, which is then read like any scene file. The ending of
+``-o`` sets the format of the recording: the HDF5 format of doppelgait, NumPy arrays, SigMF, or a folder for a XeThru
+recording.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from doppelgait.radar import Recording
 
 START_TIME = "2000-01-01T00:00:00"
-"""Start of a XeThru recording by default: the time of the clock would make equal runs differ."""
+"""Default start time of a XeThru recording. It is fixed, because the current time would make equal runs differ."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,10 @@ class XethruNames:
 
 
 def check_destination(path: Path, names: XethruNames) -> None:
-    """Refuse a destination that cannot be written, in advance.
+    """Refuse a destination that cannot be written.
 
-    The ending must be that of a format, the folder must exist, and the options must belong to that format.
+    The check runs before the simulation. The ending must belong to a format, the folder must exist, and the options
+    must belong to that format.
     """
     from doppelgait.core.errors import ConfigError
     from doppelgait.radar.readers import list_writers
@@ -52,14 +54,15 @@ def check_destination(path: Path, names: XethruNames) -> None:
         endings = ", ".join(sorted(filter(None, known)))
         raise ConfigError(f"-o {path}: must end in {endings}, or be a folder for a XeThru recording")
     if suffix and names.named():
-        raise ConfigError(f"{names.named()[0]} is for XeThru recordings: give a folder instead of -o {path}")
+        raise ConfigError(f"{names.named()[0]} is for XeThru recordings: name a folder instead of -o {path}")
     check_output(path, suffix)
     if not suffix:
         _start(names)
         from doppelgait.core.errors import ConfigError
         from doppelgait.radar.xethru.convert import CONVERTIBLE
 
-        allowed = [name for name in CONVERTIBLE if name != "radar_rf"]  # counters: only Python can set their scale
+        # the scale of counter values can be set from Python only
+        allowed = [name for name in CONVERTIBLE if name != "radar_rf"]
         if names.data_type is not None and names.data_type not in allowed:
             raise ConfigError(f"--data-type {names.data_type}: is not allowed; writable are {', '.join(allowed)}")
 
@@ -92,7 +95,9 @@ def _start(names: XethruNames) -> datetime:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise ConfigError(f"--start-time {text}: must be a time such as {START_TIME}; UTC unless it says so") from None
+        raise ConfigError(
+            f"--start-time {text}: must be a time such as {START_TIME}; without an offset it is UTC"
+        ) from None
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
@@ -102,7 +107,7 @@ SET_HELP = "Change the scene, for example radar.prf_hz=900; repeatable. Paths ar
 
 
 def simulate(
-    scene: Annotated[Path | None, typer.Argument(help="Scene file (TOML). Or use --motion.")] = None,
+    scene: Annotated[Path | None, typer.Argument(help="Scene file (TOML); omit it with --motion.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help=OUTPUT_HELP)] = Path("recording.h5"),
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = None,
     changes: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
@@ -111,7 +116,7 @@ def simulate(
     ] = None,
     label: Annotated[str | None, typer.Option("--label", help="Class of the first target.")] = None,
     radar: Annotated[
-        str | None, typer.Option("--radar", help="Radar preset, instead of the scene's radar; x4 by default.")
+        str | None, typer.Option("--radar", help="Radar preset that replaces the scene's radar; x4 by default.")
     ] = None,
     speed: Annotated[float | None, typer.Option("--speed", help="Speed of a model, m/s.")] = None,
     height: Annotated[float | None, typer.Option("--height", help="Stature or withers height, m.")] = None,
@@ -131,7 +136,7 @@ def simulate(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Simulate what a radar records of a scene.
+    """Simulate the radar recording of a scene.
 
     Example: doppelgait simulate walk.toml -o walk.h5 --set radar.prf_hz=900
 
@@ -146,7 +151,7 @@ def simulate(
     names = XethruNames(data_type, start_time, session_id)
     check_destination(output, names)
     if (scene is None) == (motion is None):
-        raise ConfigError("give either a scene file or --motion FILE_OR_MODEL")
+        raise ConfigError("use either a scene file or --motion FILE_OR_MODEL")
     table, text = read_toml(scene) if scene is not None else (make_motion_table(str(motion)), "")
     put_options(table, radar=radar, duration=duration, snr_db=snr_db, seed=seed)
     put_target_options(table, label=label, speed=speed, height=height, aspect=aspect, range_m=range_m)
@@ -171,7 +176,7 @@ def simulate(
 
 
 def make_motion_table(motion: str) -> dict[str, Any]:
-    """Return a target's scene table from file or model."""
+    """Return the target table of a motion file or model."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.motion.models import MOTION_MODELS
 
@@ -187,7 +192,7 @@ def make_motion_table(motion: str) -> dict[str, Any]:
 def put_options(
     table: dict[str, Any], *, radar: str | None, duration: float | None, snr_db: float | None, seed: int | None
 ) -> None:
-    """Put command-line options into a scene table.
+    """Merge command-line options into a scene table.
 
     A radar preset replaces the scene's whole radar.
     """
@@ -205,7 +210,7 @@ def put_target_options(
     table: dict[str, Any], *, label: str | None, speed: float | None, height: float | None, aspect: float | None,
     range_m: float | None,
 ) -> None:  # fmt: skip
-    """Put options into the first target of a scene.
+    """Merge options into the first target of a scene.
 
     Raises
     ------

@@ -16,7 +16,7 @@ TOPICS = {
     "plan": "Dataset plan and import",
     "files": "Settings next to recording files",
 }
-"""Title of every topic; each is a page of the documentation."""
+"""Titles of the topics; each topic is a page of the documentation."""
 
 
 def models_of(topic: str) -> list[tuple[str, type[BaseModel]]]:

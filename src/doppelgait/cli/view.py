@@ -19,16 +19,18 @@ from doppelgait.core.errors import ConfigError
 def view(
     path: Annotated[
         Path | None,
-        typer.Argument(help="Recording of any format, result of 'analyze -o', or dataset; without, only 'Try it'."),
+        typer.Argument(
+            help="Recording of any format, result of 'analyze -o', or dataset; without it the page shows only 'Try it'."
+        ),
     ] = None,
     other: Annotated[
-        Path | None, typer.Argument(help="Second recording, shown below the first on the same time line.")
+        Path | None, typer.Argument(help="Second recording, shown below the first on the same time axis.")
     ] = None,
     gate: Annotated[
         str | None,
         typer.Option(
             "--gate",
-            help="Where the targets are: track, truth, or FROM:TO in m; track by default, all ranges where a "
+            help="Range gate of the targets: track, truth, or FROM:TO in m; track by default, all ranges if a "
             "recording cannot be tracked.",
         ),
     ] = None,
@@ -37,15 +39,18 @@ def view(
     motion_folder: Annotated[
         Path | None,
         typer.Option(
-            "--motion-folder", help="Where the motion files of a dataset's plan are; without, none is opened."
+            "--motion-folder",
+            help="Folder of the motion files of a dataset's plan; without it no motion file is opened.",
         ),
     ] = None,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0 for any free one.")] = 0,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address without opening the browser.")
+    ] = False,
 ) -> None:
     """View a recording, result or dataset in the browser.
 
-    Ctrl-C ends it. Only this computer can reach the page, and only with the address that is printed.
+    Ctrl-C ends the server. The page is accessible from this computer only, under the printed address.
 
     Example: doppelgait view walk.h5
 
@@ -77,7 +82,7 @@ def view(
                 ends.enter_context(open_in_browser(url))
 
         serve(opened, settings=settings, port=port, on_ready=on_ready)
-    # End the process without waiting for a running analysis: nothing is left to be saved.
+    # End the process without waiting for a running analysis: it has nothing to save.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

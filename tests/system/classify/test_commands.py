@@ -141,7 +141,7 @@ def test_features_of_windows_are_rows(folder):
     assert [(one["track"], one["start_s"]) for one in found["targets"]] == [(0, 0.0), (0, 0.6)]
     assert found["targets"][1]["features"]["torso_velocity_mps"] == pytest.approx(1.2, abs=0.1)
     assert run(*arguments).count("\n") == 3
-    with pytest.raises(ConfigError, match="-o: not with --window-s"):
+    with pytest.raises(ConfigError, match="-o: not allowed with --window-s"):
         run(*arguments, "-o", folder / "r.h5")
 
 
