@@ -225,7 +225,7 @@ def test_identity_follows_the_motion_files(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"target": {"label": "human"}}, "belongs into"),
+        ({"target": {"label": "human"}}, "belongs in"),
         ({"scene": {"gravity": 1}}, r"scene.gravity: unknown key; allowed are .*duration_s"),
         ({"noise": {"kind": "loud"}}, "noise.kind"),
         ({"analysis": {"hops": 1}}, "analysis.hops"),

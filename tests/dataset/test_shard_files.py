@@ -50,7 +50,7 @@ def test_a_hop_keeps_every_nth_column():
 def test_a_file_instead_of_the_folder_is_told(tmp_path):
     path = tmp_path / "walk.h5"
     path.write_bytes(b"")
-    with pytest.raises(DatasetError, match=r"walk\.h5: is a file; give the folder of a dataset$"):
+    with pytest.raises(DatasetError, match=r"walk\.h5: is a file; name the folder of a dataset$"):
         read_description(path)
 
 

@@ -154,7 +154,7 @@ def test_a_script_that_builds_when_it_is_imported_is_told_so(tmp_path):
         [sys.executable, str(script), str(tmp_path / "d")],
         capture_output=True, text=True, env={**os.environ, "PYTHONPATH": paths},
     )  # fmt: skip
-    assert "the script starts the build again when a worker imports it; put what it runs under" in done.stdout
+    assert "the script starts the build again when a worker imports it; put its calls under" in done.stdout
     assert "Traceback" not in done.stderr
 
 

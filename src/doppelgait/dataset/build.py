@@ -1,6 +1,6 @@
 """Build a dataset from a plan.
 
-Shards are built by any executor and in parts if wanted; a build that was stopped can be resumed.
+Any executor can build the shards, in parts if requested. A stopped build can be resumed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ __all__ = ["BuildReport", "build_dataset", "make_index", "read_finished_record"]
 Progress = Callable[[int, int], None]
 
 CHECKED_EXAMPLES = 200
-"""Examples resolved before anything is written, spread over the plan, so that a wrong one shows early."""
+"""Number of examples, spread over the plan, that are resolved before anything is written, to find errors early."""
 RELEASE = (__version__, DATA_VERSION)
 
 
@@ -59,15 +59,16 @@ class BuildReport:
     directory : Path
     dataset_id : str
     n_examples, n_built, n_reused : int
-        Examples that are there; of these made now; of these found built. Of a part while others are missing: its own.
+        Examples in the dataset, examples built now, and examples reused. While other parts are missing, the counts
+        cover only this part.
     n_rows : int
         Rows of the index, one per target; 0 while shards of other parts are missing.
     n_failed : int
         Examples that failed and are not in the dataset; the next build tries them again.
     failures : list of dict
-        The first 100 of them: id, reason and specification. All are in the records next to the shards.
+        The first 100 failures: id, reason and specification. The records next to the shards contain all of them.
     missing : int
-        Shards of other parts that are not there yet; the dataset is finished at 0.
+        Shards of other parts that do not exist yet; the dataset is finished at 0.
     too_many_failed : bool
         Whether more failed than ``max_failed_share`` allows.
     seconds : float
@@ -109,7 +110,7 @@ class BuildReport:
 
 @dataclass(frozen=True)
 class _Job:
-    """A dataset that is being built here."""
+    """Dataset that this process builds."""
 
     target: Path
     plan: Plan
@@ -122,7 +123,7 @@ class _Job:
 
 @dataclass
 class _Tally:
-    """Examples of own shards, and shards done with."""
+    """Count the examples of own shards and the finished shards."""
 
     built: int = 0
     reused: int = 0
@@ -135,7 +136,7 @@ def build_dataset(
     workers: int | None = None, part: str | None = None, max_failed_share: float = 0.0,
     on_progress: Progress | None = None,
 ) -> BuildReport:  # fmt: skip
-    """Build a dataset, or finish one that was begun.
+    """Build a dataset, or resume an interrupted build.
 
     Shards that are complete and without failures are not built again.
 
@@ -143,7 +144,7 @@ def build_dataset(
     ----------
     config : PlanConfig
     directory : path
-        Folder of the dataset; made if missing.
+        Folder of the dataset; created if missing.
     folder : Path, optional
         Folder that relative motion paths start from.
     executor : str
@@ -152,25 +153,25 @@ def build_dataset(
     workers : int, optional
         Processes; the number of processors by default.
     part : str, optional
-        ``I/N``: only every N-th shard from the I-th, for the I-th of N jobs that share the folder. Whichever job
-        finds all shards there finishes the dataset; a build without ``part`` does, too.
+        ``I/N``: build every N-th shard from the I-th, for the I-th of N jobs that share the folder. The job that finds
+        all shards complete finishes the dataset; so does a build without ``part``.
     max_failed_share : float
         Share of examples that may fail in a complete dataset, from 0 to 1.
     on_progress : callable, optional
-        Called with (examples done, examples in total), of this part.
+        Called with (examples done, examples in total) of this part.
 
     Raises
     ------
     DatasetError
-        If the folder holds a dataset of another configuration, another build is at work in it, the plan cannot be
-        split, or workers die again and again.
+        If the folder contains a dataset of another configuration, another build uses it, the plan cannot be split, or
+        workers die repeatedly.
     OutputError
-        If the folder cannot be written or the disk is full; what was built is kept.
+        If the folder cannot be written or the disk is full; finished shards are kept.
     ConfigError
-        If the plan gives examples that are not allowed, nothing is written then; if there is no such executor or part.
+        If the plan has examples that are not allowed (nothing is written then), or the executor or part does not exist.
     KeyboardInterrupt
-        On Ctrl-C and on a request to terminate, after the example under way, with a text on how to resume; what
-        was built is kept. A second signal ends the process at once.
+        On Ctrl-C or termination, after the current example, with a message on how to resume. Finished shards are kept.
+        A second signal ends the process at once.
 
     See Also
     --------
@@ -247,7 +248,7 @@ def build_dataset(
 
 
 def _refuse_foreign(job: _Job) -> None:
-    """Refuse a folder that holds anything but this dataset."""
+    """Refuse a folder with any content other than this dataset."""
     description = job.target / "dataset.json"
     if description.is_file():
         try:
@@ -257,31 +258,33 @@ def _refuse_foreign(job: _Job) -> None:
             raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
         if (schema := found.get("schema_version")) != SCHEMA_VERSION:
             raise DatasetError(
-                f"{job.target}: has schema version {schema}, this doppelgait makes {SCHEMA_VERSION}; go on with the "
-                "doppelgait that began it, or make the dataset again in another folder"
+                f"{job.target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; "
+                "continue with the "
+                "doppelgait that started it, or build the dataset again in another folder"
             )
         if stated == job.identity:
             return
         if (version := found.get("data_version")) != DATA_VERSION:
             raise DatasetError(
-                f"{job.target}: was made with data version {version}, this doppelgait makes {DATA_VERSION} and other "
-                "bytes; make the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
+                f"{job.target}: was made with data version {version}, this doppelgait has {DATA_VERSION} "
+                "and makes other "
+                "bytes; build the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
             )
         changes = list(list_differences(config, job.plan.config.model_dump(mode="json")))
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise DatasetError(
-            f"{job.target}: holds dataset {stated} of another configuration "
+            f"{job.target}: contains dataset {stated} of another configuration "
             f"({shown or 'other motion files or plug-ins'}); build into another folder, or delete this "
             "one"
         )
     elif job.target.is_dir() and any(not (p.match("*.partial") or p.match(PATTERN)) for p in job.target.iterdir()):
-        raise DatasetError(f"{job.target}: is not empty and holds no dataset; choose another folder")
+        raise DatasetError(f"{job.target}: is not empty and contains no dataset; choose another folder")
 
 
 def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: Progress | None) -> _Tally:
     """Build the own shards that do not exist yet."""
     began, tally = time.monotonic(), _Tally()
-    _refuse_foreign(job)  # again, now that no other build can write
+    _refuse_foreign(job)  # check again, now that no other build can write
     missing = []
     for shard in job.own:
         record = read_finished_record(job.target, shard, job.identity)
@@ -308,7 +311,8 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
                 size, failed = len(shard.examples), made["failed"]
                 if not (job.target / "shards" / f"{shard.name}.json").is_file():
                     raise DatasetError(
-                        f"{job.target}: shard {shard.name} was built and is not here; every worker must see this folder"
+                        f"{job.target}: shard {shard.name} was built but is missing; every worker must have "
+                        "access to this folder"
                     )
                 tally.built += size - failed
                 tally.failed += failed
@@ -326,13 +330,15 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
 def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
     """Build a shard in its worker and return the counts.
 
-    The record stays in the folder.
+    The record is written to the folder.
     """
     if release != RELEASE:
-        raise DatasetError(f"a worker has doppelgait {RELEASE}, this build {release}; install the same everywhere")
+        raise DatasetError(
+            f"a worker has doppelgait {RELEASE}, this build {release}; install the same version everywhere"
+        )
     try:
         record = build_shard(shard, context)
-    except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError where a file cannot be closed
+    except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError if a file cannot be closed
         raise OutputError(f"{context.directory}: shard {shard.name} cannot be written: {' '.join(str(error).split())}; "
                           "what was built so far is kept") from None  # fmt: skip
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
@@ -370,10 +376,11 @@ def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str
 def _remove_unfinished_files(job: _Job) -> None:
     """Remove half-written files.
 
-    While other parts are at work only those of the own shards are removed.
+    While other parts run, only files of own shards are removed.
     """
     own = {shard.name for shard in job.own}
-    leftovers = list(job.target.rglob("*.partial"))  # before the look at the locks: who writes has locked before
+    # list the files before the locks: a writer has its lock before its files
+    leftovers = list(job.target.rglob("*.partial"))
     alone = len(list_running_builds(job.target)) <= 1
     for leftover in leftovers:
         if alone or leftover.name.partition(".")[0] in own:
@@ -382,19 +389,21 @@ def _remove_unfinished_files(job: _Job) -> None:
 
 @contextmanager
 def _stop_in_order(target: Path) -> Iterator[None]:
-    """Stop the block in order on Ctrl-C and on termination.
+    """Stop the block in order on Ctrl-C or termination.
 
-    The message says how to resume.
+    The message explains how to resume.
     """
     try:
         with stop_in_order():
             yield
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"{target}: stopped; what was built is kept, the same command continues it") from None
+        raise KeyboardInterrupt(
+            f"{target}: stopped; finished shards are kept, and the same command continues the build"
+        ) from None
 
 
 def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
-    """Add a line to the log of the build."""
+    """Append a line to the build log."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
     with (target / LOG).open("a") as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")

@@ -17,14 +17,14 @@ FREE = re.compile(
     r"|cdla[ -](permissive|sharing)|public domain|own)([ -][0-9.]+)?",
     re.IGNORECASE,
 )
-"""Licences under which what is made from a file may be handed on, as SPDX writes them, and ``own`` recordings. Every
-other text blocks a release: the texts that forbid it cannot be listed."""
+"""Licences that allow redistribution of derived data, as SPDX names, and ``own`` for own recordings. Every other text
+blocks a release, because the licences that forbid it cannot be listed."""
 
 
 def blocks_release(licence: str) -> bool:
     """Return True if a licence blocks release of derived data.
 
-    All licences block it that are not known to allow it; of several, joined by AND, each must allow it.
+    A licence blocks release unless it is known to allow it. If several are joined by AND, each must allow it.
     """
     return any(FREE.fullmatch(part.strip()) is None for part in licence.split(" AND "))
 
@@ -37,7 +37,7 @@ def list_licences(index: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     index : DataFrame
-        With columns ``recording`` and, for schema 2, ``licence``.
+        Index with the columns ``recording`` and, from schema 2 on, ``licence``.
     """
     columns = ["recording", "licence", "rows", "blocked"]
     if index.empty or "recording" not in index:
@@ -58,7 +58,7 @@ def list_blocked_recordings(index: pd.DataFrame) -> list[str]:
 def release_warning(licences: pd.DataFrame) -> str:
     """Return a sentence on the licences that block a release.
 
-    It is made from :func:`list_licences`, and empty if nothing blocks.
+    The input is the table of :func:`list_licences`. The sentence is empty if nothing blocks.
     """
     blocked = int(licences["blocked"].sum())
     if not blocked:
@@ -96,7 +96,7 @@ pretty_name: {name}
 
 - `index.parquet`: one row per {rows}
 - `splits/*.txt`: identifiers, one a line.
-- `shards/*.h5`: arrays by row, see `fields` in `dataset.json`; axes stand beside them (`signature_time_s`).
+- `shards/*.h5`: arrays by row, see `fields` in `dataset.json`; axes are stored next to them (`signature_time_s`).
 {files}## Limits
 
 {limits}
@@ -121,17 +121,19 @@ TRACK_GATE = (
 
 MODEL_SENTENCES = {
     "boulic": "Human motion: model of Boulic et al. 1990 as implemented by Chen 2011.",
-    "human": "Human motion: a walking and running model of 31 points; its laws and what is assumed: docs/motion.md.",
+    "human": "Human motion: a walking and running model of 31 points; docs/motion.md describes its equations and "
+    "assumptions.",
     "quadruped": ("Dog motion: a simplified quadruped with parameters from one measured dog and published gait laws."),
-    "none": "Examples of empty scenes hold the noise, clutter and background of the scene; their gate follows no one.",
+    "none": "Examples of empty scenes contain the noise, clutter and background of the scene; their gate follows no "
+    "target.",
 }
-"""What a reader should know of a motion model, by its kind."""
+"""Descriptions of the motion models for the card, by kind."""
 
 
 SIMULATED_ROWS = """\
 target: labels, split, subject, source, recording, licence, resolved parameters, truth
   (`truth_*`), features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`),
-  `quality_flags` that say why a value is missing. Targets of one scene share `scene_id` and split."""
+  `quality_flags` with the reason for a missing value. Targets of one scene share `scene_id` and split."""
 SIMULATED_FILES = """\
 - `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
 
@@ -142,7 +144,7 @@ SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the
 """
 MAKE_AGAIN = """
 
-## Make it again
+## Build it again
 
     doppelgait dataset build PLAN.toml -o {name}
 
@@ -152,7 +154,7 @@ with the `config` of `dataset.json` as the plan; `doppelgait dataset verify {nam
 def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     """Write the Markdown card of a simulated dataset."""
     name, total = plan.dataset.name, len(index)
-    sizes = [("n<1K", 1e3), ("1K<n<10K", 1e4), ("10K<n<100K", 1e5), ("100K<n<1M", 1e6)]  # as data hubs write it
+    sizes = [("n<1K", 1e3), ("1K<n<10K", 1e4), ("10K<n<100K", 1e5), ("100K<n<1M", 1e6)]  # in the notation of data hubs
     size = next((words for words, limit in sizes if total < limit), "n>1M")
     front = (
         f"{'license: other' + chr(10) if len(list_licences(index)) else ''}task_categories: [other]\n"
@@ -164,26 +166,27 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         subjects.append("A model's parameter draw is its own subject.")
     if len(recorded) and recorded["subject"].str.startswith("file/").any():
         subjects.append(
-            "A motion file without an entry `subject` in `[[sources]]` is one subject, whoever moves in it: two "
+            "A motion file without an entry `subject` in `[[sources]]` is one subject, even if several "
+            "people move in it: two "
             "recordings of the same person or animal may be in different splits."
         )
     kinds = [] if index.empty else sorted(set(index["motion_kind"]) - {"file"})
-    law = "total drawn by one law for every class, assumed"
+    law = "total sampled from the same assumed distribution for every class"
     rcs = plan.target.get("rcs", {})
     if "total_m2" not in rcs and "choice" not in rcs:
-        law = "by body mass, assumed for dogs; so the echo's power differs between classes"
+        law = "by body mass, assumed for dogs; the echo power therefore differs between classes"
     if "target.rcs" in plan.dataset.leaks:
-        law = "set by class: a leak, see above"
-    simplifications = ["occlusion as planned" if "occlusion" in rcs else "no occlusion"]
+        law = "set by class: a leak (see above)"
+    simplifications = ["occlusion as set in the plan" if "occlusion" in rcs else "no occlusion"]
     if plan.environment in (None, [], {}):
         simplifications.append("no multipath")
     if plan.impairments in (None, [], {}):
-        simplifications.append("no clutter or receiver faults but those of the radar's preset")
+        simplifications.append("no clutter or receiver faults except those of the radar's preset")
     limits = "\n".join([
         f"- Isotropic point scatterers, {', '.join(simplifications)}.",
         *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
         f"- Radar cross section: {law}.",
-        "- What is assumed about bodies, rooms and the receiver is randomised, not measured in your room.",
+        "- The assumptions about bodies, rooms and the receiver are randomised, not measured in your room.",
         *_radar_limits(index),
     ])  # fmt: skip
     gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
@@ -197,7 +200,7 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
 
 
 def _radar_limits(index: pd.DataFrame) -> list[str]:
-    """Describe the rows that the radar cannot show well."""
+    """Describe the rows that reach a limit of the radar."""
     counts = limits_of_index(index)
     reached = [name for name in LIMITS if any(row[name] for row in counts)]
     if not reached:
@@ -213,28 +216,29 @@ LEAK_SENTENCES = {
     "radar.prf_hz": "the frame rate is the lowest without aliasing for each example, so that it reveals the speed",
     "scene.duration_s": "every example is as long as its recording",
 }
-"""What a leak of a plan reveals; keys of ``target`` differ by class."""
+"""Sentences on what each leak of a plan reveals; keys of ``target`` differ by class."""
 
 
 def _format_leaks(leaks: Sequence[str]) -> str:
     """Write the section on the leaks of a plan.
 
-    It is empty without one.
+    The text is empty for a plan without leaks.
     """
     if not leaks:
         return ""
     named = [f"- `{leak}`: {LEAK_SENTENCES.get(leak, 'set by class, so that it reveals the class')}." for leak in leaks]
     return (
-        "## Leaks\n\nThis dataset remakes a published one, with what gives the class away in it. A score on it is not "
-        "a measure of how well people and animals are distinguished.\n\n" + "\n".join(named) + "\n\n"
+        "## Leaks\n\nThis dataset reproduces a published one, including values that reveal the class. A "
+        "score on it does not "
+        "measure how well people and animals are distinguished.\n\n" + "\n".join(named) + "\n\n"
     )
 
 
 def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
-    """Describe the source of the motion, with licences."""
+    """Describe the motion sources and their licences."""
     if recorded.empty:
-        return f"Everything is simulated: {RADAR_SENTENCE} No recording of a person or animal is in it."
-    others = "" if len(recorded) == len(index) else " The motion of the others comes from models."
+        return f"Everything is simulated: {RADAR_SENTENCE} It contains no recording of a person or animal."
+    others = "" if len(recorded) == len(index) else " The motion of the other examples is generated by models."
     table = list_licences(index)
     labels = {str(name): ", ".join(sorted(group["label"].unique())) for name, group in recorded.groupby("recording")}
     files = [
@@ -244,32 +248,30 @@ def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFra
     warning = release_warning(table)
     cited = dict.fromkeys(entry.citation for entry in plan.sources if entry.citation)
     return (
-        f"The radar is simulated: {RADAR_SENTENCE} The motion of {len(recorded)} examples comes from recordings of "
+        f"The radar is simulated: {RADAR_SENTENCE} The motion of {len(recorded)} examples is from recordings of "
         f"people or animals.{others}\n\n## Recordings\n\nMotion files and the number of examples made from each; "
         f"their licences apply to this dataset.{f'{chr(10) * 2}{warning}' if warning else ''}\n\n" + "\n".join(files)
-        + ("\n\n## To be cited\n" + "".join(f"\n- {text}" for text in cited) if cited else "")
+        + ("\n\n## Citations\n" + "".join(f"\n- {text}" for text in cited) if cited else "")
     )  # fmt: skip
 
 
 IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
   features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`), `quality_flags`
-  that say why a value is missing, `warnings`, and `notes` on what a file does not state. `truth_*` and `meta_*`
-  are columns of the labels: measured by hand, not by doppelgait."""
+  with the reason for a missing value, `warnings`, and `notes` on values that a file does not state. `truth_*` and
+  `meta_*` are columns of the labels: measured by hand, not by doppelgait."""
 IMPORTED_MAKING = """## Recordings
 
 {sources}
 
-## How rows were made
+## Processing
 
-{gate}
-{windows}
-A row without a target has no features and the flag `not_tracked`; it stays, so that a score counts it. Where nobody
-was to be expected the flag is `nobody:nothing_found`.
+{gate} {windows} A row without a target has no features and the flag `not_tracked`; it is kept, so that scores count it.
+If the scene is labelled as empty, the flag is `nobody:nothing_found`.
 
 """
-IMPORTED_LIMITS = """- Labels are the user's; nothing here proves them.
-- What is unknown of a measured scene is empty: noise, range of the body, speed, aspect.
-- Radars: {radars}. What differs with the radar (carrier, pulse rate, range) may predict the class."""
+IMPORTED_LIMITS = """- Labels are provided by the user and are not verified.
+- Unknown values of a measured scene are empty: noise, range of the body, speed, aspect.
+- Radars: {radars}. Properties of the radar (carrier, pulse rate, range) may predict the class."""
 
 
 def import_card(
@@ -281,18 +283,18 @@ def import_card(
     ----------
     index : DataFrame
     name, identity : str
-        Of the dataset.
+        Name and identity of the dataset.
     config : ImportConfig
     labels : str
         Name of the file of labels.
     n_failed : int
-        Recordings or windows that are not in it.
+        Recordings or windows that failed and are not in the dataset.
     """
-    failed = "Every labelled recording is in it."
+    failed = "It contains every labelled recording."
     if n_failed:
         noun = "recording or window" if n_failed == 1 else "recordings or windows"
         failed = f"**Incomplete**: {n_failed} {noun} could not be read or analysed; the reasons are in `shards/*.json`."
-    subjects = ["All rows of a recording, of a subject, and of who shares a recording with it are in one split."]
+    subjects = ["All rows of a recording, of a subject, and of subjects that share a recording are in one split."]
     if index["subject"].str.startswith("file/").any():
         subjects.append(
             "A recording without a subject counts as a subject of its own: two recordings of the same person or animal "
@@ -300,30 +302,32 @@ def import_card(
         )
     if isinstance(config.split, dict):
         shares = ", ".join(f"{split} {share:g}" for split, share in config.split.items())
-        subjects.append(f"Subjects of every class were drawn by shares: {shares}; seed {config.seed}.")
+        subjects.append(f"The subjects of every class were assigned at random by shares: {shares}; seed {config.seed}.")
     table = list_licences(index)
     counts = table.groupby("licence")["recording"].nunique()
     sources = [f"- {licence or 'licence unknown'}: {count} recordings" for licence, count in counts.items()]
     if warning := release_warning(table):
         sources = [warning, "", *sources]
     if cited := [text for text in index["citation"].unique() if text]:
-        sources += ["", "To be cited:", "", *(f"- {text}" for text in cited)]
+        sources += ["", "Citations:", "", *(f"- {text}" for text in cited)]
     tracked = int((index["gate"] == "track").sum())
     gates = []
     if tracked:
         gates.append(
-            f"{tracked} rows: targets were found and followed; the label went to the track with the most seconds, each "
-            "by its confidence, and features are those of its longest steady segment. "
+            f"{tracked} rows: targets were detected and tracked; the label was assigned to the track with "
+            "the longest duration "
+            "weighted by confidence, and features are those of its longest steady segment. "
             f"{int((index['n_tracks'] > 1).sum())} rows have further tracks (`n_tracks`), which are not in this "
             "dataset."
         )
     if tracked < len(index):
         gates.append(f"{len(index) - tracked} rows: the gate was set by hand, from one range to another.")
-    windows = "A recording, or the part of it that its line names, is one row."
+    windows = "Each row is one recording, or the part of it that its line names."
     if config.window_s is not None:
         windows = (
-            f"Recordings were cut into windows of {config.window_s:g} s, one every {config.step_s:g} s, each analysed "
-            "by itself; windows of one recording share `scene_id`."
+            f"Recordings were split into windows of {config.window_s:g} s, one every {config.step_s:g} s, "
+            "each analysed "
+            "separately; windows of one recording share `scene_id`."
         )
     kinds = (index["carrier_hz"] / 1e9).map("{:g} GHz".format) + index["prf_hz"].map(" at {:.4g} Hz".format)
     radars = [f"{kind} ({count} rows)" for kind, count in kinds.value_counts(sort=False).items()]
@@ -350,7 +354,7 @@ def count_examples(index: pd.DataFrame) -> pd.DataFrame:
 def tabulate_features(index: pd.DataFrame) -> pd.DataFrame:
     """Tabulate median and 5 to 95 % range per feature and class.
 
-    The cells are texts and include the number of missing values.
+    The cells are strings and include the number of missing values.
     """
     rows = []
     for name, unit in {**FEATURE_UNITS, "gait_frequency_hz": "Hz"}.items():

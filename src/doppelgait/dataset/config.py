@@ -20,7 +20,7 @@ from doppelgait.processing.gate import GateChoice
 from doppelgait.scene.scene import Scene, Target
 
 SHOWN_LENGTH = 60
-"""Characters of a value in a message."""
+"""Maximum number of characters of a value in a message."""
 _TAIL = 20
 _ABSENT = object()
 
@@ -39,7 +39,7 @@ def shorten(value: Any) -> str:
 def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
     """Yield dotted keys with differing values, ``key: old -> new``.
 
-    A key that is missing on one side has the value ``absent``.
+    A key that is missing on one side is shown as ``absent``.
     """
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(set(old) | set(new)):
@@ -60,7 +60,7 @@ def _format_value(value: Any) -> str:
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
 MAX_SHARDS = 200_000
-"""Shards of a dataset, of two files each."""
+"""Maximum number of shards of a dataset; each shard has two files."""
 LEAKS = (
     *(f"target.{name}" for name in Target.model_fields if name not in ("motion", "label", "background")),
     "radar.prf_hz",
@@ -68,12 +68,13 @@ LEAKS = (
 )
 """Keys that a plan can name in ``dataset.leaks``."""
 AUTO_PRF_REFUSED = (
-    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that remakes a "
-    "published dataset names it in dataset.leaks"
+    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that "
+    "reproduces a "
+    "published dataset must list it in dataset.leaks"
 )
 ORACLE_REFUSED = (
-    "analysis.method = 'liland2018' is not allowed in a dataset: its gate takes the span from the class and the "
-    "Doppler band from the truth, which reveals both to every feature; use 'standard'"
+    "analysis.method = 'liland2018' is not allowed in a dataset: its gate uses the class for the range span and the "
+    "truth for the Doppler band, which reveals both to every feature; use 'standard'"
 )
 
 
@@ -85,8 +86,9 @@ class FieldSpec(FrozenModel):
     name : str
         Name of the array (:data:`doppelgait.dataset.shard_files.FIELDS`).
     dtype : {"full", "half"}, optional
-        ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, under a third of the
-        size on disk, off by at most 1.5 % of the value (0.0625 dB). By default ``half`` for a signature, else ``full``.
+        ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, under a third of the size
+        on disk, with an error of at most 1.5 % of the value (0.0625 dB). The default is ``half`` for a signature, else
+        ``full``.
     hop : int
         Keep every ``hop``-th column (or pulse).
     """
@@ -107,14 +109,16 @@ class FieldSpec(FrozenModel):
         if self.hop > 1 and self.name == "cadence_map":
             raise ValueError("hop: a cadence map has no columns in time; leave it out")
         if self.hop > 1 and self.name == "baseband":
-            raise ValueError("hop: every n-th pulse of the baseband would alias; leave it out, or lower radar.prf_hz")
+            raise ValueError(
+                "hop: keeping every n-th pulse of the baseband would alias; leave it out, or lower radar.prf_hz"
+            )
         return self
 
 
 def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
     """Return the tables of fields and their names.
 
-    Anything else is left to their check.
+    Other values are returned unchanged; the validation of the model rejects them.
     """
     specs = [{"name": one} if isinstance(one, str) else one for one in fields]
     names = [one.get("name") if isinstance(one, dict) else getattr(one, "name", None) for one in specs]
@@ -124,13 +128,13 @@ def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
 class SplitSection(FrozenModel):
     """``[dataset.split]``: assignment of subjects to splits.
 
-    A subject, and all who share a scene with it, is in one split.
+    A subject and all subjects that share a scene with it are in one split.
 
     Parameters
     ----------
     strategy : {"stratified", "stable"}
-        ``stratified``: the shares hold exactly for every class. ``stable``: every subject by a hash of its own name, so
-        that subjects added later do not move the others; the shares hold on average.
+        ``stratified``: the shares are exact for every class. ``stable``: a hash of the subject's name sets its split,
+        so that subjects added later do not move the others; the shares are correct on average.
     sources : table
         Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test; ``model`` and
         ``recording`` are the sources.
@@ -146,19 +150,20 @@ class SplitSection(FrozenModel):
 class SourceSection(FrozenModel):
     r"""``[[sources]]``: subjects, licences and citations of motion files.
 
-    The first entry that fits a file counts.
+    The first entry that matches a file applies.
 
     Parameters
     ----------
     files : str
         Motion files as written in the plan; ``*`` stands for any text, including folders.
     subject : str, optional
-        Regular expression; its first group in a file's path is the person or animal (``"cmu_(\d+)_"``). By default
-        every file is a subject of its own.
+        Regular expression; its first group in a file's path names the person or animal (``"cmu_(\d+)_"``). By default
+        every file is a separate subject.
     licence : str
-        Name of the licence, SPDX where there is one. Empty: unknown. Unknown and non-commercial ones block a release.
+        Name of the licence, from SPDX if it is listed there; empty if unknown. Unknown and non-commercial licences
+        block a release.
     citation : str
-        What users of the dataset must cite.
+        Citation that users of the dataset must include.
     """
 
     files: str = Field(min_length=1)
@@ -172,14 +177,14 @@ class SourceSection(FrozenModel):
         try:
             groups = 1 if subject is None else re.compile(subject).groups
         except re.error as error:
-            raise ValueError(f"is no regular expression: {error}") from None
+            raise ValueError(f"is not a regular expression: {error}") from None
         if groups < 1:
-            raise ValueError("needs a group in round brackets: what it matches names the subject")
+            raise ValueError("needs a group in round brackets that matches the name of the subject")
         return subject
 
 
 class DatasetSection(FrozenModel):
-    """``[dataset]``: size, seed, splits and what is kept.
+    """``[dataset]``: size, seed, splits and stored arrays.
 
     Parameters
     ----------
@@ -188,24 +193,25 @@ class DatasetSection(FrozenModel):
     seed : int
         Root of every random stream.
     examples_per_class : int
-        Number of examples of every class without ``examples`` of its own.
+        Number of examples of every class that does not set ``examples``.
     fractions : table
         Share of the subjects of every class in train, validation and test; sums to 1.
     split : SplitSection
         Assignment of subjects to train, validation and test.
     shard_size : int
-        Examples in one shard file: the unit of work, of resume and of hashing.
+        Examples in one shard file. The shard is the unit of work, of resuming and of hashing.
     gate : {"truth", "track"}
-        ``truth``: around the true range of the body plus an error that is independent of the class. ``track``: found as
-        in a measured recording; a target that no track follows has no features and the flag ``not_tracked``.
+        ``truth``: centred on the true range of the body plus an error that is independent of the class. ``track``:
+        found by tracking, as in a measured recording; a target without a track has no features and the flag
+        ``not_tracked``.
     gate_error_sd_m : float
         Standard deviation of the range error of the truth gate, the same for every class.
     fields : list
         Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
     leaks : list
-        Keys that this plan lets reveal the class, to remake a published dataset: ``target.KEY`` may differ by class
-        (``[classes.target]``), ``radar.prf_hz`` may be ``"auto"``, ``scene.duration_s`` may be left out (every
-        recording as long as it is). The card names them and ``verify`` does not judge them.
+        Keys that may reveal the class in this plan, to reproduce a published dataset: ``target.KEY`` may differ by
+        class (``[classes.target]``), ``radar.prf_hz`` may be ``"auto"``, ``scene.duration_s`` may be left out (every
+        recording then has its full length). The card lists them and ``verify`` does not judge them.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=200)
@@ -224,7 +230,7 @@ class DatasetSection(FrozenModel):
     def _are_leaks(cls, leaks: tuple[str, ...]) -> tuple[str, ...]:
         for leak in leaks:
             if leak not in LEAKS:
-                raise ValueError(f"{leak!r} is none of {', '.join(LEAKS)}")
+                raise ValueError(f"{leak!r} is not one of {', '.join(LEAKS)}")
         return leaks
 
     @field_validator("fields", mode="before")
@@ -241,24 +247,24 @@ class DatasetSection(FrozenModel):
     @classmethod
     def _sum_to_one(cls, fractions: dict[str, float]) -> dict[str, float]:
         if set(fractions) - set(SPLITS) or any(v < 0 for v in fractions.values()):
-            raise ValueError(f"must hold shares of 0 or more for {', '.join(SPLITS)} only")
+            raise ValueError(f"must have shares of 0 or more for {', '.join(SPLITS)} only")
         if abs(sum(fractions.values()) - 1.0) > 1e-9:
             raise ValueError(f"must sum to 1, not {sum(fractions.values()):g}")
         return fractions
 
 
 class ClassSection(FrozenModel):
-    """``[[classes]]``: a label and how its targets move.
+    """``[[classes]]``: a label and the motion of its targets.
 
     Parameters
     ----------
     label : str
         Name of the class; letters, digits, space and ``_ . -``.
     motion : table or "none"
-        As in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
+        Motion as in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
         ``{ choice = [...] }`` of several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the
-        straight segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is
-        an empty scene, whatever is in the background; the gate follows a body that does not exist.
+        straight segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is an
+        empty scene, with or without background; the gate follows a virtual body without echo.
     examples : int, optional
         Number of examples of this class; ``dataset.examples_per_class`` by default.
     target : table
@@ -274,7 +280,7 @@ class ClassSection(FrozenModel):
     @classmethod
     def _check_label(cls, label: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
-            raise ValueError("may hold letters, digits, space and _ . - only")
+            raise ValueError("may contain letters, digits, space and _ . - only")
         return label
 
     @field_validator("motion", mode="before")
@@ -286,32 +292,32 @@ class ClassSection(FrozenModel):
 class PlanConfig(FrozenModel):
     """Dataset plan.
 
-    Everything outside ``[[classes]]`` holds for every class alike, so that it cannot distinguish them. Exceptions are
-    the keys that ``dataset.leaks`` names. All tables but ``dataset`` and ``sources`` may hold distributions.
+    Everything outside ``[[classes]]`` applies to all classes equally, so that it cannot distinguish them. Exceptions
+    are the keys in ``dataset.leaks``. All tables but ``dataset`` and ``sources`` may hold distributions.
 
     Parameters
     ----------
     dataset : DatasetSection
         Name, size, seed, splits and stored arrays of the dataset.
     classes : list of ClassSection
-        Labels of the classes, and how the targets of each move.
+        Labels of the classes and motion of their targets.
     scene : table
         Duration, and position and orientation of the radar: keys of a scene file other than ``targets``.
     target : table
         Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion and label.
     companions : list
-        Further targets of every scene, with label, motion and place: ``[[targets]]`` entries of a scene file. Each is
-        a row of its own with its own label and subject, in the split of its scene.
+        Further targets of every scene, with label, motion and place: ``[[targets]]`` entries of a scene file. Each is a
+        separate row with its own label and subject, in the split of its scene.
     background : list
-        Confusers, which scatter but are no target (a fan, a curtain): ``[[targets]]`` entries of a scene file, motion
-        included.
+        Confusers, which scatter but are not targets (a fan, a curtain): ``[[targets]]`` entries of a scene file, with
+        motion.
     sources : list of SourceSection
         Subjects, licences and citations of the motion files.
     environment : list
         Walls, reflections and screens, as in a scene file. In this and the other lists of targets and impairments, an
         entry that is sampled as an empty table is left out: ``{ choice = [{ kind = "wall", ... }, {}] }``.
     impairments : list
-        Errors of the receiver in their order, as in a scene file.
+        Receiver errors in the order of their application, as in a scene file.
     radar : table
         As in a scene file: ``preset`` and changes, or all parameters. ``prf_hz = "auto"`` is refused, because it
         reveals the speed to the features, except where ``dataset.leaks`` names ``radar.prf_hz``.
@@ -352,8 +358,8 @@ class PlanConfig(FrozenModel):
             for key in section.target:
                 if f"target.{key}" not in self.dataset.leaks:
                     raise ValueError(
-                        f"classes.{number}.target.{key}: is not allowed: it would reveal the class; move it to "
-                        "[target], or name it in dataset.leaks where a published dataset had it so"
+                        f"classes.{number}.target.{key}: is not allowed, because it reveals the class; move it to "
+                        "[target], or list it in dataset.leaks if the plan reproduces a published dataset"
                     )
         if self.radar.get("prf_hz") == "auto" and "radar.prf_hz" not in self.dataset.leaks:
             raise ValueError(AUTO_PRF_REFUSED)
@@ -361,7 +367,7 @@ class PlanConfig(FrozenModel):
             raise ValueError(ORACLE_REFUSED)
         for key, place in (("motion", "[[classes]]"), ("label", "[[classes]]"), ("background", "[[background]]")):
             if key in self.target:
-                raise ValueError(f"target.{key}: belongs into {place}")
+                raise ValueError(f"target.{key}: belongs in {place}")
         empty = [c.label for c in self.classes if c.motion.get("kind") == "none"]
         if empty and self.noise.get("kind", "thermal") != "thermal":
             raise ValueError(
@@ -398,12 +404,12 @@ def plan_names() -> list[str]:
 def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanConfig, Path]:
     """Load a plan by TOML file or built-in name.
 
-    The folder that relative motion paths start from is returned, too.
+    The function also returns the folder that relative motion paths start from.
 
     Raises
     ------
     ConfigError
-        If there is no such file or name, or a key is not allowed.
+        If the file or name does not exist, or a key is not allowed.
 
     See Also
     --------
@@ -425,7 +431,7 @@ def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanC
         table, text = read_toml(name)
         folder = Path(name).resolve().parent
     else:
-        raise ConfigError(f"{name}: neither a file nor a built-in plan; built-in are: {', '.join(plan_names())}")
+        raise ConfigError(f"{name}: neither a file nor a built-in plan; built-in plans are: {', '.join(plan_names())}")
     return validate(PlanConfig, apply_overrides(table, overrides), where=name, text=text), folder
 
 
@@ -437,7 +443,7 @@ FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "ti_frames", "baseband")
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:
     """Parse the gate of measured recordings.
 
-    It is ``"track"``, ``"1.2:2.8"`` or two ranges in m; anything else is a ConfigError.
+    Allowed are ``"track"``, ``"1.2:2.8"`` or two ranges in m; other values raise a ConfigError.
     """
     return Gate.parse(value, names=("track",), lowest_m=0.0, where=where)
 
@@ -448,20 +454,20 @@ class ImportConfig(FrozenModel):
     Parameters
     ----------
     gate : "track" or (float, float)
-        Where the target is, for recordings without a gate of their own: tracked, or between two ranges in m.
-        A recording without range (a continuous-wave radar) needs two ranges; any that its frame holds will do.
+        Default range gate for recordings whose label has none: tracked, or between two ranges in m. A recording without
+        range (a continuous-wave radar) needs two ranges; any two within its frame are valid.
     window_s : float, optional
-        Cut recordings into windows of this length. A rest that is shorter than a window is left out. By default a
-        recording, or its part from ``start_s`` to ``stop_s``, is one example.
+        Length of the windows that recordings are split into. A remainder shorter than a window is left out. By default
+        a recording, or its part from ``start_s`` to ``stop_s``, is one example.
     hop_s : float, optional
-        Time from the start of a window to that of the next; by default one window follows the other.
+        Time between the starts of consecutive windows; by default the windows are adjacent.
     fields : list
         Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``ti_frames``, ``baseband``.
     split : "train", "validation", "test" or table
-        Where everything goes, or shares of the subjects of every class. By default the column ``split`` of the
-        labels, and ``test`` without one.
+        Split of all rows, or shares of the subjects of every class. The default is the column ``split`` of the labels,
+        or ``test`` without this column.
     seed : int
-        Seed of the assignment of subjects to splits, where ``split`` has shares.
+        Seed of the assignment of subjects to splits, used if ``split`` has shares.
     shard_size : int
         Recordings in one shard file.
     analysis : Analysis
@@ -497,7 +503,9 @@ class ImportConfig(FrozenModel):
         if len(set(names)) < len(names):
             raise ValueError("names a field twice")
         if unknown := [name for name in names if name not in FIELDS_OF_RECORDINGS]:
-            raise ValueError(f"{unknown[0]!r} is none of {', '.join(FIELDS_OF_RECORDINGS)}, which a recording can give")
+            raise ValueError(
+                f"{unknown[0]!r} is not one of {', '.join(FIELDS_OF_RECORDINGS)}, the fields of recordings"
+            )
         return specs
 
     @field_validator("split", mode="before")
@@ -515,10 +523,10 @@ class ImportConfig(FrozenModel):
     @model_validator(mode="after")
     def _check_hop(self) -> Self:
         if self.hop_s is not None and self.window_s is None:
-            raise ValueError("hop_s: is the step from window to window; give window_s, too")
+            raise ValueError("hop_s: is the step between windows; set window_s, too")
         return self
 
     @property
     def step_s(self) -> float | None:
-        """Step from window to window."""
+        """Step between the starts of windows, s."""
         return self.hop_s or self.window_s

@@ -34,7 +34,7 @@ from doppelgait.radar.parameters import Radar
 UNIT_OF_SUFFIX = {
     "mps": "m/s", "hz": "Hz", "m2": "m^2", "v2": "V^2", "deg": "deg", "rad": "rad", "db": "dB", "m": "m", "s": "s",
 }  # fmt: skip
-"""Unit of a column from the end of its name; others have the unit 1."""
+"""Units of columns by the ending of their names; other columns have the unit 1."""
 
 Rows = npt.NDArray[Any]
 
@@ -45,14 +45,12 @@ class Features:
 
     Parameters
     ----------
-    X : ndarray of float64, shape (n, n_features)
-        NaN where undetermined.
-    y : ndarray of str, shape (n,)
+    X : ndarray of float64, shape (n, n_features) Features, NaN if undetermined. y : ndarray of str, shape (n,)
         Labels.
     groups : ndarray of str, shape (n,)
-        Whoever shares a group shares a subject or a scene: keep each group in one fold.
+        Group of each row. Rows of a group share a subject or a scene: keep each group in one fold.
     names, units : tuple of str
-        One per column of X.
+        Name and unit of each column of X.
     ids : ndarray of str, shape (n,)
 
     Examples
@@ -109,7 +107,7 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
     for place, column in enumerate(columns.values()):
         if not pd.api.types.is_numeric_dtype(rows[column]):
             raise DatasetError(
-                f"{column}: holds {rows[column].dtype} values, which are no feature; name number columns"
+                f"{column}: holds {rows[column].dtype} values, which are not features; name numeric columns"
             )
         matrix[:, place] = rows[column].to_numpy(dtype=np.float64, na_value=np.nan)
     group = "group" if "group" in rows else "subject"  # schema version 1 had one target per scene
@@ -121,7 +119,7 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
 def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:
     """Return the columns of the index by feature name.
 
-    The names are a set (``six``, ``extended``) or a list.
+    The names are a feature set (``six``, ``extended``) or a list.
     """
     six = {name: f"feature_{name}" for name in FEATURE_UNITS}
     if names == "six":
@@ -138,14 +136,14 @@ def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dic
 
 
 def parse_unit(column: str) -> str:
-    """Return a column's unit, from its name's end."""
+    """Return a column's unit from the ending of its name."""
     return UNIT_OF_SUFFIX.get(column.rpartition("_")[2], "1")
 
 
 def suggest_names(name: str, known: Iterable[str]) -> str:
     """Return a hint of similar names for an error message.
 
-    Without similar names it says how many names there are.
+    Without similar names the hint has the number of names.
     """
     names = sorted(known)
     close = get_close_matches(name, names, n=5, cutoff=0.5)
@@ -157,13 +155,13 @@ def suggest_names(name: str, known: Iterable[str]) -> str:
 
 
 Stored = Callable[[str], npt.NDArray[Any] | None]
-"""Array by its name in a shard, as stored; None where there is none."""
+"""Function that returns a stored array by its name in a shard, or None if it does not exist."""
 
 
 def read_analysis(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
     """Return a row's analysis settings.
 
-    They are those of the dataset's configuration.
+    The settings are those of the dataset's configuration.
 
     Parameters
     ----------
@@ -187,11 +185,11 @@ class Example:
     Parameters
     ----------
     row : dict
-        Its row of the index, None for unknown.
+        Row of the index; unknown values are None.
     arrays : dict
         Labelled arrays by field name, in linear units.
     specify : callable, optional
-        Gives the specification; see :attr:`specification`.
+        Function that returns the specification; see :attr:`specification`.
 
     Examples
     --------
@@ -227,10 +225,10 @@ class Example:
     def specification(self) -> ExampleSpec:
         """Specification of the simulation: scene, radar, conditions, analysis and seed.
 
-        No distribution is left in it.
+        It contains no distributions.
 
-        It is resolved at the first use. Relative motion paths start from the working folder;
-        :meth:`Dataset.specification` accepts another.
+        It is resolved on first use. Relative motion paths start from the working folder;
+        :meth:`Dataset.specification` accepts another folder.
 
         Raises
         ------
@@ -240,26 +238,26 @@ class Example:
             If a motion or preset file of the plan is missing.
         """
         if self.specify is None:
-            raise DatasetError(f"{self.id}: has no specification; examples of datasets and streams have one")
+            raise DatasetError(f"{self.id}: has no specification; only examples of datasets and streams have one")
         return self.specify()
 
     @property
     def truth(self) -> dict[str, Any]:
-        """Facts that only the simulation or the labels know.
+        """True values from the simulation or the labels.
 
-        The names are without ``truth_``; unknown is None.
+        The names have no prefix ``truth_``; unknown values are None.
         """
         return {name.removeprefix("truth_"): v for name, v in self.row.items() if name.startswith("truth_")}
 
     def result(self, analysis: Analysis | None = None) -> Result:
         """Return the result of the analysis.
 
-        It holds numbers, flags and the stored arrays, in their stored precision.
+        It contains numbers, flags and the stored arrays in their stored precision.
 
         Parameters
         ----------
         analysis : Analysis, optional
-            Settings that it was made with; those of the specification by default. :meth:`Dataset.result` needs none.
+            Settings of the analysis; those of the specification by default. :meth:`Dataset.result` does not need them.
         """
         analysis = analysis or self.specification.run.analysis
         arrays = {name: array for name, array in self.arrays.items() if name in ("signature", "cadence_map")}
@@ -287,7 +285,7 @@ class Example:
 
     @property
     def cadence_map(self) -> xr.DataArray:
-        """Step-Doppler map (cadence, doppler)."""
+        """Cadence-velocity diagram (cadence, doppler)."""
         return self._read_array("cadence_map")
 
     @property
@@ -317,17 +315,17 @@ def label_arrays(
     fields : mapping
         ``fields`` of ``dataset.json``: dims, units and scale of each.
     row : mapping
-        Its row of the index.
+        Row of the index.
     stored : callable
-        Gives an array by its name in a shard.
+        Function that returns an array by its name in a shard.
     carrier_hz : float
-        For the velocity axis; NaN where unknown, which the axis then is, too.
+        Carrier frequency for the velocity axis. If it is NaN (unknown), the axis is unknown, too.
 
     Returns
     -------
     dict
-        A field that the row does not have (a target that was not tracked) is left out. A shard of schema version 1 has
-        axes for its signature only; other arrays come without.
+        Labelled arrays by field. Fields that the row does not have (a target that was not tracked) are left out. A
+        shard of schema version 1 has axes for its signature only; other arrays have no axes.
     """
     arrays = {}
     for name, facts in fields.items():
@@ -380,7 +378,7 @@ def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     DatasetError
         If the dataset was not simulated from a plan.
     ConfigError
-        If the plan names a preset's file that is not in the working folder.
+        If the plan names a preset file that is not in the working folder.
     """
     config, number = _plan_place(description, row)
     if number is None:
@@ -395,7 +393,7 @@ def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
 def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
     """Return the number of a row's example in its plan.
 
-    This version must be able to simulate it again.
+    This version of doppelgait must be able to simulate the example again.
 
     Parameters
     ----------
@@ -407,15 +405,15 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
     Raises
     ------
     DatasetError
-        If it was not simulated, by another data version, or is not in the plan.
+        If the example was not simulated, has another data version, or is not in the plan.
     """
     if description.get("origin", "simulated") != "simulated":
-        raise DatasetError("the dataset keeps arrays of measured recordings, not the recordings themselves")
+        raise DatasetError("the dataset contains arrays of measured recordings, not the recordings themselves")
     version = description.get("data_version")
     if version != DATA_VERSION:
         raise DatasetError(
-            f"the dataset was made with data version {version}, this doppelgait makes {DATA_VERSION}: simulated "
-            "again it would not be the same; build it again to see its recordings"
+            f"the dataset has data version {version}, this doppelgait has {DATA_VERSION}: a new simulation "
+            "would differ; build the dataset again to see its recordings"
         )
     number = number_in_plan(description["config"], str(row.get("scene_id")))
     if number is None:
@@ -424,7 +422,7 @@ def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
 
 
 def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple[Mapping[str, Any], int | None]:
-    """Return the configuration and the place of a simulated row."""
+    """Return the configuration and the position of a simulated row."""
     config = description.get("config") or {}
     simulated = description.get("origin", "simulated") == "simulated"
     return config, number_in_plan(config, str(row["scene_id"])) if simulated else None
@@ -433,7 +431,7 @@ def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple
 def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
     """Return an example's number in its plan.
 
-    The number is part of the id. The classes follow each other.
+    The number is part of the id. The classes are numbered one after the other.
     """
     label, _, within = scene_id.rpartition("-")
     first = 0

@@ -1,6 +1,6 @@
 """Executors of a build: this process, processes, or Dask.
 
-The bytes of the result are the same.
+The result is byte-identical for all executors.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ if TYPE_CHECKING:
 
 
 MAX_LOSSES = 5
-"""Losses one after the other with no shard finished between."""
+"""Maximum number of consecutive worker losses without a finished shard between them."""
 
 
 class WorkersLostError(Exception):
-    """Error of a build that lost its workers."""
+    """Error of a build with lost workers."""
 
 
 def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
-    """Yield results of ``run``, restarted when workers are lost.
+    """Yield the results of ``run``; restart it when workers are lost.
 
-    It is called again for the shards that are missing.
+    A restart covers the shards that are missing.
 
     Raises
     ------
     DatasetError
-        After :data:`MAX_LOSSES` losses with no shard finished between.
+        After :data:`MAX_LOSSES` losses without a finished shard between them.
     """
     left = {shard.name: shard for shard in shards}
     losses = 0
@@ -63,21 +63,21 @@ def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequ
             losses += 1
             if losses >= MAX_LOSSES:
                 raise DatasetError(
-                    f"workers died {losses} times with no shard finished between, {len(left)} are left; is the memory "
-                    "full? Use fewer workers or smaller shards; what was built so far is kept"
+                    f"workers died {losses} times in a row, {len(left)} shards are left; is the memory "
+                    "full? Use fewer workers or smaller shards; finished shards are kept"
                 ) from None
 
 
 UNGUARDED = 87
 """Exit status of a worker that starts a build when its main script is imported."""
 UNGUARDED_WORDS = (
-    "the script starts the build again when a worker imports it; put what it runs under "
+    "the script starts the build again when a worker imports it; put its calls under "
     'if __name__ == "__main__": or build with executor="serial"'
 )
 LOOK_SECONDS = 0.1
-"""How often to look whether the build is to stop."""
+"""Interval, s, at which a stop request is checked."""
 END_SECONDS = 10
-"""How long a worker that must end may take, before it is killed."""
+"""Time, s, that a worker may take to end before it is killed."""
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
@@ -86,7 +86,7 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
     Raises
     ------
     WorkersLostError
-        If a worker dies; the others are ended, too.
+        If a worker dies; the other workers are ended, too.
     """
     queue = iter(shards)
     busy: dict[Connection, Shard] = {}
@@ -96,13 +96,14 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
         while True:
             raise_if_stopped()
             try:
-                while idle and (shard := next(queue, None)) is not None:  # no worker waits while the caller is at work
+                # refill the queues before yielding, so that no worker waits for the caller
+                while idle and (shard := next(queue, None)) is not None:
                     pipe = idle.pop()
                     busy[pipe] = shard
                     pipe.send(shard)
             except OSError:
                 lost = True
-            for shard, answer in answers:  # what is there before what is lost
+            for shard, answer in answers:  # read finished results before handling lost workers
                 if isinstance(answer, BaseException):
                     raise answer
                 yield shard, answer
@@ -125,30 +126,31 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
 def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
     """Start worker processes that end with the block.
 
-    The pipe to each is returned. Every worker has a pipe of its own and shares no lock: whichever is killed, at
-    whatever moment, its pipe closes and no process waits for it.
+    The function returns the pipe to each worker. Every worker has a separate pipe and shares no lock: if a worker is
+    killed at any time, its pipe closes and no process waits for it.
     """
     spawn = multiprocessing.get_context("spawn")
     ends = [spawn.Pipe() for _ in range(workers)]
     pipes = [here for here, _ in ends]
     theirs = [there for _, there in ends]
-    groups = [theirs] if sys.platform == "linux" else [[there] for there in theirs]  # one process, which copies itself
+    # the fork server, one process that forks itself
+    groups = [theirs] if sys.platform == "linux" else [[there] for there in theirs]
     processes = [spawn.Process(target=serve, args=(group, "doppelgait.dataset.shard"), daemon=True) for group in groups]
     try:
         with mark_workers(), ignore_ctrl_c():
             for process in processes:
                 process.start()
         for there in theirs:
-            there.close()  # else the pipe would not close with its worker
+            there.close()  # otherwise the pipe would not close when the worker ends
         for here in pipes:
-            with suppress(OSError):  # one that has died already is found by the first answer
+            with suppress(OSError):  # a dead worker is detected when the first result is read
                 here.send(work)
         yield list(pipes)
     finally:
         for pipe in pipes:
             pipe.close()
         for process in processes:
-            if process.pid is not None:  # else it was never started
+            if process.pid is not None:  # otherwise it was never started
                 process.join(END_SECONDS)
                 process.kill()
                 process.join()
@@ -157,14 +159,15 @@ def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
 
 
 MAX_QUEUED = 256
-"""Shards that the scheduler knows at a time; enough for every worker of a large cluster to have its next one."""
+"""Maximum number of submitted shards; enough for every worker of a large cluster to have its next shard."""
 CONNECT_SECONDS = 20
 STOP_SECONDS = 0.2
-"""How often to look whether the build is to stop."""
+"""Interval, s, at which a stop request is checked."""
 DASK_LOOK_SECONDS = 20
-"""How often to look whether a cluster of this machine has workers at all: Dask gives up one that dies as it starts."""
+"""Interval, s, at which a local cluster is checked for workers; Dask does not restart a worker that dies at its
+start."""
 RESULT_SECONDS = 20.0
-"""How long a record may take from its worker to here."""
+"""Timeout, s, for the transfer of a record from its worker."""
 PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 
@@ -174,11 +177,11 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
     Parameters
     ----------
     work, shards
-        As for :func:`doppelgait.dataset.executors.run_shards`.
+        As in :func:`doppelgait.dataset.executors.run_shards`.
     address : str
-        ``HOST:PORT`` of a scheduler; empty for a cluster of this machine.
+        ``HOST:PORT`` of a scheduler; empty for a local cluster.
     workers : int
-        Processes of a cluster of this machine.
+        Processes of a local cluster.
 
     Raises
     ------
@@ -187,7 +190,7 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
     DatasetError
         If the scheduler is lost.
     WorkersLostError
-        If Dask gives up a shard or its workers, since they died too often.
+        If Dask gives up a shard or its workers, because they died too often.
     """
     try:
         from distributed import KilledWorker
@@ -204,13 +207,13 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
                 if not running:
                     return
                 for future in _wait_for_some(client, running, is_local=not address):
-                    with suppress(TimeoutError):  # its worker died with the record: Dask makes the shard again
+                    with suppress(TimeoutError):  # the worker died with the record: Dask runs the shard again
                         record = future.result(timeout=RESULT_SECONDS)
                         yield running.pop(future), record
         except KilledWorker:
             raise WorkersLostError from None
         except (FutureCancelledError, FuturesCancelledError, OSError):
-            raise DatasetError("Dask: the scheduler was lost; what was built is kept, run the build again") from None
+            raise DatasetError("Dask: the scheduler was lost; finished shards are kept; run the build again") from None
         finally:
             client.cancel(list(running))
 
@@ -244,7 +247,7 @@ def _connect_client(address: str, workers: int) -> Iterator[Client]:
         if address:
             cluster: Any = f"tcp://{address}"
         else:
-            stack.enter_context(mark_workers())  # a worker that dies is started again, in any moment of the block
+            stack.enter_context(mark_workers())  # Dask restarts a dead worker at any time within the block
             stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": WORKER_ENVIRONMENT}))
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, memory_limit=MEMORY_LIMIT // workers, preload=PRELOAD,
@@ -261,8 +264,8 @@ def _connect_client(address: str, workers: int) -> Iterator[Client]:
 def _close_cluster(cluster: LocalCluster) -> None:
     """Close a local cluster.
 
-    Dask may trip over a worker that dies or starts at that moment, or that a busy machine is slow to end. The build's
-    own outcome counts then; such a worker ends with this process at the latest.
+    Closing can fail if a worker dies, starts or ends slowly at that moment. The error is ignored, because the outcome
+    of the build is known; the worker ends with this process at the latest.
     """
     with suppress(Exception):
         cluster.close()
@@ -277,19 +280,19 @@ def run_shards(
 ) -> Results:  # fmt: skip
     """Call ``work`` per shard, yielding results as they finish.
 
-    The order is arbitrary.
+    The order of the results is arbitrary.
 
-    Only a bounded number of shards is under way at a time, so the caller's memory does not grow with their number. A
-    caller that stops early, or an error, ends the workers; a shard that they were at is then not finished.
+    The number of shards in progress is bounded, so the caller's memory does not grow with the number of shards. If the
+    caller stops early or an error occurs, the workers end and their current shards stay unfinished.
 
     Parameters
     ----------
     work : callable
-        Takes a shard, returns its record; must be picklable for all but ``serial``.
+        Function of a shard that returns its record; must be picklable except for ``serial``.
     shards : sequence of Shard
     executor : str
-        ``serial``: in this process. ``processes``: worker processes of this machine; a killed one is replaced; one
-        worker is no other than ``serial``. ``dask``: a Dask cluster of this machine, made and ended here.
+        ``serial``: in this process. ``processes``: worker processes on this machine; a killed worker is replaced, and
+        one worker is the same as ``serial``. ``dask``: a local Dask cluster that is started and ended by this function.
         ``dask://HOST:PORT``: a running Dask scheduler.
     workers : int, optional
         Processes of ``processes`` and ``dask``; the number of processors by default.
@@ -301,9 +304,9 @@ def run_shards(
     Raises
     ------
     ConfigError
-        If the executor has no such name, Dask is not installed or no scheduler answers.
+        If the executor is unknown, Dask is not installed or no scheduler answers.
     DatasetError
-        If workers die again and again.
+        If workers die repeatedly.
     """
     check_executor(executor)
     count = min(workers or os.cpu_count() or 1, max(len(shards), 1))
@@ -318,7 +321,7 @@ def run_shards(
 def check_executor(executor: str) -> None:
     """Refuse the name of an unknown executor.
 
-    A worker that imports a main script without a guard ends here.
+    If a worker imports a main script without a guard, the worker ends here.
 
     Raises
     ------

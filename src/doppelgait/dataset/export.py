@@ -28,13 +28,14 @@ __all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 
 Progress = Callable[[int, int], None]
 Exporter = Callable[["Dataset", Path, tuple[str, ...], Any, Callable[[int], None]], None]
-"""Writes (dataset, empty folder, fields, parameters, done): calls ``done`` with the number of rows done since."""
+"""Writer, called with (dataset, empty folder, fields, parameters, done). It calls ``done`` with the number of rows
+written since the last call."""
 
 EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.exporters",), noun="form")
-"""Forms that datasets can be exported in.
+"""Export formats of datasets.
 
-Facts of an exporter: ``allowed``, the fields that it can hold (by default all); ``default``, the fields where none are
-named (by default all that the dataset keeps); ``least``, the number of fields that it needs (by default 0).
+Facts of an exporter: ``allowed``, the fields that it supports (by default all); ``default``, the fields that are
+written if none are named (by default all stored fields); ``least``, the minimum number of fields (by default 0).
 """
 
 SHOWN_FILES = 8
@@ -74,14 +75,14 @@ def export_dataset(
     ----------
     dataset : Dataset
     destination : path-like
-        Folder to make; it must not be there yet.
+        Folder to write; it must not exist.
     form : str, table or parameter model
         Name of an exporter (``parquet``, ``csv``, ``webdataset``, ``zarr``, ``sigmf`` or a plug-in's), or a table with
         ``kind`` and its parameters: ``{"kind": "webdataset", "examples_per_tar": 500}``.
     fields : sequence of str, optional
         Arrays to write; by default none into tables, the baseband into SigMF and all into the others.
     release : bool
-        The export is meant for others: refuse it where a licence of its sources does not allow that.
+        The export is for redistribution: refuse it if a licence of its sources does not allow redistribution.
     on_progress : callable, optional
         Called with (rows done, rows in total).
 
@@ -90,10 +91,10 @@ def export_dataset(
     ConfigError
         If the form is not known or a parameter is not allowed.
     DatasetError
-        If a field is not known, the destination is there, there is nothing to export, or ``release`` is
-        asked for and a licence is non-commercial or unknown.
+        If a field is not known, the destination exists, no row is selected, or ``release`` is set and a licence is
+        non-commercial or unknown.
     OutputError
-        If it cannot be written; nothing is left of it then.
+        If the export cannot be written; no partial output remains.
     """
     target = Path(destination)
     parameters = EXPORTERS.parse(form)
@@ -109,7 +110,7 @@ def export_dataset(
     if len(chosen) < exporter.facts.get("least", 0):
         raise DatasetError(f"fields: {name} needs {' and '.join(allowed or known)}")
     if len(dataset) == 0:
-        raise DatasetError(f"{dataset.directory}: nothing is selected, so there is nothing to export")
+        raise DatasetError(f"{dataset.directory}: no row is selected, so there is nothing to export")
     if release:
         refuse_unreleasable(dataset)
     done = 0
@@ -136,16 +137,16 @@ def export_dataset(
 def refuse_unreleasable(dataset: Dataset) -> None:
     """Raise a :class:`DatasetError` if a licence blocks the release.
 
-    It names every recording that is concerned.
+    The message names every such recording.
 
-    Everybody who is in a scene counts, selected or not: the echoes of all are in its arrays.
+    All targets of a scene count, selected or not, because the arrays contain the echoes of all of them.
     """
     whole = pd.read_parquet(dataset.directory / "index.parquet")
     names = list_blocked_recordings(whole[whole["scene_id"].isin(dataset.index["scene_id"])])
     if names:
         more = f" and {len(names) - SHOWN_FILES} more" if len(names) > SHOWN_FILES else ""
         raise DatasetError(
-            f"{dataset.directory}: cannot be released, since recordings have a non-commercial or unknown licence: "
+            f"{dataset.directory}: cannot be released, because recordings have a non-commercial or unknown licence: "
             f"{', '.join(names[:SHOWN_FILES])}{more}; state their licences under [[sources]], or leave them out"
         )
 
@@ -154,26 +155,24 @@ def refuse_unreleasable(dataset: Dataset) -> None:
 def _open_new_folder(target: Path) -> Iterator[Path]:
     """Open a temporary folder that becomes ``target`` on success.
 
-    It is removed if the block fails.
+    The temporary folder is removed if the block fails.
     """
     if target.exists():
-        raise DatasetError(f"{target}: is there already; nothing is overwritten, choose another folder")
+        raise DatasetError(f"{target}: exists already; nothing is overwritten; choose another folder")
     try:
         with write_new_folder(target) as partial:
             yield partial
     except (OSError, OutputError) as error:
-        cause = (
-            error.__context__ if isinstance(error, OutputError) else error
-        )  # the writer of a form named its own file
-        raise OutputError(f"{target}: cannot be written: {cause}; nothing is left of the export") from None
+        cause = error.__context__ if isinstance(error, OutputError) else error  # the writer has already named its file
+        raise OutputError(f"{target}: cannot be written: {cause}; no partial export remains") from None
 
 
 PLACES = ("shard", "row", "shard_sha256")
-"""Columns that say where a row's arrays are in the dataset itself."""
+"""Columns with the position of a row's arrays in the dataset."""
 
 
 def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
-    """Yield the splits that have rows, with those rows."""
+    """Yield every split that has rows, with its rows."""
     for split in SPLITS:
         rows = np.flatnonzero((dataset.index["split"] == split).to_numpy(dtype=bool))
         if rows.size:
@@ -181,9 +180,9 @@ def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64
 
 
 def flatten_index(dataset: Dataset) -> pd.DataFrame:
-    """Return the index without places in shard files.
+    """Return the index without positions in shard files.
 
-    ``class_number`` follows the label.
+    The column ``class_number`` is inserted after the label.
     """
     table = dataset.index.drop(columns=[name for name in PLACES if name in dataset.index])
     table.insert(list(table.columns).index("label") + 1, "class_number", dataset.class_numbers())
@@ -193,7 +192,7 @@ def flatten_index(dataset: Dataset) -> pd.DataFrame:
 def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
     """Return a row's arrays in linear units, with axes.
 
-    A field without axes in its shard comes alone.
+    A field without axes in its shard is returned alone.
     """
     arrays: dict[str, npt.NDArray[np.generic]] = {}
     for name in fields:

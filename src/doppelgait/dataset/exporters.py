@@ -91,7 +91,7 @@ def write_csv(
 ) -> None:
     """Write ``index.csv``: a header and one line per row.
 
-    Unknown is empty; every number is exact.
+    Unknown values are empty. Every number is exact.
     """
     table = flatten_index(dataset)
     table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
@@ -106,14 +106,15 @@ def write_parquet(
 
     Every field is a list ``FIELD_values`` with its ``FIELD_shape``.
 
-    Rows of an array follow each other (C order); a complex number is two numbers, so that its shape ends with 2. Axes
-    are lists, too. Units stand in the metadata of the columns, the description of the fields in that of the file.
+    Arrays are flattened in C order. A complex number is two numbers, so that its shape ends with 2. Axes are lists,
+    too. Units are in the metadata of the columns, the description of the fields is in the metadata of the file.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     table = flatten_index(dataset)
-    schema = pa.Schema.from_pandas(table, preserve_index=False)  # of all: a column empty in one split has its type
+    # use the whole index: a column that is empty in one split keeps its type
+    schema = pa.Schema.from_pandas(table, preserve_index=False)
     size = parameters.rows_per_group
     for split, rows in iterate_splits(dataset):
         writer = None
@@ -152,7 +153,7 @@ def _make_array_columns(
 
 
 def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
-    """Put every number column's unit into its metadata."""
+    """Store the unit of every numeric column in its metadata."""
     import pyarrow as pa
 
     fields = dataset.description["fields"]
@@ -171,11 +172,12 @@ def _add_units(table: pa.Table, dataset: Dataset) -> pa.Table:
 def write_webdataset(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: WebDataset, done: Callable[[int], None]
 ) -> None:
-    """Write ``SPLIT-NNNNNN.tar`` files in the form of WebDataset.
+    """Write ``SPLIT-NNNNNN.tar`` files in the WebDataset format.
 
     Every example has ``ID.FIELD.npy``, its axes, ``ID.json`` (its row) and ``ID.cls``.
 
-    The same dataset gives the same bytes: no time, no user. Dots of an id are escaped: the first one ends the key.
+    The same dataset gives the same bytes, because the files have no time and no user. Dots in an id are escaped,
+    because the first dot ends the key.
     """
     table, numbers = flatten_index(dataset), dataset.class_numbers()
     for split, rows in iterate_splits(dataset):
@@ -206,8 +208,8 @@ def write_zarr(
     """Write ``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
 
     Every column of the index is an array (example). A field is an array (example, ...) with the dimensions of the
-    library, next to its axes: a coordinate of its dimension where all examples of the split share it, else an
-    array (example, ...) with the unit in its name. Where the shapes of a field differ in a split, every example has a
+    library. Its axes are stored next to it: as a coordinate if all examples of the split share the axis, otherwise as
+    an array (example, ...) with the unit in its name. If the shapes of a field differ in a split, every example has a
     group ``SPLIT/FIELD/ID`` instead.
 
     Raises
@@ -319,8 +321,8 @@ def write_sigmf_folder(
             examples = [dataset.example(int(number)) for number in members]
             first = examples[0]
             if not {"slow_time", "range"} <= set(first.baseband.coords):
-                raise DatasetError(f"{first.id}: its baseband has no axes; build the dataset again with this version")
-            annotated = [  # what SigMF keeps of a target: label, gait, subject and kind of motion
+                raise DatasetError(f"{first.id}: the baseband has no axes; build the dataset again with this version")
+            annotated = [  # target facts that SigMF stores: label, gait, subject and kind of motion
                 TargetTruth(
                     label=example.label, scatterers=xr.Dataset(), centre_range_m=nothing, centre_velocity_mps=nothing,
                     centre_aspect_rad=nothing, gait=example.row.get("truth_gait") or "",

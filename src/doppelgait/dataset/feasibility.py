@@ -1,7 +1,7 @@
 """Count a plan's rows beyond the limits of the radar.
 
-Motions are made and observed as a simulation observes them; no echo is synthesised. The names of limits are those that
-simulation and analysis put into the index of a built dataset (``warnings``, ``quality_flags``).
+Motions are generated and observed as in a simulation, but no echo is synthesised. The names of the limits are those
+that simulation and analysis write to the index of a built dataset (``warnings``, ``quality_flags``).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from doppelgait.radar.simulate import warn_of_limits
 from doppelgait.scene.placement import place
 
 LIMITS = ("aliasing", "outside the frame", "folding", "sparse range bins", "gate cut off")
-"""What can limit a row: four warnings of a simulation, and the flag ``gate_leaves_frame`` of an analysis."""
+"""Limits of a row: four warnings of the simulation, and the flag ``gate_leaves_frame`` of the analysis."""
 GATE_FLAG = "gate_leaves_frame"
 RANGE_PARTS = 4
-"""Parts of the range that the SNR is stated for, of equally many rows."""
+"""Number of range intervals, with equally many rows each, in the table of the SNR."""
 SNR_PULSES = 200
-"""Pulses that the expected SNR of a row is averaged over."""
+"""Number of pulses over which the expected SNR of a row is averaged."""
 
 Progress = Callable[[int, int], None]
 
@@ -48,12 +48,12 @@ class RowLimits:
     ----------
     id, label : str
     limits : tuple of str
-        Those of :data:`LIMITS` that the row is affected by; a warning affects every row of its scene.
+        Members of :data:`LIMITS` that affect the row; a warning affects every row of its scene.
     range_m : float
         Mean range of the body.
     snr_db : float
-        Expected SNR_frame: of the plan, else from radar equation and receiver noise, within 3 dB for most
-        rows; NaN without noise or for an empty scene.
+        Expected SNR_frame. It is the value of the plan, or an estimate from the radar equation and the receiver noise
+        that is within 3 dB for most rows. It is NaN without noise and for an empty scene.
     """
 
     id: str
@@ -77,7 +77,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     Raises
     ------
     DoppelgaitError
-        If a motion cannot be made.
+        If a motion cannot be generated.
     """
     run = example.run
     with warnings.catch_warnings(record=True) as caught:
@@ -122,7 +122,7 @@ def _leaves_frame(
 def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
     """Return the SNR_frame of a target by the radar equation, dB.
 
-    The echoes in each cell of the range resolution are added in power; the strongest cell of every pulse counts.
+    The echo powers in each range cell are added; the strongest cell of every pulse is used.
     """
     targets, _ = split_targets(table.isel(slow_time=slice(None, None, -(-table.sizes["slow_time"] // SNR_PULSES))))
     range_m, amplitude_v = compute_scatterer_arrays(targets, radar)
@@ -136,17 +136,17 @@ def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Rows of a plan that its radar cannot show well.
+    """Rows of a plan that reach a limit of its radar.
 
     Parameters
     ----------
     n_examples, n_failed : int
-        Examples that were looked at, and those of them without a possible motion.
+        Examples that were checked, and those whose motion cannot be generated.
     limits : list of dict
         Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`; None for ``gate cut
         off`` where the gate is that of a track, which is known after the build.
     snr : list of dict
-        Per part of the range ``range_m`` (from, to), ``rows``, and ``snr_db`` (5 %, 50 % and 95 % of the rows).
+        Per range interval: ``range_m`` (from, to), ``rows``, and ``snr_db`` (5 %, 50 % and 95 % of the rows).
     """
 
     n_examples: int
@@ -183,7 +183,7 @@ def assess(
     examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth",
     count: int | None = None, on_progress: Progress | None = None,
 ) -> Feasibility:  # fmt: skip
-    """Count the rows of examples that the radar cannot show well.
+    """Count the rows of examples that reach a radar limit.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def assess(
         Folder that relative motion paths start from.
     gate : {"truth", "track"}
     count : int, optional
-        Number of examples, for the progress.
+        Number of examples, for progress reports.
     on_progress : callable, optional
         Called with (examples done, examples in total).
     """
@@ -201,7 +201,7 @@ def assess(
     for example in examples:
         try:
             rows += find_limits(example, folder, gate=gate)
-        except DoppelgaitError:  # the build leaves it out, too, and says why
+        except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
             failed += 1
         done += 1
         if on_progress is not None and count is not None:

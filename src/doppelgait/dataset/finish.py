@@ -30,30 +30,30 @@ if TYPE_CHECKING:
 
 
 SCHEMA_VERSION = 3
-"""Form of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half precision.
-3: the id of the dataset in every record, shard and index; a list of the hashes of all files."""
+"""Schema version of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half
+precision. 3: the id of the dataset in every record, shard and index; a list of the hashes of all files."""
 
 SUMS = "SHA256SUMS"
-"""Hash of every file of a finished dataset, in the form that ``sha256sum -c`` reads. It is written last."""
+"""File with the hash of every file of a finished dataset, in the format of ``sha256sum -c``. It is written last."""
 LOG = "build.jsonl"
 
 DATA_VERSION = 12
-"""What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
-configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
-another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
+"""Version of the bytes that a configuration produces. It is part of every dataset's identity and is raised by hand when
+the same configuration gives other bytes (a random draw, a kernel, a stored type), so that a dataset never mixes
+examples of two versions. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
 3: another order of operations in amplitudes, tracks, the short-time transform and the cadence map; features from the
-columns of the lossless hop. 4: gait frequency by limbs, harmonics and a decision between step and stride. 5: rows by
+columns of the lossless hop. 4: gait frequency from limbs, harmonics and a decision between step and stride. 5: rows by
 target, splits by groups. 6: alignment by cubic convolution; the last bits of features. 8: samples as float32 planes in
 rooms and behind impairments. 9: the human motion model. 10: noise of swept-threshold counters and its correlation over
 range; integration over a frame, and averages within it; echoes of earlier pulses; where ellipsoids reflect, and the
-shapes of torsos; spreading behind walls. 11: gait frequency, targets and segments. 12: signatures in half precision;
-last bits of most steps, made faster."""
+shapes of torsos; spreading loss behind walls. 11: gait frequency, targets and segments. 12: signatures in half
+precision; last bits of most steps, after optimisation."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
     """Identify the plug-ins of other packages that a plan uses.
 
-    Its presets and motion files count, too.
+    Plug-ins that read its presets and motion files are included.
     """
     tables = [plan.model_dump(mode="json")]
     for path in _find_preset_files(plan.radar):
@@ -70,7 +70,7 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     Parameters
     ----------
     plan : PlanConfig
-        With its folders expanded.
+        Plan with expanded folders.
     folder : Path
         Folder that relative paths start from.
 
@@ -85,11 +85,12 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
             contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
-    for path in _find_preset_files(plan.radar):  # a comment in a sensor's file changes nothing
+    for path in _find_preset_files(plan.radar):  # hash the parsed values, so that comments have no effect
         plain = json.dumps(read_preset(folder / path), sort_keys=True, default=str)
         contents[path] = hashlib.sha256(plain.encode()).digest()
     table = plan.model_dump(mode="json")
-    table["radar"] = _name_by_content(table["radar"], contents)  # a sensor's file may be moved or renamed
+    # hash the content, so that the file may be moved or renamed
+    table["radar"] = _name_by_content(table["radar"], contents)
     digest = hashlib.sha256(f"{DATA_VERSION}\n{format_canonical_json(table)}\n".encode())
     for content in contents.values():
         digest.update(content)
@@ -105,7 +106,7 @@ def _list_motion_files(plan: PlanConfig) -> list[str]:
 def _find_preset_files(value: Any) -> Iterator[str]:
     """Yield the preset files that a radar table names.
 
-    They are under ``preset`` or among its choices.
+    The files are the value of ``preset`` or among its choices.
     """
     if isinstance(value, Mapping):
         value = [inner for key, inner in value.items() if key != "name"]
@@ -128,13 +129,13 @@ def _name_by_content(value: Any, contents: Mapping[str, bytes]) -> Any:
 Record = Mapping[str, Any]
 
 ROWS_AT_A_TIME = 4096
-"""Rows of a group in the index file: what is in memory of it at a time."""
+"""Number of rows in a row group of the index file, which bounds the memory for it."""
 FAILURES_KEPT = 100
 LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256")
-"""Columns that neither card nor lists need; the longest texts of all."""
+"""Columns with long texts that neither card nor lists need."""
 TEXT, NUMBER, INTEGER = "string", "float64", "int64"
 TEXT_COLUMNS = ("truth_gait", "quality_verdict")
-"""Columns that are text even where every row is without."""
+"""Columns that are text even if every row is empty."""
 
 
 @dataclass
@@ -146,14 +147,14 @@ class Totals:
     rows, bytes, n_failed : int
         Rows of the index, size of the shards, examples that failed.
     failures : list of dict
-        The first of them: id, reason, spec.
+        The first failures: id, reason, spec.
     columns : dict
         Kind of every column of the index: ``string``, ``float64`` or ``int64``.
     labels : list of str
     hashes : dict
         SHA-256 of every shard file, by the name of the shard.
     contents_sha256 : str
-        Over the hashes of the contents of all shards: specification, whole numbers and arrays.
+        Hash over the hashes of the contents of all shards: specification, integers and arrays.
     """
 
     rows: int = 0
@@ -180,11 +181,11 @@ class Header:
         Arrays of every row.
     n_examples : int
     config : mapping
-        As JSON: the plan, or how recordings were imported.
+        Plan or import configuration, as values for JSON.
     card : callable
-        Card from the index and the number of failed examples.
+        Function that makes the card from the index and the number of failed examples.
     plugins : sequence of mapping
-        Plug-ins of other packages that its examples are made with.
+        Plug-ins of other packages that the examples use.
     """
 
     id: str
@@ -205,9 +206,9 @@ class Header:
         shards : mapping
             Number of planned shards of every split.
         complete : bool
-            Whether every planned example is there.
+            Whether every planned example exists.
         labels : iterable of str
-            Found in the rows; those of companions that are no class of their own get the numbers after the classes.
+            Labels found in the rows. Labels of companions that are not classes are numbered after the classes.
         """
         return {
             "id": self.id,
@@ -228,7 +229,7 @@ class Header:
 
 
 def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
-    """Return the header of the dataset of a plan."""
+    """Return the header of a planned dataset."""
     from doppelgait.dataset.card import format_card
 
     return Header(
@@ -254,14 +255,14 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
     target : Path
     header : Header
     names : sequence of str
-        All shards, in the order of the plan.
+        Names of all shards, in the order of the plan.
     max_failed_share : float
         The dataset counts as complete up to this share of failed examples.
 
     Raises
     ------
     OSError
-        If a file cannot be written; what was there before is then as it was.
+        If a file cannot be written; existing files are then unchanged.
     """
     import pandas as pd
 
@@ -297,7 +298,7 @@ def write_sums(target: Path, shards: Mapping[str, str]) -> None:
         if log.exists():
             hashes[LOG] = hash_file(log)
         write_atomically(target / SUMS, format_checksums(hashes).encode())
-        done = not log.exists() or hash_file(log) == hashes[LOG]  # else another part has written to it meanwhile
+        done = not log.exists() or hash_file(log) == hashes[LOG]  # otherwise another part has written to it meanwhile
 
 
 def format_checksums(hashes: Mapping[str, str]) -> str:
@@ -308,12 +309,12 @@ def format_checksums(hashes: Mapping[str, str]) -> str:
 def make_card(directory: str | Path) -> str:
     """Return the card of a dataset.
 
-    The card of an incomplete dataset is made from the shards that exist.
+    The card of an incomplete dataset describes the shards that exist.
 
     Raises
     ------
     DatasetError
-        If the folder holds no dataset, or nothing that a card can be made of.
+        If the folder contains no dataset, or no data for a card.
     """
     from doppelgait.dataset.card import format_card
 
@@ -335,19 +336,19 @@ def read_description(folder: Path) -> dict[str, Any]:
     Raises
     ------
     DatasetError
-        If there is none, or it is damaged.
+        If the file is missing or damaged.
     """
     path = folder / "dataset.json"
     try:
         description = parse_json(path.read_text())
     except NotADirectoryError:
-        raise DatasetError(f"{folder}: is a file; give the folder of a dataset") from None
+        raise DatasetError(f"{folder}: is a file; name the folder of a dataset") from None
     except FileNotFoundError:
-        raise DatasetError(f"{folder}: holds no dataset, dataset.json is missing") from None
+        raise DatasetError(f"{folder}: contains no dataset; dataset.json is missing") from None
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path}: cannot be read: {error}") from None
     if not isinstance(description, dict):
-        raise DatasetError(f"{path}: is damaged: holds no table")
+        raise DatasetError(f"{path}: is damaged: it is not a table")
     for key, kind in (("id", str), ("name", str), ("n_examples", int), ("config", dict), ("schema_version", int)):
         if key in description and type(description[key]) is not kind:
             raise DatasetError(f"{path}: is damaged: {key} = {shorten(description[key])}")
@@ -371,7 +372,7 @@ def write_splits(folder: Path, index: pd.DataFrame) -> None:
 
 
 def count_shards(names: Iterable[str]) -> dict[str, int]:
-    """Count the shards of every split, from their names."""
+    """Count the shards of every split by their names."""
     counts: dict[str, int] = {}
     for name in names:
         split = name.partition("-")[0]
@@ -385,7 +386,7 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
     Raises
     ------
     DatasetError
-        If these are no numbers of shards, or there are more than a dataset may have.
+        If the values are not numbers of shards, or exceed the limit of a dataset.
     """
     known = isinstance(counts, Mapping) and set(counts) <= set(SPLITS)
     if not known or not all(type(n) is int and n >= 0 for n in counts.values()) or sum(counts.values()) > MAX_SHARDS:
@@ -397,14 +398,14 @@ def list_shard_names(counts: Mapping[str, int]) -> list[str]:
 
 
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
-    """Yield shard records, one in memory at a time."""
+    """Yield shard records, reading one at a time."""
     for name in names:
         raise_if_stopped()
         place = target / "shards" / f"{name}.json"
         record = parse_json(place.read_text())
         fault = _find_fault(record)
         if fault is not None:
-            raise DatasetError(f"{place}: {fault} is missing or damaged; remove the shard and build again")
+            raise DatasetError(f"{place}: {fault} is missing or damaged; remove the shard and build the dataset again")
         yield record
 
 
@@ -420,7 +421,7 @@ def _find_fault(record: Any) -> str | None:
 
 
 RECORD_KINDS = {"shard": str, "sha256": str, "rows": list, "bytes": int, "failures": list, "contents_sha256": str}
-"""What a record of a shard must have; only the last may be missing."""
+"""Keys and types of a shard's record; only the last key may be missing."""
 
 
 def tally(records: Iterable[Record]) -> Totals:
@@ -449,7 +450,7 @@ def tally(records: Iterable[Record]) -> Totals:
 def make_index(records: Iterable[Record]) -> pd.DataFrame:
     """Make the index table, one row per target.
 
-    Numbers are float64 with NaN for unknown.
+    Numbers are float64; unknown values are NaN.
     """
     kept = list(records)
     columns = tally(kept).columns

@@ -182,10 +182,10 @@ def test_recordings_are_in_the_index_and_the_card(built, tmp_path, monkeypatch):
     card = (tmp_path / "d" / "README.md").read_text()
     for text in ("of 4 examples comes from recordings", "`one.c3d`", "`two.c3d`", "their licences apply", "Dog motion"):
         assert text in card
-    assert "No recording" not in card
+    assert "contains no recording" not in card
     assert "Boulic" not in card
     model_card = (built[0] / "README.md").read_text()
-    assert "No recording of a person or animal is in it" in model_card
+    assert "It contains no recording of a person or animal" in model_card
     assert "Boulic" in model_card
     assert "licences" not in model_card
 

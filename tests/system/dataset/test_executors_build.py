@@ -87,7 +87,7 @@ def test_a_lost_dask_scheduler_is_one_error_and_the_rest_is_built_later(tmp_path
 
     with Client(address) as client:
         pid = client.run_on_scheduler(os.getpid)
-    with pytest.raises(DatasetError, match="the scheduler was lost; what was built is kept"):
+    with pytest.raises(DatasetError, match="the scheduler was lost; finished shards are kept"):
         build_dataset(
             tiny_plan(), tmp_path / "d", executor=f"dask://{address}",
             on_progress=lambda *done: os.kill(pid, signal.SIGKILL),

@@ -292,7 +292,7 @@ def test_description_goes_with_every_form(dataset, tmp_path, form):
 def test_nothing_is_overwritten(dataset, tmp_path, form):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("mine")
-    with pytest.raises(DatasetError, match="is there already; nothing is overwritten"):
+    with pytest.raises(DatasetError, match="exists already; nothing is overwritten"):
         export_dataset(dataset, tmp_path / "out", form=form)
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
     (tmp_path / "new.partial").mkdir()  # of something else
@@ -307,7 +307,7 @@ def test_full_disk_is_one_error_and_leaves_nothing(dataset, tmp_path, form):
     size = 8_000
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
     try:
-        with pytest.raises(OutputError, match=r"out: cannot be written: \[Errno.*; nothing is left of the export"):
+        with pytest.raises(OutputError, match=r"out: cannot be written: \[Errno.*; no partial export remains"):
             export_dataset(dataset, tmp_path / "out", form=form)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -198,7 +198,7 @@ def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, e
             process.send_signal(request_to_stop)
         rest, complaints = process.communicate(timeout=processes.LIMIT_S)
         assert process.returncode == 130
-    assert rest.splitlines()[-1].startswith(f"said {tmp_path / 'd'}: stopped; what was built is kept, the same command")
+    assert rest.splitlines()[-1].startswith(f"said {tmp_path / 'd'}: stopped; finished shards are kept, and the same command")
     assert "Traceback" not in complaints
     assert leftovers(tmp_path / "d") == []
     found = read_dataset_status(tmp_path / "d")
@@ -436,7 +436,7 @@ def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_
     with pytest.raises(DatasetError) as refused:
         build_dataset(mini_plan(), tmp_path, executor="serial")
     assert str(refused.value) == (
-        f"{tmp_path}: was made with data version 7, this doppelgait makes {DATA_VERSION} and other bytes; make the "
+        f"{tmp_path}: was made with data version 7, this doppelgait has {DATA_VERSION} and makes other bytes; build the "
         "dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
     )
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
@@ -445,11 +445,11 @@ def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_
 def test_a_worker_of_another_version_builds_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(build, "RELEASE", ("0.0.1", 1))
     work = build._build_one
-    with pytest.raises(DatasetError, match=r"a worker has doppelgait .*install the same everywhere"):
+    with pytest.raises(DatasetError, match=r"a worker has doppelgait .*install the same version everywhere"):
         work(None, context=None, release=("0.0.2", 1))
 
 
 def test_a_shard_that_does_not_arrive_is_one_error(tmp_path, monkeypatch):
     monkeypatch.setattr(build, "build_shard", lambda *a: {"failures": [], "bytes": 0})
-    with pytest.raises(DatasetError, match="every worker must see this folder"):
+    with pytest.raises(DatasetError, match="every worker must have access to this folder"):
         build_dataset(mini_plan(), tmp_path, executor="serial")

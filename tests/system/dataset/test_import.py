@@ -236,7 +236,7 @@ def test_what_is_no_gate(value):
             r"fields: .*'truth_range_m' is none of signature, cadence_map, ti_frames, baseband",
         ),
         ({"fields": ["signature", "signature"]}, r"names a field twice"),
-        ({"hop_s": 1}, r"give window_s, too"),
+        ({"hop_s": 1}, r"set window_s, too"),
         ({"window_s": 0}, r"window_s: 0 is not allowed"),
         ({"split": "val"}, r"split: 'val' is not allowed: must be one of train, validation, test"),
         ({"split": {"train": 0.5}}, r"shares must sum to 1"),

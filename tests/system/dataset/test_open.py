@@ -252,7 +252,7 @@ def test_named_columns(dataset):
     ("names", "message"),
     [
         (["truth_aspct_deg"], "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
-        (["label"], "label: holds .* values, which are no feature"),
+        (["label"], "label: holds .* values, which are not features"),
         ("seven", "'seven' is not allowed; it must be 'six', 'extended' or a list"),
         ([], "is not allowed"),
     ],
