@@ -125,5 +125,5 @@ def test_settings_are_no_recordings(tmp_path):
     assert [path.name for path in list_recording_files(tmp_path / "b" / "1.bin")] == ["1.bin", "1.json"]
     (tmp_path / "b" / "1.json").unlink()
     assert [path.name for path in list_recording_files(tmp_path / "b" / "1.bin")] == ["1.bin", "chirps.cfg"]
-    with pytest.raises(ConfigError, match=r"'b/chirps\.cfg': is settings, no recording"):
+    with pytest.raises(ConfigError, match=r"'b/chirps\.cfg': is a settings file, not a recording"):
         find_recordings(tmp_path, "b/chirps.cfg")

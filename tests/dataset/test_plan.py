@@ -732,7 +732,7 @@ def test_copies_of_a_file_are_one_subject_or_refused(tmp_path):
         dataset={"name": "x", "examples_per_class": 60}, classes=[{"label": "a", "motion": motion}],
         sources=[{"files": "[01].c3d", "subject": "(.)"}, {"files": "1.c3d", "subject": "(.)"}],
     )  # fmt: skip
-    with pytest.raises(ConfigError, match="hold the same"):
+    with pytest.raises(ConfigError, match="have the same content"):
         plan_dataset(one, folder=tmp_path)
     same = plan(
         dataset={"name": "x", "examples_per_class": 60}, classes=[{"label": "a", "motion": motion}],

@@ -26,13 +26,13 @@ from doppelgait.motion.hybrid import (
 from doppelgait.motion.motion import Motion
 
 STATURE_SD = 0.056
-"""Of adults of both sexes, over the mean: men 1.75 +-0.07 m, women 1.62 +-0.065 m, as ``sample_person``."""
+"""Stature range of adults relative to the mean: men 1.75 +-0.07 m, women 1.62 +-0.065 m, as in ``sample_person``."""
 FAMILY = 2
-"""So many subjects are blended with each other; they share a split."""
+"""Number of subjects that are blended with each other; they share a split."""
 PARTNERS = 4
-"""Most clips that one is blended with."""
+"""Maximum number of clips that one clip is blended with."""
 MOST_SHARE = 0.5
-"""A blended clip is its first recording's by half or more."""
+"""Minimum weight of the first recording in a blended clip."""
 SHRINK, TRIES = 0.6, 4
 
 
@@ -45,8 +45,8 @@ def add_hybrids(
     """Add distributions of speed, size, stride and blending to clips.
 
     The ranges are those that :func:`~doppelgait.motion.hybrid.retarget` allows for the clip; they are narrowed until
-    both ends can be made. A clip is blended with clips of its own subject and of one or two others, always the same:
-    these subjects share a split. Clips that fit no other are retargeted only.
+    both ends can be made. A clip is blended with clips of its own subject and of one or two fixed other subjects; these
+    subjects share a split. Clips that match no other clip are only retargeted.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def add_hybrids(
 def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
     """Return the distributions of the three factors of a clip.
 
-    Empty where it cannot be changed at all.
+    The table is empty if the clip cannot be changed.
     """
     law = find_speed_law(clip)
     speed, stride = (tuple(map(math.log, limits)) for limits in (find_speed_limits(clip), find_stride_limits(law)))
@@ -108,7 +108,7 @@ def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
 def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
     """Group clips of subjects that are blended with each other.
 
-    They are of one gait and one set of points.
+    The clips of a group have the same gait and the same points.
     """
     alike: dict[tuple[Any, ...], dict[str, list[int]]] = {}
     for number, (clip, subject) in enumerate(zip(clips, subjects, strict=True)):
@@ -130,7 +130,7 @@ def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[li
 def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
     """Return the speed factor range of a blended clip.
 
-    Empty where it cannot be blended half and half with the other, or either end of the ranges then cannot be made.
+    The range is empty if equal weights, or either end of the ranges, cannot be generated.
     """
     speeds = hybrid["speed_factor"]["log_uniform"]
     found: list[float] = []
@@ -147,7 +147,7 @@ def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
 
 
 def _can(make: Callable[[], None]) -> bool:
-    """Return True if a hybrid can be made."""
+    """Return True if a hybrid can be generated."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         try:

@@ -68,7 +68,7 @@ class ImportReport:
         Size of the shards.
     seconds : float
     was_there : bool
-        Whether the folder held the very same import, which then was left as it is.
+        Whether the folder already contained the same import, which is then unchanged.
     """
 
     directory: Path
@@ -90,38 +90,39 @@ def import_dataset(
 ) -> ImportReport:  # fmt: skip
     """Make a dataset from recordings and a label file.
 
-    Each recording, part of one or window is a row: the target that is found in it gets the label. Where several are
-    found it is the track with the most seconds and confidence; ``n_tracks`` and a flag show it. Where none is found
-    the row has no features and the flag ``not_tracked``, so that a score counts it.
+    Each recording, part of a recording or window is a row. The detected target gets the label. If there are several, it
+    is the track with the longest duration weighted by confidence; ``n_tracks`` and a flag record this. If there is
+    none, the row has no features and the flag ``not_tracked``, so that scores count it.
 
     Parameters
     ----------
     folder : path
         Recordings of any format that :func:`doppelgait.radar.read_recording` reads.
     labels : path or sequence of LabelEntry
-        File of labels, see :func:`doppelgait.dataset.importing.read_labels`, or what
-        :func:`doppelgait.dataset.names.read_names` made of the names of the files.
+        File of labels, see :func:`doppelgait.dataset.importing.read_labels`, or the entries from
+        :func:`doppelgait.dataset.names.read_names`.
     directory : path
-        Folder of the dataset; it appears when it is complete. Importing the same into it again changes nothing.
+        Folder of the dataset; it appears when it is complete. Repeating the same import changes nothing.
     config : ImportConfig, optional
     name : str, optional
-        Of the dataset; that of the folder by default.
+        Name of the dataset; by default that of the folder.
     on_progress : callable, optional
         Called with (recordings done, recordings in total).
 
     Returns
     -------
     ImportReport
-        A recording that cannot be read or analysed is a failure with its reason; the others are imported.
+        Report of the import. A recording that cannot be read or analysed is listed as a failure with its reason; the
+        others are imported.
 
     Raises
     ------
     ConfigError
         If a line of the labels is wrong, or a parameter is not allowed.
     DatasetError
-        If the folder holds something else, not one recording can be imported, or the splits asked for are impossible.
+        If the folder has other content, no recording can be imported, or the requested splits are impossible.
     OutputError
-        If the folder cannot be written or the disk is full; nothing is left of it then.
+        If the folder cannot be written or the disk is full; no partial folder remains.
     """
     began = time.monotonic()
     settings = config or ImportConfig()
@@ -136,7 +137,7 @@ def import_dataset(
     plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
     described: dict[str, str] = {}
     for entry in entries:
-        if isinstance(config_name := entry.options.get("config"), str):  # settings that a reader takes from a file
+        if isinstance(config_name := entry.options.get("config"), str):  # settings files that a reader uses
             beside = (source / entry.recording).parent / config_name
             used = next((path for path in (Path(config_name), beside) if path.is_file()), None)
             described[f"option.config={config_name}"] = "" if used is None else hash_file(used)
@@ -173,9 +174,9 @@ def import_dataset(
                     f"{first['reason']}"
                 )
             finish_dataset(partial, header, names)
-    except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError where a file cannot be closed
+    except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError if a file cannot be closed
         raise OutputError(
-            f"{target}: cannot be written: {' '.join(str(error).split())}; nothing is left of it"
+            f"{target}: cannot be written: {' '.join(str(error).split())}; no partial dataset remains"
         ) from None
     return _report(target, identity, planned, names, began, was_there=False)
 
@@ -230,7 +231,7 @@ def import_id(
 def _find_same_import(target: Path, identity: str) -> list[str] | None:
     """Return the shards of the same import in the folder.
 
-    It is None if the folder holds nothing; anything else is an error.
+    The result is None if the folder is empty; other content raises an error.
     """
     description = target / "dataset.json"
     if not description.is_file():
@@ -245,11 +246,13 @@ def _find_same_import(target: Path, identity: str) -> list[str] | None:
         raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
     if schema != SCHEMA_VERSION:
         raise DatasetError(
-            f"{target}: has schema version {schema}, this doppelgait makes {SCHEMA_VERSION}; import into another folder"
+            f"{target}: has schema version {schema}, this doppelgait writes {SCHEMA_VERSION}; import into "
+            "another folder"
         )
     if version != DATA_VERSION:
         raise DatasetError(
-            f"{target}: was made with data version {version}, this doppelgait makes {DATA_VERSION} and other bytes; "
+            f"{target}: was made with data version {version}, this doppelgait has {DATA_VERSION} and makes "
+            "other bytes; "
             "make the dataset again in another folder: doppelgait dataset import RECORDINGS --labels LABELS -o FOLDER"
         )
     raise DatasetError(

@@ -27,7 +27,7 @@ from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
 WITH_SIDECAR = (".npy", ".npz", ".bin", *SUFFIXES)
-"""Recordings that a file of settings of the same stem may describe."""
+"""Suffixes of recordings that a settings file of the same stem may describe."""
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
@@ -47,43 +47,43 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
     Raises
     ------
     ConfigError
-        If nothing is there, or it is outside the folder.
+        If no recording matches, or the path is outside the folder.
     """
     name = pattern if _path_exists(folder / pattern) else pattern.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise ConfigError(f"{pattern!r} is not allowed: it must be in {folder}, written from there")
+        raise ConfigError(f"{pattern!r} is not allowed: it must be a path inside {folder}, relative to it")
     found = [folder / name] if _path_exists(folder / name) else []
     if not found and any(sign in name for sign in "*?["):
         try:
             found = sorted(folder.glob(name))
         except ValueError as error:
-            raise ConfigError(f"{pattern!r} is no pattern: {error}; ** must stand alone between slashes") from None
+            raise ConfigError(f"{pattern!r} is not a pattern: {error}; ** must stand alone between slashes") from None
     if not found:
         place = (folder / name).parent
         names = sorted(path.name for path in (place if _path_exists(place) and place.is_dir() else folder).iterdir())
         close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
-        hint = f"; near in spelling: {', '.join(close)}" if close else f"; {len(names)} others are there"
+        hint = f"; near in spelling: {', '.join(close)}" if close else f"; it contains {len(names)} other recordings"
         raise ConfigError(f"{pattern!r}: is not in {folder}{hint}")
     recordings = set()
-    for path in found:  # the file that a recording is called by, whichever of its files was named
+    for path in found:  # use the main file of the recording, whichever of its files was named
         for main, other in PAIRS:
             partner = path.with_name(path.name.removesuffix(other) + main)
             if path.name.endswith(other) and partner.is_file():
                 path = partner
         if path.suffix in (".toml", ".json"):
             path = next((path.with_suffix(end) for end in WITH_SIDECAR if path.with_suffix(end).is_file()), path)
-        if path.name == SETTINGS_NAME or path.suffix == ".cfg":  # of all recordings in the folder
+        if path.name == SETTINGS_NAME or path.suffix == ".cfg":  # search all recordings in the folder
             continue
         recordings.add(path.relative_to(folder).as_posix())
     if not recordings:
-        raise ConfigError(f"{pattern!r}: is settings, no recording")
+        raise ConfigError(f"{pattern!r}: is a settings file, not a recording")
     return sorted(recordings)
 
 
 def _path_exists(path: Path) -> bool:
     try:
         return path.exists()
-    except (OSError, ValueError):  # too long for a name, or with a zero byte
+    except (OSError, ValueError):  # the name is too long or has a zero byte
         return False
 
 
@@ -111,7 +111,7 @@ def list_recording_files(path: Path) -> tuple[Path, ...]:
 def hash_recording(folder: Path, recording: str) -> str:
     """Hash names and bytes of a recording's files (SHA-256, hex).
 
-    A file that cannot be read counts as such.
+    An unreadable file is hashed as unreadable.
     """
     digest = hashlib.sha256()
     for path in list_recording_files(folder / recording):
@@ -129,14 +129,14 @@ DELIMITERS = ",;\t"
 
 @dataclass(frozen=True)
 class LabelTable:
-    """Lines of a file of labels.
+    """Lines of a label file.
 
     Parameters
     ----------
     name : str
-        Of the file, for messages.
+        Name of the file, for messages.
     columns : tuple of str
-        In the file's order, in small letters.
+        Column names in the order of the file, in lower case.
     rows : tuple of (int, dict)
         Line in the file and cells by column, stripped; empty lines are left out.
     """
@@ -153,12 +153,13 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     ----------
     path : Path
     needed : tuple of str
-        Columns that must be there; they also determine the delimiter.
+        Required columns; they also determine the delimiter.
 
     Raises
     ------
     ConfigError
-        If the file cannot be read, is no text, has no such columns, or a line has more or fewer cells than the first.
+        If the file cannot be read, is not text, lacks these columns, or a line has another number of cells than the
+        first.
     """
     try:
         content = path.read_bytes()
@@ -170,7 +171,7 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise ConfigError(
-            f"{path}: line {line} is no {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
+            f"{path}: line {line} is not {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
         ) from None
     firsts = {one: _split_cells(path, text, one, most=1) for one in DELIMITERS}
     headers = {one: lines[0][1] if lines else [] for one, lines in firsts.items()}
@@ -196,7 +197,7 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     rows = []
     for line, cells in lines[1:]:
         while len(cells) > width and not cells[-1]:
-            cells.pop()  # delimiters at the end, as spreadsheets leave them
+            cells.pop()  # spreadsheets add delimiters at the end
         if len(cells) != width:
             raise ConfigError(
                 f"{path}: line {line} has {len(cells)} cells, the first line names {width} columns; put text that "
@@ -204,14 +205,14 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
             )
         rows.append((line, dict(zip(columns, cells, strict=True))))
     if not rows:
-        raise ConfigError(f"{path}: has no line after that of the columns")
+        raise ConfigError(f"{path}: has no line after the column names")
     return LabelTable(path.name, columns, tuple(rows))
 
 
 def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
     """Split a CSV text into non-empty lines with their numbers.
 
-    A line is numbered by its start.
+    The number of a line is that of its start.
     """
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
     lines: list[tuple[int, list[str]]] = []
@@ -225,7 +226,7 @@ def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = No
             if most is not None and len(lines) >= most:
                 break
     except csv.Error as error:
-        raise ConfigError(f"{path}: line {before + 1} is no CSV: {error}") from None
+        raise ConfigError(f"{path}: line {before + 1} is not CSV: {error}") from None
     return lines
 
 
@@ -239,9 +240,9 @@ YES, NO = ("yes", "true", "1", "x"), ("no", "false", "0", "")
 LABEL = re.compile(r"[A-Za-z0-9 _.-]+")
 SHOWN_FAULTS = 8
 MOST_CONFLICTS = 1000
-"""Contradictions that are counted: any two of many lines may contradict each other."""
+"""Maximum number of reported contradictions, because every pair of lines may contradict each other."""
 NEAR_COLUMN, NEAR_LABEL = 0.75, 0.8
-"""How alike, from 0 to 1, two spellings must be for one to be taken for a slip of the other."""
+"""Similarity, from 0 to 1, at which two spellings are reported as a possible typing error."""
 
 
 @dataclass(frozen=True)
@@ -257,15 +258,15 @@ class LabelEntry:
     label : str
     gate : "track" or (float, float)
     start_s, stop_s : float, optional
-        The part that is meant, from the start of the recording; all of it by default.
+        Labelled part, from the start of the recording; by default the whole recording.
     subject, split, session, licence, citation : str
         Empty where not stated.
     nobody : bool
-        Whether the scene is empty: then it is right to find nothing.
+        Whether the scene is empty, so that no target is expected.
     options : dict
-        For the reader of the format.
+        Options for the reader of the format.
     further : dict
-        Columns that are kept as they are: ``meta_*`` (text) and ``truth_*`` (numbers, None where not stated).
+        Columns that are stored unchanged: ``meta_*`` (text) and ``truth_*`` (numbers, None if not stated).
     """
 
     line: int
@@ -301,17 +302,17 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
     path : path
         CSV with comma, semicolon or tab. Columns: ``file`` (or a pattern for several) and ``label``; optional
         ``subject``, ``split``, ``start_s``, ``stop_s``, ``gate`` (``track`` or ``1.2:2.8``), ``nobody`` (``yes``),
-        ``licence``, ``citation``, ``session``, ``option.NAME`` for the reader, ``truth_NAME`` for what was measured by
-        hand (numbers). Others are kept as ``meta_NAME``.
+        ``licence``, ``citation``, ``session``, ``option.NAME`` for the reader, ``truth_NAME`` for manual measurements
+        (numbers). Other columns must be named ``meta_NAME``.
     folder : path
-        Where the recordings are.
+        Folder of the recordings.
     gate : "track" or (float, float)
-        Of lines without one.
+        Gate of lines without one.
 
     Raises
     ------
     ConfigError
-        With all mistakes: line, column, value, what is allowed.
+        If a line is wrong. The message lists all mistakes with line, column, value and allowed values.
     """
     table = read_table(Path(path), needed=NEEDED)
     names = {}
@@ -320,7 +321,7 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         close = get_close_matches(column, COLUMNS, n=1, cutoff=NEAR_COLUMN)
         if close and not own and column not in COLUMNS:
             raise ConfigError(
-                f"{table.name}: line 1, column {column!r}: is not known; call it {close[0]}, or {META}{column} to "
+                f"{table.name}: line 1, column {column!r}: is not known; rename it {close[0]}, or {META}{column} to "
                 "keep it"
             )
         names[column] = column if own or column in COLUMNS else META + column
@@ -421,7 +422,7 @@ def _find_conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
                 first, second = sorted((other, entry), key=lambda one: one.line)
                 yield (
                     f"line {second.line}, file: {second.recording!r} is already in line {first.line}; each part of a "
-                    "recording can be there once"
+                    "recording can be listed once"
                 )
                 continue
             going_on = [other for other in going_on if (entry.start_s or 0.0) < _read_end_s(other)]

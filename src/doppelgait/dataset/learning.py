@@ -1,4 +1,4 @@
-"""Arrays, pictures, batches and weights of rows, as learning needs them."""
+"""Arrays, pictures, batches and weights of rows for training."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from doppelgait.processing.patches import Levels, Patch, cut, levels_of
 
 Array = npt.NDArray[Any]
 As = Literal["array", "picture"] | Patch
-"""Form of the arrays: as stored, as a picture of the default format, or as a picture of another format."""
+"""Form of the arrays: stored arrays, pictures of the default format, or pictures of another format."""
 
 MB = 1_000_000
 AXIS_COLUMNS = ("scene_id", "prf_hz", "carrier_hz")
@@ -79,11 +79,11 @@ class LabelledArrays:
     Parameters
     ----------
     values : ndarray, shape (n, ...), or list of ndarray
-        A list where the shapes of the rows differ.
+        Values of the rows; a list if their shapes differ.
     y : ndarray of str, shape (n,)
         Labels.
     groups : ndarray of str, shape (n,)
-        Whoever shares a group shares a subject or a scene: keep each group in one fold.
+        Group of each row. Rows of a group share a subject or a scene: keep each group in one fold.
     ids : ndarray of str, shape (n,)
 
     Examples
@@ -124,13 +124,14 @@ def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
     Parameters
     ----------
     signature : DataArray (time, doppler), optional
-        None, or a signature of less than two columns, gives a picture of the noise floor.
+        Signature; None, or a signature with fewer than two columns, gives a picture of the noise floor.
     patch : Patch
 
     Returns
     -------
     ndarray of float32, shape (n_velocity, n_time)
-        0 at the noise floor and lower to ``range_db`` and higher; see :func:`doppelgait.classify.levels`.
+        Levels from 0 (at or below the noise floor) to ``range_db`` (at or above it); see
+        :func:`doppelgait.classify.levels`.
     """
     whole = levels_of(signature, patch)
     if whole is None:
@@ -242,7 +243,7 @@ def epoch_rows(index: pd.DataFrame, seed: int | None, epoch: int, worker: int, w
     ----------
     index : DataFrame
     seed : int or None
-        Of the order; None for that of the index, in every epoch.
+        Seed of the order; None keeps the order of the index in every epoch.
     epoch, worker, workers : int
     """
     rows = np.arange(len(index))
@@ -279,7 +280,7 @@ def collect_arrays(dataset: StoredExamples, field: str, as_: As, memory_mb: floa
 
 
 def balanced_weights(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Return weights by which all present classes count the same.
+    """Return weights that balance all present classes.
 
     They are n / (number of present classes * count), so that their mean over the rows is 1; 0 for an absent class.
     """

@@ -24,7 +24,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 
 PATTERN = "build*.lock"
 WRITING_SECONDS = 2.0
-"""How long a lock may stay empty: its process has made it and not yet written into it."""
+"""Time, s, that a lock may stay empty between its creation and its first write."""
 _held: set[Path] = set()
 
 
@@ -45,7 +45,9 @@ class Part(NamedTuple):
         """
         number, _, among = text.partition("/")
         if not (number.isdecimal() and among.isdecimal() and 1 <= int(number) <= int(among)):
-            raise ConfigError(f"part {text!r}: is not allowed; give I/N, the number of the part from 1 to N: 3/16")
+            raise ConfigError(
+                f"part {text!r}: is not allowed; must be I/N, the number of the part from 1 to N, for example 3/16"
+            )
         return cls(int(number), int(among))
 
 
@@ -61,8 +63,8 @@ class Holder:
     host, since : str
     part : Part or None
     begun : str
-        What the system says of the process's start, so that another process of the same number is known as another;
-        empty where the system does not say.
+        Start time of the process from the operating system. It distinguishes a later process with the same number;
+        empty if not available.
     """
 
     path: Path
@@ -74,7 +76,7 @@ class Holder:
 
     @property
     def alive(self) -> bool:
-        """False if that process is certainly gone.
+        """False if the process has certainly ended.
 
         A process of another host cannot be checked.
         """
@@ -93,12 +95,12 @@ class Holder:
 def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     """Lock the folder, or part of it, for the block.
 
-    A lock of a dead process is taken over.
+    The lock of a dead process is replaced.
 
     Raises
     ------
     DatasetError
-        If another build is at work here; it is named.
+        If another build uses the folder; the message names it.
     OSError
         If the folder cannot be written.
     """
@@ -144,7 +146,7 @@ def list_running_builds(directory: Path) -> list[Holder]:
 def read_lock(path: Path) -> Holder | None:
     """Read the holder of a lock.
 
-    It is None if the lock is gone or was never written to its end.
+    The result is None if the lock is gone or incomplete.
     """
     end = time.monotonic() + WRITING_SECONDS
     while True:
@@ -165,15 +167,15 @@ _numbers = count()
 
 @contextmanager
 def write_new_folder(target: Path) -> Iterator[Path]:
-    """Write a folder that is named when complete.
+    """Write a folder that gets its name when complete.
 
-    The block writes to a folder next to it that no other process or thread writes to; it is removed if the block fails,
-    and so are those of dead processes of this host.
+    The block writes to a temporary folder next to the target that no other process or thread uses. It is removed if the
+    block fails; temporary folders of dead processes on this host are removed, too.
 
     Raises
     ------
     DatasetError
-        If the target holds something at the end.
+        If the target is not empty at the end.
     OSError
         If it cannot be written.
     """
@@ -189,14 +191,14 @@ def write_new_folder(target: Path) -> Iterator[Path]:
         with suppress(OSError):
             target.rmdir()  # an empty one
         if target.exists():
-            raise DatasetError(f"{target}: another process has filled it meanwhile; nothing in it was changed")
+            raise DatasetError(f"{target}: another process has written to it meanwhile; nothing in it was changed")
         partial.rename(target)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
 
 def _make_busy_error(directory: Path, holder: Holder) -> DatasetError:
-    hint = "" if holder.host == platform.node() else f"; if that process is gone, delete {holder.path}"
+    hint = "" if holder.host == platform.node() else f"; if that process has ended, delete {holder.path}"
     return DatasetError(f"{directory}: is being built by {holder}; wait for it or stop it{hint}")
 
 
@@ -220,7 +222,7 @@ def _is_running(pid: int) -> bool:
 def _read_process_start(pid: int) -> str:
     """Return the start of a process in clock ticks.
 
-    It is empty where the system does not know it.
+    The text is empty if the system does not provide it.
     """
     with suppress(OSError):
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

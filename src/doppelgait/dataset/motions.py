@@ -18,11 +18,11 @@ from doppelgait.dataset.config import PlanConfig, SourceSection, shorten
 from doppelgait.motion.motion import Motion
 
 BOTH = " + "
-"""Between the paths of a blended motion in the column ``recording``."""
+"""Separator of the paths of a blended motion in the column ``recording``."""
 EMPTY_SCENE = "none"
 """Motion kind of an example without a target."""
 PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
-"""How fast the gate of an example without a target moves, unless the plan says so."""
+"""Default speed of the gate of an example without a target."""
 
 
 def get_recording_path(motion: Mapping[str, Any]) -> str:
@@ -36,21 +36,21 @@ def get_recording_path(motion: Mapping[str, Any]) -> str:
 def list_recording_paths(motion: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the paths of a resolved motion's recordings, as written.
 
-    They are two for a blended one, none for a model.
+    A blended motion has two paths, a model has none.
     """
     other = (motion.get("hybrid") or {}).get("other") if motion["kind"] == "file" else None
     return tuple(filter(None, (get_recording_path(motion), get_recording_path(other) if other else "")))
 
 
 def find_source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
-    """Return the first entry of ``[[sources]]`` that fits a recording."""
+    """Return the first entry of ``[[sources]]`` that matches a recording."""
     return next((entry for entry in sources if fnmatchcase(recording, entry.files)), None)
 
 
 def find_subject(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
     """Return the subject of a motion.
 
-    It is that of ``[[sources]]``, else the recording; a model's draw is its own subject.
+    The subject comes from ``[[sources]]`` or is the recording. Each parameter sample of a model is a separate subject.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
             raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
         from doppelgait.motion.readers import MOTION_READERS, list_reader_options, read
 
-        # The options of all readers: only a file's content says which of them reads it.
+        # Allow the options of all readers, because the reader depends on the content of the file.
         functions = [read, *(reader.run for reader in MOTION_READERS.values())]
         allowed = list(dict.fromkeys(name for function in functions for name in list_reader_options(function)))
         for name in sorted(set(options) - set(allowed)):
@@ -145,7 +145,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
 def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
     """List the paths of motion files in tables.
 
-    They are as written and sorted; all choices of a distribution count.
+    The paths are as written and sorted; all choices of a distribution are included.
     """
     found: set[str] = set()
 
@@ -177,7 +177,7 @@ def _list_strings(value: Any) -> list[str]:
 def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
     """Raise a :class:`ConfigError` if two paths lead to one file.
 
-    It would be two subjects, perhaps in two splits.
+    The file would be two subjects, perhaps in two splits.
     """
     seen: dict[Path, str] = {}
     for path in paths:
@@ -202,13 +202,14 @@ def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSe
             {"kind": "file", "path": path}, "", sources
         ):
             raise ConfigError(
-                f"motion files {first!r} and {path!r} hold the same; leave one out, or give both one subject in "
+                f"motion files {first!r} and {path!r} have the same content; leave one out, or assign both "
+                "to one subject in "
                 "[[sources]]"
             )
 
 
 SPARE_S = 0.1
-"""A looped motion goes on for this much longer than the scene."""
+"""Time, s, by which a looped motion exceeds the scene."""
 SHOWN_REASONS = 3
 
 Progress = Callable[[int, int], None]
@@ -282,7 +283,7 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
     as_recorded = seconds is None and "scene.duration_s" in plan.dataset.leaks
     if not as_recorded and not isinstance(seconds, int | float):
         raise ConfigError(
-            f"scene.duration_s: {shorten(seconds)} is not allowed with a folder of motion files; give a number of s"
+            f"scene.duration_s: {shorten(seconds)} is not allowed with a folder of motion files; set a number of s"
         )
 
     def expand(value: Any, key: str) -> Any:
@@ -291,7 +292,7 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
                 spec = validate(FolderMotion, {k: v for k, v in value.items() if k != "kind"}, section=(key,))
                 if as_recorded and spec.hybrid != "none":
                     raise ConfigError(f"{key}.hybrid: {spec.hybrid!r} is not allowed without scene.duration_s")
-                length_s = 0.0 if seconds is None else float(seconds)  # of 0 s nothing is looped
+                length_s = 0.0 if seconds is None else float(seconds)  # a duration of 0 s disables looping
                 return {"cycle": _list_segments(spec, folder, length_s, key, plan.sources, on_progress)}
             return {k: expand(v, f"{key}.{k}") for k, v in value.items()}
         return [expand(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value
@@ -313,7 +314,7 @@ def _list_segments(
 ) -> list[dict[str, Any]]:
     """Return motion tables of a folder's usable segments.
 
-    The first segment of every file comes first, then the second, and so on.
+    The order is the first segment of every file, then the second, and so on.
     """
     root = folder / spec.path
     if not root.is_dir():
@@ -357,7 +358,8 @@ def _read_file_segments(
     from doppelgait.motion.segments import crop, find_segments
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)  # of cleaning; the build says them again, row by row
+        # ignore the warnings of cleaning; the build repeats them for every row
+        warnings.simplefilter("ignore", DoppelgaitWarning)
         motion = read(file, **spec.options)
         tables = []
         for number, segment in enumerate(find_segments(motion), start=1):
@@ -372,10 +374,10 @@ def _read_file_segments(
                 try:
                     loop(clip, duration_s=seconds + SPARE_S)
                 except DoppelgaitError:
-                    continue  # shorter than a stride: nothing to repeat
+                    continue  # shorter than a stride: it cannot be repeated
                 table["loop_to_s"] = seconds + SPARE_S
             if spec.hybrid != "none":
                 clip = add_gait_facts(clip)
-                clip.position_m.setflags(write=False)  # its cycle is fitted once
+                clip.position_m.setflags(write=False)  # fit its cycle once
             tables.append((table, clip))
     return tables

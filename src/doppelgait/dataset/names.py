@@ -20,15 +20,15 @@ SHOWN = 8
 
 @dataclass(frozen=True)
 class NameForm:
-    """Names of the files of a published set.
+    """File name template of a published set.
 
     Parameters
     ----------
     template : str
-        Path from the folder on: ``{label}``, ``{subject}`` and ``{session}`` are read, ``*`` is anything within a
-        name, ``**/`` any folders.
+        Path relative to the folder: ``{label}``, ``{subject}`` and ``{session}`` are read, ``*`` matches any text
+        within a name, ``**/`` any folders.
     labels : dict
-        Labels by what stands for them in the names; empty where the names say them in full.
+        Labels by their code in the names; empty if the names contain the labels.
     citation, licence : str
     """
 
@@ -46,7 +46,7 @@ NAME_FORMS = {
         "activities. University of Glasgow. DOI 10.5525/gla.researchdata.848",
     )
 }
-"""Published sets by name; the six activities are those of the set's own description."""
+"""Templates of published sets by name; the six activities are from the description of the set."""
 
 
 def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") -> list[LabelEntry]:
@@ -55,11 +55,11 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
     Parameters
     ----------
     folder : path
-        Searched with its subfolders.
+        Folder that is searched with its subfolders.
     names : str
         A key of ``NAME_FORMS``, or a template such as ``{label}/{subject}_*.png``.
     gate : "track" or (float, float)
-        Of all recordings.
+        Gate of all recordings.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
     Raises
     ------
     ConfigError
-        If the template is none, no file fits it, or a label is not known.
+        If the template is invalid, no file matches it, or a label is not known.
     """
     source = Path(folder)
     if not source.is_dir():
@@ -117,18 +117,18 @@ def label_entries(
 ) -> Path | list[LabelEntry]:  # fmt: skip
     """Choose labels of files or names, with classes.
 
-    The file itself is returned where nothing changes its lines; ``options`` are of the reader, for entries without
-    their own.
+    The path of the file is returned if its lines stay unchanged. ``options`` are reader options for entries without own
+    options.
 
     Raises
     ------
     ConfigError
-        If not exactly one of ``labels`` and ``names`` is there, or one of them or ``classes`` is wrong.
+        If not exactly one of ``labels`` and ``names`` is set, or one of them or ``classes`` is wrong.
     """
     if labels is not None and names is None and not (classes or options):
         return labels
     if (labels is None) == (names is None):
-        raise ConfigError("give --labels, or --names where the names of the files hold the labels, one of the two")
+        raise ConfigError("set --labels, or set --names if the file names contain the labels")
     entries = (
         read_labels(labels, folder, gate=gate) if labels is not None else read_names(folder, names or "", gate=gate)
     )
@@ -148,7 +148,7 @@ def relabel(entries: Sequence[LabelEntry], classes: Sequence[str]) -> list[Label
     Raises
     ------
     ConfigError
-        If one is not of this form, fits no label, or nothing is left.
+        If an item has another form or matches no label, or no entry remains.
     """
     labels = list(dict.fromkeys(entry.label for entry in entries))
     there = f"the labels are {', '.join(labels)}"

@@ -58,7 +58,7 @@ def check_description(description: Any) -> None:
     Raises
     ------
     ValueError
-        Naming the key that is missing or of another kind than it must be.
+        If a key is missing or has the wrong type; the message names it.
     """
     if not isinstance(description, Mapping):
         raise ValueError("dataset.json: must be a table")
@@ -87,7 +87,7 @@ def check_description(description: Any) -> None:
 def _check_plan(config: Any) -> None:
     """Check the part of a configuration that locates an example.
 
-    The rest counts only when an example is simulated again.
+    The other keys are needed only to simulate an example again.
     """
     if not isinstance(config, Mapping):
         raise ValueError("dataset.json: config must be a table")
@@ -114,7 +114,7 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
     Raises
     ------
     ValueError
-        Naming the column.
+        If a column is missing or wrong; the message names it.
     """
     measured = [f"feature_{name}" for name in FEATURE_UNITS]
     missing = [name for name in (*TEXT_COLUMNS, "row", *measured) if name not in index]
@@ -216,7 +216,7 @@ class Dataset:
         Raises
         ------
         DatasetError
-            If there is neither such a split nor such an id here.
+            If the dataset has neither this split nor this id.
         """
         if key in SPLITS:
             known = sorted(self.index["split"].unique())
@@ -236,7 +236,7 @@ class Dataset:
         """Select the examples that fulfil a query.
 
         An example is ``"truth_aspect_deg < 30 and label == 'dog'"``: columns of the index, numbers, texts and lists
-        with comparisons, ``in``, ``+ - * /``, ``and``, ``or`` and ``not``. It runs no code.
+        with comparisons, ``in``, ``+ - * /``, ``and``, ``or`` and ``not``. A query runs no code.
 
         Raises
         ------
@@ -254,8 +254,8 @@ class Dataset:
         ----------
         names : {"six", "extended"} or list of str
             ``six``: the feature set F in the order of :data:`doppelgait.features.FEATURE_UNITS`. ``extended``: these,
-            the gait frequency and all of ``extended_*``. A list: columns of the index; only so can what an analysis
-            does not know (``truth_*``) or what predicts no class (``snr_frame_db``) get among the features.
+            the gait frequency and all of ``extended_*``. A list names columns of the index. Only a list can include
+            true values (``truth_*``) and columns that are not features (``snr_frame_db``).
         without_flags : sequence of str
             Leave out rows with one of these flags; ``*`` fits anything, for example ``"*:uncertain_by_*"``.
 
@@ -269,7 +269,7 @@ class Dataset:
     def array(self, field: str, number: int) -> Array:
         """Return an array of the ``number``-th example, in linear units.
 
-        A target that no track follows has an empty one.
+        The array of a target without a track is empty.
         """
         self.check_fields([field])
         values = self.stored(number, field)
@@ -330,7 +330,7 @@ class Dataset:
     def stored(self, number: int, name: str) -> Array | None:
         """Return a stored array or axis of an example.
 
-        The name is that in the shard; None where there is none.
+        The name is that in the shard. The result is None if it does not exist.
         """
         shards, rows = self._places
         return self.files.read(shards[number], name, rows[number])
@@ -339,7 +339,7 @@ class Dataset:
     def _places(self) -> tuple[list[str], list[int]]:
         """Shard and row of every example.
 
-        A list gives them a hundred times as fast as a table.
+        Indexing a list is a hundred times as fast as indexing a table.
         """
         return self.index["shard"].tolist(), self.index["row"].tolist()
 
@@ -380,7 +380,7 @@ class Dataset:
         as_ : {"array", "picture"} or Patch
             As of :meth:`batches`.
         memory_mb : float
-            What the arrays may take, MB (1 MB is 1,000,000 bytes). This is checked before they are read.
+            Maximum memory of the arrays, MB (1 MB is 1,000,000 bytes). It is checked before reading.
 
         Returns
         -------
@@ -459,7 +459,7 @@ class Dataset:
         from doppelgait.dataset.torch_data import TorchExamples
 
         self.check_fields(fields)
-        # workers get no more than reading the arrays needs
+        # send workers only the data that reading the arrays needs
         columns = [name for name in ("id", "label", "shard", "row", *AXIS_COLUMNS) if name in self.index]
         slim = Dataset(self.directory, self.description, self.index[columns], self.files)
         return TorchExamples(slim, tuple(fields), picture_format(as_, fields), transform, target)
@@ -504,7 +504,7 @@ def open_dataset(directory: str | Path) -> Dataset:
     Raises
     ------
     DatasetError
-        If the folder holds none, it is not finished or damaged, or a newer version of doppelgait made it.
+        If the folder contains no dataset, or the dataset is unfinished, damaged or from a newer version of doppelgait.
 
     See Also
     --------
@@ -544,7 +544,7 @@ def open_dataset(directory: str | Path) -> Dataset:
                 "newer doppelgait"
             )
         check_description(description)
-        identity = description["id"] if version >= 3 else None  # older ones have it in no other file
+        identity = description["id"] if version >= 3 else None  # older datasets have the id in no other file
         index = read_index(folder / "index.parquet", identity)
         check_index(index, description["classes"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError, RecursionError) as error:
@@ -558,18 +558,18 @@ def read_index(path: Path, identity: str | None) -> pd.DataFrame:
     Raises
     ------
     ValueError
-        If it is that of another dataset.
+        If the index belongs to another dataset.
     """
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
         found = (file.schema_arrow.metadata or {}).get(b"dataset", b"").decode(errors="replace")
         if identity is not None and found != identity:
-            raise ValueError(f"index.parquet: is of dataset {found!r}, dataset.json of {identity!r}")
+            raise ValueError(f"index.parquet: belongs to dataset {found!r}, dataset.json to {identity!r}")
         check_cost(path, CELL_BYTES // 4 * file.metadata.num_rows * file.metadata.num_columns)
         table = file.read()
-    table.validate(full=True)  # texts, too: pandas decodes them when they are used
+    table.validate(full=True)  # texts, too: pandas decodes them on use
     frame: pd.DataFrame = table.to_pandas()
     if any(name in frame for name in INDEX_NAMES.values()):
         return frame
-    return frame.rename(columns=INDEX_NAMES)  # of version 0.1
+    return frame.rename(columns=INDEX_NAMES)  # datasets of version 0.1

@@ -20,17 +20,17 @@ from doppelgait.dataset.splits import assign_splits, group_subjects
 class PlannedExample(NamedTuple):
     """Planned example with its subjects and split.
 
-    Its distributions are sampled where it is built.
+    Its distributions are sampled when it is built.
 
     Parameters
     ----------
     number : int
-        Of all examples of the plan, from 0.
+        Number among all examples of the plan, from 0.
     class_number : int
     id, split, group : str
-        Examples that share a subject, straight or through others, share the group; a group is in one split.
+        Examples that share a subject, directly or through other examples, share the group; a group is in one split.
     subjects : tuple of str
-        One per row, then the further ones of blended motions.
+        One subject per row, followed by the further subjects of blended motions.
     """
 
     number: int
@@ -45,7 +45,7 @@ class PlannedExample(NamedTuple):
 class Shard:
     """Examples of one shard file.
 
-    They are planned ones or labelled recordings, each with ``id`` and ``split``.
+    The examples are planned examples or labelled recordings, each with ``id`` and ``split``.
     """
 
     name: str
@@ -62,7 +62,9 @@ def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
         chosen = [entry for entry in entries if entry.split == split]
         count = -(-len(chosen) // size)
         if count > MAX_SHARDS:
-            raise ConfigError(f"shard_size = {size}: gives {count} shards, allowed are {MAX_SHARDS}; set a larger one")
+            raise ConfigError(
+                f"shard_size = {size}: gives {count} shards, allowed are {MAX_SHARDS}; set a larger shard_size"
+            )
         for number in range(count):
             part = chosen[number * size : (number + 1) * size]
             yield Shard(f"{split}-{number:05d}-of-{count:05d}", split, tuple(part))
@@ -121,7 +123,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     ConfigError
         If a motion is not allowed or its file is missing; the message names the class, the example and the key.
     DatasetError
-        If a class cannot have a subject in every split that is asked for, or a folder holds nothing usable.
+        If a class cannot have a subject in every requested split, or a folder has no usable file.
 
     See Also
     --------
@@ -179,7 +181,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
 def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress | None = None) -> int:
     """Resolve examples over the plan to find forbidden values.
 
-    So they show before anything is built.
+    Such values are then reported before anything is built.
 
     Parameters
     ----------
@@ -197,7 +199,7 @@ def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress
     Raises
     ------
     ConfigError
-        Naming class, example and key.
+        If a value is not allowed; the message names class, example and key.
     """
     total = spread_count(plan, most)
     for done, _ in enumerate(sample_examples(plan, most), start=1):
@@ -228,7 +230,7 @@ def collect_nuisance(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
     ----------
     example : ExampleSpec
     row : int
-        Which target; targets in the background count with their motion, other targets do not.
+        Number of the target. Targets in the background are included with their motion, other targets are not.
     """
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
     targets = run["scene"].pop("targets")

@@ -32,7 +32,7 @@ ALLOWED = (
 def select_rows(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
     """Mark the rows that fulfil a query.
 
-    Unknown values fulfil none.
+    Unknown values fulfil no condition.
 
     Parameters
     ----------

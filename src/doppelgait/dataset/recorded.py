@@ -33,19 +33,20 @@ from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
 
 TOLERANCE = 0.01
-"""Part of a pulse's (or burst's) period by which limits may be missed."""
+"""Tolerance of limits, as a fraction of the period of pulses (or bursts)."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a recording, its times from 0.
+    """Part of a recording, with times that start at 0.
 
     Parameters
     ----------
     start_s, stop_s : float
         In the time of the whole recording, from its first pulse.
     recording : Recording or DataArray (time, doppler)
-        Without truth: an imported recording is analysed as a measured one. Or the signature of a picture.
+        Recording without truth, because an imported recording is analysed as a measured one; or the signature of a
+        picture.
     """
 
     start_s: float
@@ -55,7 +56,7 @@ class Part:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Pulses, or bursts of pulses, which are never cut.
+    """Pulses, or bursts of pulses, which are never split.
 
     Parameters
     ----------
@@ -86,16 +87,16 @@ def cut(
     recording: Recording | xr.DataArray, *, start_s: float | None = None, stop_s: float | None = None,
     window_s: float | None = None, step_s: float | None = None,
 ) -> list[Part]:  # fmt: skip
-    """Cut a recording into parts.
+    """Split a recording into parts.
 
     Parameters
     ----------
     recording : Recording or DataArray (time, doppler)
-        Or the signature of a picture.
+        Recording, or the signature of a picture.
     start_s, stop_s : float, optional
-        What is meant of it, from its first pulse; all by default.
+        Labelled part, from the first pulse; by default the whole recording.
     window_s, step_s : float, optional
-        Length of a window, and from the start of one to that of the next. A rest shorter than a window is left out.
+        Length of a window, and time between the starts of windows. A remainder shorter than a window is left out.
 
     Returns
     -------
@@ -105,7 +106,7 @@ def cut(
     Raises
     ------
     AnalysisError
-        If the recording ends before ``stop_s``, or what is meant is shorter than a window.
+        If the recording ends before ``stop_s``, or the labelled part is shorter than a window.
     """
     if isinstance(recording, xr.DataArray):
         times_s, pulses = read_axis(recording, "time"), 1
@@ -177,7 +178,7 @@ class RecordedExamples:
     def make(self, entry: PlannedEntry) -> ExampleData:
         """Analyse the windows of an entry.
 
-        Whatever is wrong with its recording is a failure, not an error.
+        A fault of the recording is a failure, not an error.
         """
         made, line, config = ExampleData(), entry.entry, self.config
 
@@ -235,7 +236,7 @@ class RecordedExamples:
                 "observation_s": part.stop_s - part.start_s,
                 "window_start_s": part.start_s,
                 "window_stop_s": part.stop_s,
-                # what only a simulation knows is unknown
+                # values from simulations are unknown
                 **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
                 "gate_error_m": None,
                 **_make_radar_columns(analysed, self.folder),
@@ -261,7 +262,7 @@ def _make_radar_columns(analysed: Recording | xr.DataArray, folder: Path) -> dic
     }
 
 
-@lru_cache(maxsize=1)  # lines about one recording follow each other
+@lru_cache(maxsize=1)  # lines of one recording are consecutive
 def _read(
     folder: Path, recording: str, sha256: str, options: tuple[tuple[str, Any], ...]
 ) -> tuple[Recording | xr.DataArray, tuple[str, ...]]:
@@ -279,9 +280,9 @@ def _read(
 def find_labelled_result(results: Sequence[Result]) -> Result | None:
     """Return the result for a recording's only label.
 
-    It is the track with the most seconds, weighted by its confidence.
+    The result is the track with the longest duration, weighted by its confidence.
 
-    Bodies come before echoes and things, and those that move before those found by their breath only.
+    Bodies have priority over echoes and objects, and moving bodies over bodies that are detected by breathing only.
     """
 
     def weight(result: Result) -> tuple[bool, bool, float]:

@@ -39,12 +39,12 @@ class RowSpec(FrozenModel):
     ----------
     id : str
     label, subject : str
-        The subject is ``person/NAME`` where ``[[sources]]`` says who it is, ``file/PATH`` for another recording,
-        ``model/ID`` for a draw of a model's parameters or an empty scene.
+        The subject is ``person/NAME`` if ``[[sources]]`` names it, ``file/PATH`` for another recording, ``model/ID``
+        for a parameter sample of a model or an empty scene.
     source : {"model", "recording", "none"}
     recording, licence : str
-        Motion file and what ``[[sources]]`` says of it; empty for models. Both files and both licences of a blended
-        motion, which is unknown where one of them is.
+        Motion file and its licence from ``[[sources]]``; empty for models. A blended motion has both files and both
+        licences; its licence is unknown if either is.
     others : tuple of str
         Further subjects of a blended motion; they are in the group of the first.
     """
@@ -59,7 +59,7 @@ class RowSpec(FrozenModel):
 
 
 class ExampleSpec(FrozenModel):
-    """One planned example: no distribution left.
+    """One planned example without distributions.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class ExampleSpec(FrozenModel):
 def find_class(plan: PlanConfig, number: int) -> tuple[int, int]:
     """Return an example's class number and number within the class.
 
-    Beyond the plan the classes take turns.
+    Beyond the plan the classes alternate.
     """
     rest = number
     for place, section in enumerate(plan.classes):
@@ -156,7 +156,7 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     """Return the function that samples values of an example.
 
-    Cycles turn by the number within the class, alike in every class.
+    Cycles advance with the number within the class, in the same order for every class.
     """
     turn = find_class(plan, number)[1]
     return lambda value, key: resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=turn)
@@ -172,11 +172,11 @@ def resolve_example(
     plan : PlanConfig
         With its folders expanded.
     number : int
-        From 0. Beyond the plan's own examples the classes take turns, without end.
+        Number of the example, from 0. Beyond the examples of the plan the classes alternate without end.
     folder : Path
         Folder that relative paths start from.
     split, group : str
-        As planned; they change nothing else.
+        Planned split and group; they do not affect other values.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _run_spec(
 ) -> Run:
     """Resolve the run of an example.
 
-    Everything but the motions and what ``dataset.leaks`` names is sampled by a rule that knows no class.
+    Everything except the motions and the keys in ``dataset.leaks`` is sampled independently of the class.
     """
     draw = _make_sampler(plan, number)
     first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
@@ -225,7 +225,7 @@ def _run_spec(
         "example": number,  # also names the streams of a preset's own distributions
     }
     run = parse_run(table, where="", folder=folder)
-    # what a plan may not hold, however it was written: here every distribution is resolved
+    # check for forbidden values here, where every distribution is resolved
     if run.auto_prf and "radar.prf_hz" not in plan.dataset.leaks:
         raise ConfigError(AUTO_PRF_REFUSED)
     if run.analysis.method == "liland2018":

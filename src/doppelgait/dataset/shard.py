@@ -29,9 +29,9 @@ from doppelgait.pipeline import Result, analyze, run_simulation
 from doppelgait.radar.recording import Recording, TargetTruth
 
 MOST_APART_M = 1.0
-"""A track that is farther from the body than this, in the mean, is of something else."""
+"""Maximum mean distance, m, between a track and its body."""
 LEAST_SHARE = 0.3
-"""Part of the observation that a track must cover."""
+"""Minimum fraction of the observation that a track must cover."""
 
 
 def match_tracks(
@@ -78,7 +78,7 @@ NOTHING = {
     **{f"feature_{name}": None for name in FEATURE_UNITS},
     **dict.fromkeys(("gait_frequency_hz", "torso_doppler_hz", "n_periods")),
 }
-"""Columns of a row without a target; they are there even if no row has one."""
+"""Columns of a row without a target; they exist even if no row has a target."""
 
 
 def index_rows(
@@ -147,7 +147,7 @@ def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
 
     Their names begin with ``truth_``.
     """
-    aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # unknown while the body stands still
+    aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # undefined for a body without motion
     return {
         "truth_gait": truth.gait,
         "truth_height_m": truth.height_m,
@@ -245,14 +245,14 @@ def build_shard(
     shard : Shard
     maker : Maker
     tick : callable, optional
-        Called with every entry and what became of it.
+        Called with every entry and its result.
 
     Returns
     -------
     dict
         ``dataset`` (its id), ``shard``, ``contents_sha256`` (:func:`doppelgait.dataset.shard_files.hash_contents`),
-        ``sha256`` and ``bytes`` of the file, ``rows`` (index rows) and ``failures`` (id, reason, spec). The same is in
-        ``NAME.json`` next to the shard, written last: a shard counts as built only with it.
+        ``sha256`` and ``bytes`` of the file, ``rows`` (index rows) and ``failures`` (id, reason, spec). The same record
+        is written to ``NAME.json`` next to the shard at the end; a shard without this file does not count as built.
     """
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []

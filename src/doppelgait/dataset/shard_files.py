@@ -41,7 +41,7 @@ FIELDS: dict[str, dict[str, Any]] = {
 AXIS_UNITS = {"time": "s", "doppler": "hz", "cadence": "hz", "slow_time": "s", "range": "m"}
 
 DB_FLOOR = -400.0
-"""Stored for a power of 0."""
+"""Stored level of zero power, dB."""
 
 
 def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
@@ -115,7 +115,7 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
     """
     import h5py
 
-    image = io.BytesIO()  # a full disk then meets one plain write, not the middle of HDF5
+    image = io.BytesIO()  # a full disk then fails in one plain write and not inside HDF5
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["dataset"] = identity
         file.attrs["split"] = split
@@ -158,14 +158,14 @@ def hash_contents(rows: Sequence[Mapping[str, Any]], arrays: Iterable[Arrays]) -
 
 
 LEVEL = 1
-"""Effort of the compression: higher ones take several times as long for a few per cent."""
+"""Compression level; higher levels take several times as long and save only a few per cent."""
 
 
 def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
     """Write equally shaped arrays as chunks of one dataset.
 
-    They follow each other along its first axis. They are compressed here, and not by HDF5: the same format, which every
-    HDF5 reads, in an eighth of the time. The bytes do not depend on the processor.
+    The arrays are stacked along the first axis. They are compressed here instead of by HDF5, in the same format and an
+    eighth of the time. The bytes do not depend on the processor.
     """
     first = chunks[0]
     shape = (len(chunks) * first.shape[0], *first.shape[1:])
@@ -178,7 +178,7 @@ def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
             by_byte = np.ascontiguousarray(values).view(np.uint8).reshape(-1, first.itemsize).T  # the shuffle filter
             place = (number * first.shape[0], *(0,) * (first.ndim - 1))
             dataset.id.write_direct_chunk(place, zlib_compress(by_byte.tobytes(), LEVEL))
-    file.flush()  # in this order, and not when Python gets round to closing them: the bytes are the same
+    file.flush()  # close in this order, so that the bytes are reproducible
 
 
 MAX_OPEN = 128
@@ -189,7 +189,7 @@ class ShardFiles:
     """Reader of a folder of shard files.
 
     It can be pickled and survives a fork: each process and thread opens files of its own, since HDF5 handles must not
-    be shared. At most :data:`MAX_OPEN` files stay open, the one unused for longest is closed first.
+    be shared. At most :data:`MAX_OPEN` files stay open; the least recently used file is closed first.
 
     Parameters
     ----------
@@ -256,11 +256,11 @@ class ShardFiles:
         if shard in files:
             files.move_to_end(shard)
         else:
-            # An index or a link may put a shard anywhere: outside the folder it is no part of the dataset. The folder
-            # of shards may be no link either; that of the whole dataset may.
+            # Refuse a shard that an index or a link places outside the folder. The folder of shards must not be a link
+            # either; the folder of the dataset may be one.
             if self._make_path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
                 raise ValueError("it lies outside the folder of the dataset")
-            opened = open_hdf5(self._make_path(shard), members=False, rdcc_nbytes=0)  # a row is seldom read twice
+            opened = open_hdf5(self._make_path(shard), members=False, rdcc_nbytes=0)  # rows are rarely read twice
             files[shard] = (opened, {})
             if self.identity is not None and opened.attrs.get("dataset") != self.identity:
                 raise ValueError(f"it is of dataset {opened.attrs.get('dataset')!r}, not of {self.identity}")

@@ -57,8 +57,8 @@ def parse_source(subject: str) -> str:
 def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
     """List what every row of an index is made of.
 
-    Subjects and recordings are all that a blended motion has, each by itself; any other column has one name a row, and
-    an unknown one has none.
+    For subjects and recordings the list has every name of a blended motion. Any other column has one name per row, or
+    none if unknown.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
 def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Assign a split to every group.
 
-    Groups that ``split.subjects`` or ``split.sources`` name come first; the others by ``split.strategy`` at the
+    Groups in ``split.subjects`` or ``split.sources`` are assigned first, the others by ``split.strategy`` with the
     planned fractions.
 
     Parameters
@@ -134,7 +134,7 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
     for groups in members.values():
         splits |= _split_by_share(dataset, [name for name in groups if name not in splits])
     asked = {split for split, fraction in dataset.fractions.items() if fraction}
-    for label, groups in members.items():  # each class in every split that is asked for or that another class is in
+    for label, groups in members.items():  # every class needs every requested split and every split of another class
         wanted = (asked | set(splits.values())) - {splits[name] for name in groups}
         if missing := [split for split in SPLITS if split in wanted]:
             raise DatasetError(
@@ -148,7 +148,8 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
 def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
     """Split names by the hash of seed and name.
 
-    ``stable``: each by its own hash against the planned fractions; else ranked by it and cut at these.
+    ``stable`` compares the hash of each name with the planned fractions. Otherwise the names are ranked by hash and
+    divided at the fractions.
     """
     share_of = {
         name: int.from_bytes(hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()[:8], "big") / 2**64
@@ -213,9 +214,10 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
     Raises
     ------
     ConfigError
-        If the column ``split`` tears a subject or a recording apart, or is there though the configuration has a split.
+        If the column ``split`` puts a subject or a recording into two splits, or exists although the configuration has
+        a split.
     DatasetError
-        If a class has too few subjects for the shares asked for.
+        If a class has too few subjects for the requested shares.
     """
     subjects = [f"person/{entry.subject}" if entry.subject else f"file/{entry.recording}" for entry in entries]
     together: dict[str, list[str]] = {}

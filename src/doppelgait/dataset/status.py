@@ -24,8 +24,8 @@ class ShardStatus:
     ----------
     name : str
     state : {"done", "missing", "damaged"}
-        ``missing``: never finished. ``damaged``: the file is not what its record says, or is of another dataset; the
-        next build makes it again.
+        ``missing``: never finished. ``damaged``: the file differs from its record, or belongs to another dataset; the
+        next build replaces it.
     n_examples, n_rows, n_failed, bytes : int
         0 for shards that are not done.
     """
@@ -47,12 +47,12 @@ class Status:
     directory : Path
     dataset_id, name : str
     complete : bool
-        Whether its description says so.
+        Whether the description marks the dataset as complete.
     planned : int
         Examples of the plan.
     shards : tuple of ShardStatus
     running : tuple of str
-        Builds that are at work in the folder.
+        Builds that use the folder.
     partial : tuple of str
         Half-written files of running builds.
     removed : tuple of str
@@ -87,7 +87,7 @@ class Status:
 def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     """Report the status of a dataset.
 
-    Half-written files are removed where no build is at work.
+    Half-written files are removed if no build uses the folder.
 
     Parameters
     ----------

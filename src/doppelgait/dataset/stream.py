@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchStream
 
 MAX_FAILURES = 10
-"""Failures in a row after which a stream ends with an error: then it is the plan."""
+"""Number of consecutive failures after which a stream ends with an error, because the plan is then at fault."""
 
 
 @dataclass(frozen=True)
 class ExampleStream:
     """Endless examples of a plan, in number order.
 
-    Every iteration starts anew.
+    Every iteration starts at the first number.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class ExampleStream:
         Raises
         ------
         ConfigError
-            If the plan draws a value that is not allowed.
+            If the plan samples a value that is not allowed.
         DatasetError
             If :data:`MAX_FAILURES` examples in a row fail.
         """
@@ -158,9 +158,9 @@ def stream_examples(
 ) -> ExampleStream:  # fmt: skip
     """Simulate a plan's examples on use, without end.
 
-    The example of a number is the same as in the built dataset. By default the stream starts behind those, so that
-    training on it never sees what a built test split holds; there the classes take turns. People and animals of
-    recordings come again, though: leave out by ``example.row["subject"]`` whom you test on.
+    The example of a number is the same as in the built dataset. By default the stream starts after the examples of the
+    built dataset, so that it never contains the examples of a built test split. There the classes alternate. Subjects
+    of motion recordings are repeated, however: use ``example.row["subject"]`` to leave out test subjects.
 
     Parameters
     ----------

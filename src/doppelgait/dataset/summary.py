@@ -37,13 +37,13 @@ class PlanSummary:
     counts : list of dict
         ``class`` and the number of examples in each split.
     subjects : list of dict
-        ``class`` and the number of subjects in each split, those of models and recordings apart.
+        ``class`` and the number of subjects in each split, separately for models and recordings.
     files : list of dict
         Motion files with the number of examples made from each, licence and subject.
     n_checked : int
         Examples that were resolved in full to check whether they are allowed.
     estimate : dict
-        From a pilot of a few examples, nothing where none was made: ``seconds_per_example`` of one processor,
+        Estimate from a pilot of a few examples, empty without a pilot: ``seconds_per_example`` of one processor,
         ``bytes_per_example``, ``total_bytes``, ``total_seconds`` with all ``processors``.
     """
 

@@ -96,9 +96,10 @@ class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-igno
     """
 
     def __init__(self, examples: TorchExamples, seed: int | None) -> None:
-        Streams(0 if seed is None else seed)  # checked here, not in a worker
+        Streams(0 if seed is None else seed)  # check here and not in a worker
         self.examples, self.seed = examples, seed
-        self.epoch = torch.zeros((), dtype=torch.int64).share_memory_()  # persistent workers see it change
+        # shared, so that persistent workers read changes
+        self.epoch = torch.zeros((), dtype=torch.int64).share_memory_()
 
     def set_epoch(self, epoch: int) -> None:
         """Set the epoch, 0 or larger, of the next iteration."""

@@ -133,7 +133,7 @@ def test_a_build_without_a_part_finishes_what_parts_began(tmp_path, reference):
 
 @pytest.mark.parametrize("part", ["0/3", "4/3", "3", "a/b", "1/", "/", "-1/3", "1/3/5", "1.5/3"])
 def test_a_wrong_part_is_one_error_before_anything_is_written(tmp_path, part):
-    with pytest.raises(ConfigError, match="give I/N"):
+    with pytest.raises(ConfigError, match="must be I/N"):
         build_dataset(tiny_plan(), tmp_path / "d", part=part)
     assert not (tmp_path / "d").exists()
 

@@ -233,7 +233,7 @@ def test_a_folder_that_another_process_builds_is_refused(tmp_path):
 
 def test_a_folder_that_another_host_builds_is_refused_with_the_way_out(tmp_path):
     path = hold(tmp_path / "d", pid=dead_pid(), host="node17")
-    with pytest.raises(DatasetError, match=r"on node17, since .*; if that process is gone, delete .*build\.lock$"):
+    with pytest.raises(DatasetError, match=r"on node17, since .*; if that process has ended, delete .*build\.lock$"):
         build_dataset(mini_plan(), tmp_path / "d", executor="serial")
     assert path.exists()
     path.unlink()

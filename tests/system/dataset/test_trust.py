@@ -75,7 +75,7 @@ def test_a_shard_of_another_plan_with_the_same_ids_is_built_again(copy, built, t
 def test_the_index_of_another_dataset_is_not_opened(copy, tmp_path):
     build(tmp_path / "other", noise={"kind": "snr", "snr_db": {"uniform": [30, 40]}})
     shutil.copy(tmp_path / "other" / "index.parquet", copy)
-    with pytest.raises(DatasetError, match=r"index\.parquet: is of dataset"):
+    with pytest.raises(DatasetError, match=r"index\.parquet: belongs to dataset"):
         open_dataset(copy)
     assert {"files", "index"} <= failed(copy)
 
