@@ -1,8 +1,8 @@
 """Adaptation of a trained model to a few own recordings.
 
-A model trained on simulation often ranks real targets well and decides at the wrong place: its probabilities are
-shifted. Two numbers move that place, and a handful of recordings is enough for them; without labels one number does,
-where it is known how frequent the classes are among the recordings.
+A model trained on simulation often ranks real targets well, but its probabilities are shifted, so that its decision
+threshold is wrong. Two parameters correct the threshold, and a few recordings suffice to fit them. Without labels one
+parameter is fitted from the known class frequencies among the recordings.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expec
 from doppelgait.core.errors import DatasetError
 
 COUNTS = (0, 1, 2, 5, 10, 20)
-"""Recordings of each class in the curve of :func:`score_adaptation`."""
+"""Numbers of recordings per class in the curve of :func:`score_adaptation`."""
 REPEATS = 50
 SLOPE_SD, SHIFT_SD = 0.5, 2.0
-"""Standard deviations of the logarithm of the slope and of the shift before any recording is seen, assumed: a slope is
-within a factor of 1.6, a shift within 2 of log odds, in two of three cases. One recording then weighs about as much as
-the training data, twenty decide; a recording counts once, however many rows it has."""
+"""Assumed prior standard deviations of the logarithm of the slope and of the shift: a slope is within a factor of 1.6,
+a shift within 2 of log odds, in two of three cases. One recording then has about the weight of the training data;
+twenty recordings dominate. The number of rows of a recording has no effect on its weight."""
 
 
 def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
     """Adapt a model's probabilities to labelled recordings.
 
-    p' = softmax(slope log p + shift) of greatest posterior probability: every recording counts once, classes alike;
-    slope and shift have a normal prior about 1 and 0. Nothing else of the model changes, nor does the order of its
-    answers where there are two classes.
+    The result is p' = softmax(slope log p + shift) with maximum posterior probability. Recordings have equal weight
+    within a class, and classes have equal weight. Slope and shift have a normal prior about 1 and 0. The rest of the
+    model is unchanged. For two classes the ranking of targets stays the same.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArra
     missing = [name for number, name in enumerate(classes) if not (labels == number).any()]
     if missing:
         raise DatasetError(
-            f"own recordings show no {', '.join(missing)}; give some of every class ({', '.join(classes)}), or call "
+            f"own recordings contain no {', '.join(missing)}; add some of every class ({', '.join(classes)}), or label "
             "all of them unlabelled"
         )
     log_p = np.log(np.maximum(model.probability(values), 1e-12))
@@ -89,11 +89,10 @@ def adapt_unlabelled(
 ) -> Model:
     """Adapt a model's probabilities to recordings without labels.
 
-    p' = softmax(log p + shift), so that the mean of p' over the recordings comes to the shares of the classes: the
+    p' = softmax(log p + shift), so that the mean of p' over the recordings approaches the shares of the classes: the
     shift minimises n times the cross-entropy of the mean against the shares, with the normal prior of :func:`adapt`.
-    Each of the n recordings counts once, however many rows it has.
-    Without the shares a wrong model cannot be distinguished from rare classes: wrong shares move the decision to
-    a wrong place.
+    Each of the n recordings has the same weight for any number of rows. Without the shares, a wrong model cannot be
+    distinguished from rare classes. Wrong shares give a wrong decision threshold.
 
     Parameters
     ----------
@@ -103,7 +102,7 @@ def adapt_unlabelled(
     recordings : ndarray of str
         Recording of every row.
     shares : array_like, shape (n_classes,), optional
-        Of the classes among the recordings, summing to 1; by default all alike.
+        Shares of the classes among the recordings, with sum 1; equal by default.
 
     Returns
     -------
@@ -136,10 +135,10 @@ def _weight_recordings(recordings: npt.NDArray[np.str_]) -> FloatArray:
 
 
 def _shift_calibration(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
-    """Put slope and shift on top of a model's calibration.
+    """Apply slope and shift after a model's calibration.
 
-    The alarm's threshold moves with them, so that the same targets trigger; of more than two classes none would do so,
-    and it is dropped.
+    The alarm threshold is adjusted, so that the same targets trigger. For more than two classes no such threshold
+    exists, and the alarm is dropped.
     """
     before, facts = model.calibration, model.facts
     moved = slope * before.shift + np.concatenate([[0.0], shift])
@@ -164,19 +163,19 @@ def list_row_recordings(rows: Rows) -> npt.NDArray[np.str_]:
 
 
 def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
-    """Draw n recordings of each class to adapt to.
+    """Sample n recordings of each class to adapt to.
 
     Returns
     -------
     tuple of ndarray of int, or None
-        Rows of those recordings, and the rows of all targets who are in none of them, which may be scored; None where
-        not every class has so many recordings and a target left.
+        Rows of those recordings, and the rows of all targets outside them, which may be scored. None if a class has too
+        few recordings, or no target remains.
     """
     names = list_row_recordings(rows)
     own: list[int] = []
     for number in range(len(rows.classes)):
         candidates = np.flatnonzero(rows.labels == number)
-        # target by target, so that as few targets as possible are lost to the score
+        # sample by target, so that as many targets as possible remain to score
         targets = rng.permutation(np.unique(rows.groups[candidates]))
         ordered = [name for target in targets for name in
                    rng.permutation(np.unique(names[candidates][rows.groups[candidates] == target]))]  # fmt: skip
@@ -195,8 +194,9 @@ def score_adaptation(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Score a model against the number of own recordings.
 
-    Every count is sampled :data:`REPEATS` times; only targets without a sampled recording are scored, so each count
-    has other targets to score: what is gained is the difference to ``before``, the same targets by the model as it was.
+    Every count is sampled :data:`REPEATS` times. Only targets without a sampled recording are scored, so that the
+    scored targets depend on the count. The gain is the difference to ``before``, the score of the unadapted model on
+    the same targets.
 
     Returns
     -------
@@ -240,7 +240,7 @@ def adapt_to_rows(
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
     """Adapt a model to labelled rows.
 
-    Its learning curve and remarks are returned, too. Rows that the model gives no decision on move nothing and are not
+    The function also returns the learning curve and remarks. Rows without a decision of the model are not used and not
     scored.
     """
     used, notes = _select_decidable(model, rows, values)
@@ -253,7 +253,9 @@ def adapt_to_rows(
             f"no score after {', '.join(gone)} own recordings of a class: too few, or no target would be left to score"
         )
     if "subject" in part.index and part.index["subject"].astype(str).str.startswith("file/").all():
-        notes.append("own recordings name no subject: each counts as a target of its own, though one may be in several")
+        notes.append(
+            "own recordings name no subject: each counts as a separate target, though a target may be in several"
+        )
     return adapt(model, inputs, part.labels, list_row_recordings(part)), curve, notes
 
 
@@ -285,5 +287,5 @@ def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArra
     worst = [f"{name} outside the training range in {int(far.sum())}" for name, far in outside.items() if far.any()]
     words = f" ({', '.join(worst)})" if worst else ""
     return np.flatnonzero(~blocked), [
-        f"{int(blocked.sum())} of {len(rows)} own rows are not used, no model would decide on them{words}"
+        f"{int(blocked.sum())} of {len(rows)} own rows are not used, because the model makes no decision on them{words}"
     ]

@@ -31,7 +31,7 @@ from doppelgait.pipeline.run import Run, parse_run
 
 BUILT_IN = Path(__file__).with_name("home-alarm-day.toml")
 THRESHOLDS = (0.5, 0.8, 0.9, 0.95, 0.99)
-"""Beside the model's own threshold."""
+"""Alarm thresholds that are scored in addition to that of the model."""
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -43,7 +43,7 @@ class EpisodeSection(FrozenModel):
     label : str
         Name of the kind.
     should_trigger : bool
-        Whether a person is present for whom the alarm is meant.
+        Whether a person is present who should trigger the alarm.
     animals : int
         Number of animals in the episode, for triggers per animal-hour.
     hours_per_day : float
@@ -53,7 +53,7 @@ class EpisodeSection(FrozenModel):
     targets : list
         Targets as in a scene file; values may be distributions.
     environment : list
-        Effects as in a scene file, after those that all scenes have; values may be distributions.
+        Effects as in a scene file, applied after those of all scenes; values may be distributions.
     """
 
     label: str = Field(min_length=1)
@@ -77,7 +77,7 @@ class Day(FrozenModel):
     repeats : int
         Number of recordings of each kind of episode.
     scene : dict
-        What all scenes have in common, as in a scene file.
+        Keys that all scenes share, as in a scene file.
     episodes : tuple of EpisodeSection
         Kinds of episodes of the day.
     """
@@ -98,7 +98,7 @@ class Episode:
     label : str
         Kind of episode.
     times_s, scores : ndarray, shape (n,)
-        Ends of windows, and the alarm's score there.
+        End times of the windows, and the alarm's scores at these times.
     """
 
     label: str
@@ -159,7 +159,7 @@ def run_day(
         section = day.episodes[number // day.repeats]
         run = sample_scene(day, section, number)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)  # a fan and a runner's feet alias, as they do at home
+            warnings.simplefilter("ignore", DoppelgaitWarning)  # aliasing of a fan and of a runner's feet is expected
             recording = simulate(run.scene, run.radar, rng=run.streams, conditions=run.conditions, angles=False)
         tracks = Tracks(model)
         windows = (
@@ -173,7 +173,7 @@ def run_day(
 
 
 def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
-    """Draw the scene of a recording of an episode."""
+    """Sample the scene of a recording of an episode."""
     table: dict[str, Any] = {
         **day.scene, "duration_s": section.duration_s, "targets": section.targets,
         "environment": [*day.scene.get("environment", ()), *section.environment],
@@ -183,11 +183,11 @@ def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
 
 
 def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
-    """Return ends of windows and the alarm's scores.
+    """Return window end times and the alarm's scores.
 
-    A score is the highest over the tracks, 0 without one. The score of a track is what its ``alarm`` compares with the
-    threshold: its fused probability in its last window that was evidence; before the first one that of the window
-    alone, unless the model has no alarm for such a radar.
+    A score is the maximum over the tracks, or 0 without a track. The score of a track is its fused probability in the
+    last window with evidence. Before the first such window it is the probability of the window alone, unless the model
+    has no alarm for the radar. The track's ``alarm`` compares the same value with the threshold.
     """
     kept: dict[int, float] = {}
     times, scores = [], []
@@ -209,11 +209,11 @@ def score_day(day: Day, episodes: Sequence[Episode], model: Model) -> dict[str, 
     Returns
     -------
     dict
-        ``day``, ``alarm``; ``thresholds``, of each: ``threshold``; ``model``, whether it is the model's own;
-        ``false_per_day`` and ``false_per_animal_hour``, each with ``low`` and ``high`` of 95 %; ``entries`` and
-        ``missed``, with exact ``missed_low`` and ``missed_high`` of the share; ``seconds_to_detect``,
-        within which half and 90 % of all entries were detected, from the start of the recording, each None where fewer
-        ever were, or None without entries; ``by_episode``.
+        ``day``, ``alarm`` and ``thresholds``. Each threshold has ``threshold``; ``model``, True for the threshold of
+        the model; ``false_per_day`` and ``false_per_animal_hour``, each with ``low`` and ``high`` of 95 %; ``entries``
+        and ``missed``, with exact ``missed_low`` and ``missed_high`` of the share; ``seconds_to_detect``, within which
+        half and 90 % of all entries were detected, from the start of the recording, each None where fewer ever were, or
+        None without entries; ``by_episode``.
     """
     own = model.facts.alarm_threshold
     chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
@@ -271,9 +271,9 @@ def _score_at_threshold(day: Day, episodes: Sequence[Episode], threshold: float)
 def estimate_weighted_count(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
     """Return a weighted sum of counts with its interval.
 
-    By the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for counts of 0 and 1 and equal
-    weights. A recording with several triggers is one event of that size (a compound Poisson sum), because one body
-    caused them: the interval is as wide as recordings are few.
+    The interval is the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for counts of 0
+    and 1 and equal weights. A recording with several triggers is one event of that size (a compound Poisson sum),
+    because one body caused them. The width of the interval depends on the number of recordings.
 
     Parameters
     ----------

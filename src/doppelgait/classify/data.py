@@ -1,6 +1,6 @@
 """Model inputs, labels and groups from dataset rows.
 
-They hold nothing that an analysis cannot know.
+They contain only quantities that an analysis can measure.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Rows:
     datasets : tuple of Dataset
         The dataset, and the other one for testing if there is one.
     index : DataFrame
-        Their rows, one after the other.
+        Rows of the datasets, concatenated.
     origin, place : ndarray of int, shape (n,)
         Number of the dataset of a row, and its number there.
     classes : tuple of str
@@ -59,7 +59,7 @@ class Rows:
     groups : ndarray of str, shape (n,)
         Targets, or scenes that targets share.
     alarm : str
-        Class of the alarm; there is none where the classes do not have it.
+        Class of the alarm; there is no alarm if the classes do not include it.
     """
 
     datasets: tuple[Dataset, ...]
@@ -82,9 +82,9 @@ class Table:
     Parameters
     ----------
     values : ndarray, shape (n, d) or (n,)
-        Features, NaN for unknown; or levels of signatures, None for none.
+        Features, NaN if unknown; or levels of signatures, None if absent.
     names : tuple of str
-        Of the features; none for signatures.
+        Names of the features; empty for signatures.
     note : str
         Remark for the report; often empty.
     """
@@ -97,7 +97,7 @@ class Table:
 def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
     """Collect dataset rows for training and testing.
 
-    Another dataset may give the rows for testing.
+    The test rows may be from another dataset.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
     """
     datasets = (dataset,) if other is None else (dataset, other)
     if other is not None and other.description.get("id") == dataset.description.get("id"):
-        raise DatasetError(f"{other.directory}: is the training dataset; name another one to test on")
+        raise DatasetError(f"{other.directory}: is the training dataset; name another dataset to test on")
     known = [label for label in dataset.description["classes"] if (dataset.index["label"] == label).any()]
     if len(known) < 2:
         raise DatasetError(
@@ -117,10 +117,10 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
     if further and other is not None:
         raise DatasetError(
             f"{other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
-            f"a model of it knows {', '.join(known)}"
+            f"a model of it has {', '.join(known)}"
         )
     group = "group" if "group" in index else "subject"
-    # Groups by name; a sampled body is another one in every dataset, a recording is the same one.
+    # Groups by name. A sampled body differs between datasets, a recording does not.
     names = [part.index[group].to_numpy(dtype=str) for part in datasets]
     marked = [
         np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
@@ -150,8 +150,8 @@ def collect_inputs(
     patch : Patch, optional
         Of ``signature``.
     motion_folder : Path, optional
-        Of ``nuisance``: folder of the motion files of the plan, which are needed to sample it again; the working
-        folder by default.
+        Folder of the plan's motion files, which ``nuisance`` needs to sample the plan again; the working folder by
+        default.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> di
     columns : mapping
         Values (n,) by feature name.
     wavelength_m : ndarray, shape (n,)
-        Of the carrier; NaN for unknown.
+        Wavelength of the carrier; NaN if unknown.
 
     Returns
     -------
@@ -230,18 +230,16 @@ def wavelengths_m(rows: Rows) -> FloatArray:
         )
         for part in rows.datasets
     ]
-    first = np.cumsum([0, *(len(part) for part in carriers[:-1])])  # rows may be a part of their datasets
+    first = np.cumsum([0, *(len(part) for part in carriers[:-1])])  # rows may be a subset of their datasets
     return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers)[first[rows.origin] + rows.place], dtype=np.float64)
 
 
 def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     """Collect the nuisance parameters of all rows.
 
-    They are those that the plan sampled and the index states.
-
-    Without a plan or its motion files, only what the index states, and a note. Of two datasets those that both have.
-    Texts become numbers; constant parameters are left out, and, where a class is an empty room, the levels of echoes
-    that it does not have.
+    The parameters are the sampled values of the plan and the values of the index. Without a plan or its motion files
+    only the index is used, and a note is added. For two datasets the common parameters are used. Texts become numbers.
+    Constant parameters are left out; if a class is an empty room, levels of echoes are left out, too.
     """
     parts, notes = [], []
     for dataset in rows.datasets:
@@ -273,7 +271,7 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
 
 
 def take_rows(rows: Rows, part: IntArray) -> Rows:
-    """Take some rows."""
+    """Select rows."""
     index = rows.index.iloc[part].reset_index(drop=True)
     return replace(rows, index=index, origin=rows.origin[part], place=rows.place[part], labels=rows.labels[part],
                    groups=rows.groups[part])  # fmt: skip

@@ -42,11 +42,11 @@ class Decision:
     Parameters
     ----------
     target : int
-        Number among the results.
+        Number of the target among the results.
     label : str
         The most likely class, also of an abstention.
     probability : float
-        Calibrated, of that class, were all classes equally frequent.
+        Calibrated probability of that class for equally frequent classes.
     probabilities : mapping
         Of every class.
     abstained : bool
@@ -54,12 +54,12 @@ class Decision:
     reason : str
         Reason of an abstention; empty for a decision.
     blocked : bool
-        True where a flag, the conditions or features outside the training range keep it from deciding, so that its
-        probabilities mean nothing; False where they are only not sure enough.
+        True if a flag, the conditions or features outside the training range prevent a decision, so that the
+        probabilities are meaningless; False if the probabilities are only too low.
     alarm : bool or None
-        True where it triggers the alarm that detects 95 % of its class; None where the model has no alarm or was not
-        trained on such a radar, for which no threshold holds. An abstention by a flag or by features outside the
-        training range does not keep it from triggering.
+        True if the target triggers the alarm that detects 95 % of its class; None if the model has no alarm or was not
+        trained on such a radar. An abstention by a flag or by features outside the training range does not prevent the
+        alarm.
     flags : tuple of str
         Of the analysis.
     quality : mapping
@@ -111,7 +111,8 @@ class TargetInputs:
     @property
     def flags(self) -> tuple[str, ...]:
         """Flags of its analysis."""
-        texts = self.columns.get("quality_flags", self.columns.get("flags"))  # of an index, of Result.to_row
+        # flags of an index row, or of Result.to_row
+        texts = self.columns.get("quality_flags", self.columns.get("flags"))
         return tuple(flag for flag in str(texts or "").split(";") if flag)
 
     @property
@@ -131,7 +132,7 @@ def classify(
     source : path, Recording or sequence of Result
         A recording, or its results of :func:`doppelgait.analyze`, also as a file (``analyze -o``).
     model : Model, optional
-        By default the one that comes with the package and fits the radar
+        Model; by default the shipped model that fits the radar
         (:func:`doppelgait.classify.shipped.find_shipped_model`).
     gate, analysis, tracking
         As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training data.
@@ -139,7 +140,7 @@ def classify(
     Returns
     -------
     list of Decision
-        One per target; empty where nothing was found.
+        One decision per target; empty if no target was found.
 
     Raises
     ------
@@ -186,7 +187,7 @@ def classify(
 def choose_model(source: Recording | Sequence[Result]) -> Model:
     """Return the shipped model for a recording's radar.
 
-    Results may stand for the recording.
+    Results are accepted instead of a recording.
 
     Raises
     ------
@@ -231,7 +232,7 @@ def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
         missing = [name for name in columns.values() if name not in seen.columns]
         if missing:
             raise AnalysisError(
-                f"target {number}: has no {missing[0]}, which {model.facts.name} looks at; analyse with extended = "
+                f"target {number}: has no {missing[0]}, which {model.facts.name} uses; analyse with extended = "
                 "true and the standard method"
             )
         wavelength_m = np.array([read_wavelength_m(seen.signature)])
@@ -242,13 +243,15 @@ def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
         outside = model.describe_outside(values[0])
         rank = float(model.rank(values)[0])
         if rank < model.facts.novel_below:
-            outside.append(f"unlike the training data: {100 * rank:.1f} % of the held-out rows are as far from it")
+            outside.append(
+                f"unlike the training data: {100 * rank:.1f} % of the held-out rows have the same or a larger distance"
+            )
         if isinstance(network, Network):
             values = join_inputs(values, pictures)
     probability = model.probability(values)[0]
     best = int(probability.argmax())
     elsewhere = describe_outside_conditions(seen.conditions, model.facts.conditions)
-    flag = find_blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
+    flag = find_blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # these flags apply to older models, too
     reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
     blocked = bool(reasons)
     if not blocked and not probability[best] >= model.facts.abstain_below:
@@ -287,4 +290,4 @@ def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
     other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]
     if other:
         words = ", ".join(f"{name} {found[name]} instead of {expected[name]}" for name in other)
-        warn_caller(f"the analysis is not that of the model: {words}")
+        warn_caller(f"the analysis differs from that of the model: {words}")

@@ -1,6 +1,7 @@
 """Compare real recordings with those simulated from a sensor model.
 
-A classifier that is good at telling them apart shows what the model lacks. It sees the sensor, not classes of targets.
+A classifier that separates them well reveals deficiencies of the sensor model. Its inputs describe the sensor and not
+the classes of targets.
 """
 
 from __future__ import annotations
@@ -29,17 +30,17 @@ FloatArray = npt.NDArray[np.float64]
 Statistics = dict[str, float]
 
 WINDOW = 32
-"""Pulses of a window of unbroken recordings; a burst is a window."""
+"""Number of pulses in a window of a continuous recording; in a burst recording each burst is a window."""
 BANDS = 8
-"""Doppler bands of a window, from the most negative frequency to the most positive."""
+"""Number of Doppler bands of a window, from the minimum to the maximum frequency."""
 MOST_WINDOWS = 60
-"""Windows of a recording, evenly spread."""
+"""Maximum number of windows of a recording, evenly spread."""
 FOLDS = 5
 FEW = 4
-"""Recordings of a kind below which parts of recordings are held out instead of recordings."""
+"""Number of recordings of a kind below which parts of recordings are held out instead of whole recordings."""
 REPLICATES = 500
 LEVELS = ("static", "moving", "largest", "constant")
-"""Statistics that begin so depend on the scale of the file; the others on the shape of the data only."""
+"""Prefixes of the statistics that depend on the scale of the file; the others depend only on the shape of the data."""
 
 
 def simulate_like(
@@ -56,7 +57,7 @@ def simulate_like(
     preset : str or Path
         Sensor model; its distributions are sampled anew for every recording.
     plan : PlanConfig, optional
-        What is before the sensor: classes in turn, targets, environment. An empty room by default.
+        Plan of the scenes: alternating classes, targets, environment. An empty room by default.
     folder : Path, optional
         Folder that relative paths of the plan start from.
     seed : int
@@ -65,7 +66,7 @@ def simulate_like(
     for number, real in enumerate(recordings):
         times_s = real.slow_time_s - real.slow_time_s[0]
         source = str(Path(preset).absolute()) if str(preset).endswith(".toml") else str(preset)
-        # simulated without pauses; the pulses of the recording are taken from it
+        # simulate without pauses, then select the pulses of the recording
         whole = {"burst_pulses": None, "burst_period_s": None} if Radar.preset(source).burst_pulses else {}
         radar: dict[str, Any] = {"preset": source, "prf_hz": real.radar.prf_hz, **whole}
         if real.n_range_bins > 1:
@@ -79,7 +80,7 @@ def simulate_like(
             dataset = plan.dataset.model_copy(update={"seed": seed})
             scene = {**plan.scene, "duration_s": duration_s}
             of_one = plan.model_copy(update={"dataset": dataset, "radar": radar, "scene": scene})
-            # beyond the plan's own examples the classes take turns
+            # beyond the examples of the plan the classes alternate
             beyond = sum(plan.count_class_examples(section) for section in plan.classes) + number
             run = resolve_example(of_one, beyond, folder or Path()).run
         made = run_simulation(run, folder=folder, angles=False)
@@ -98,17 +99,18 @@ def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np
     ----------
     recording : Recording
     most : int
-        Pulses of a window of an unbroken recording; fewer where the recording has less than four times as many.
+        Number of pulses in a window of a continuous recording; fewer if the recording has less than four times this
+        number.
 
     Returns
     -------
     ndarray, shape (window, pulse, range)
-        A burst is a window; pulses that are left over are not in it.
+        Windows; a burst is a window. Remaining pulses are left out.
 
     Raises
     ------
     AnalysisError
-        Of a recording with fewer than two windows of 8 pulses.
+        If the recording has fewer than two windows of 8 pulses.
     """
     pulses = recording.n_pulses
     window = int(recording.facts.get("burst_pulses", min(most, pulses // 4)))
@@ -121,7 +123,7 @@ def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np
 
 
 def measure_windows(recording: Recording) -> list[Statistics]:
-    """Return the statistics of windows that a classifier sees.
+    """Return the statistics of windows for the classifier.
 
     Levels and their spread over range, shape of the Doppler spectrum, correlation between bins, circularity and
     asymmetry of I and Q, spread of the size, share of values at the largest and of repeated pulses.
@@ -203,14 +205,14 @@ class Comparison:
 
 
 def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording], *, seed: int = 0) -> Comparison:
-    """Tell real from simulated windows by a trained classifier.
+    """Separate real from simulated windows by a trained classifier.
 
-    It is tested on recordings that it has not seen, or on parts that it has not seen (:attr:`Comparison.held_out`).
+    The test uses unseen recordings or unseen parts of recordings (:attr:`Comparison.held_out`).
 
     Parameters
     ----------
     real, synthetic : sequence of Recording
-        Of the same scenes as far as that is known.
+        Recordings of the same kind of scenes, as far as known.
     seed : int
 
     Raises
@@ -261,7 +263,7 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
 def _score_held_out(
     values: FloatArray, positive: npt.NDArray[np.bool_], groups: npt.NDArray[np.str_], *, kind: str, seed: int
 ) -> FloatArray:
-    """Return window scores, each without its own group."""
+    """Return window scores from models trained without the window's group."""
     from sklearn.ensemble import HistGradientBoostingClassifier
     from sklearn.linear_model import LogisticRegression
     from sklearn.model_selection import StratifiedGroupKFold
@@ -283,7 +285,7 @@ def _score_held_out(
 
 
 def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
-    """Return a picture of a recording for people.
+    """Return a picture of a recording for display.
 
     Level over time and range, dB without the mean echo; over time and Doppler for fewer than eight bins.
 
@@ -297,7 +299,7 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
     Raises
     ------
     AnalysisError
-        Of a recording of fewer than eight bins that is too short for two windows (:func:`split_windows`).
+        If a recording of fewer than eight bins is too short for two windows (:func:`split_windows`).
     """
     if recording.n_range_bins >= 8 and "burst_pulses" not in recording.facts:
         samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
@@ -315,7 +317,7 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
     """Tabulate AUC, what was held out, and distances.
 
-    The statistic that is furthest off in the last model comes first.
+    The first row is the statistic with the maximum distance in the last model.
     """
     last = list(found.values())[-1]
     first_rows = [

@@ -45,7 +45,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.open import Dataset
 
 UNLABELLED = "unlabelled"
-"""Label of own recordings of unknown content."""
+"""Label of the user's recordings with unknown content."""
 
 
 def make_document(
@@ -58,9 +58,9 @@ def make_document(
     rows : Rows
     folds : sequence of Fold
     answers : mapping
-        Of every model, by name; all about the same rows.
+        Answers of every model by name, for the same rows.
     notes : sequence of str
-        Remarks on the rows and on what was left out.
+        Remarks on the rows and on omitted models or scores.
     seed : int
         Of the bootstrap.
     """
@@ -85,7 +85,7 @@ def make_document(
         if column not in tested.index:
             continue
         texts = tested.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
-        if 2 <= np.unique(texts).size <= MOST_VALUES:  # several values, and not too many
+        if 2 <= np.unique(texts).size <= MOST_VALUES:  # plot only columns with a few different values
             shares = {name: score_groups(part, texts) for name, part in answers.items() if name not in BASELINES}
             breakdowns[column] = shares
     document = {
@@ -156,10 +156,10 @@ class Evaluation:
     document : dict
         All scores, for JSON; None for unknown.
     answers : DataFrame
-        One line per tested row: id, label, and of every model the probabilities, the class and whether it is decided.
+        One line per tested row: id, label, and for every model the probabilities, the class and whether it is decided.
     best : str or None
         The ensemble if there is one, else the model with the lowest log loss on the held-out rows, a mean over seeds,
-        or the only one; None where no rows are held out to choose by.
+        or the only model; None if no rows are held out to choose by.
     models : dict
         Trained models by name, as scored; after a cross-validation trained on all rows, and only with ``keep``.
 
@@ -204,9 +204,9 @@ def evaluate(
     Parameters
     ----------
     dataset : Dataset
-        Training data; tested on its own split ``test`` unless one of the next three is used.
+        Training data. The models are tested on its split ``test`` unless one of the next three parameters is set.
     other : Dataset, optional
-        Test data instead: all rows but those of targets in the training data.
+        Other test data: all rows except those of targets in the training data.
     models : sequence of str, optional
         Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default :data:`doppelgait.classify.training.DEFAULT`, as
         far as the dataset has the inputs. The members of an ensemble are evaluated with it, and chance, nuisance
@@ -216,27 +216,27 @@ def evaluate(
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
     own : Dataset, optional
-        Recordings of one's own, to test on and to adapt the models to
+        Your own recordings, to test on and to adapt the models to
         (:func:`doppelgait.classify.adapt.score_adaptation`); the models returned are adapted to all of them. Where all
         are labelled :data:`UNLABELLED`, nothing of them is tested, and the models are adapted to the shares of the
         classes among them (:func:`doppelgait.classify.adapt.adapt_unlabelled`).
     own_shares : mapping, optional
-        Share of every class among own recordings without labels, summing to 1; by default all alike.
+        Share of every class among own recordings without labels, with sum 1; equal by default.
     unknown : Dataset, optional
-        Rows of further classes, which the models should abstain from: scored beside the tested rows.
+        Rows of further classes, on which the models should abstain; they are scored separately.
     motion_folder : Path, optional
         Folder of the motion files of the plan, from which the nuisance parameters are sampled.
     seed : int
         Seed of folds, training and bootstrap.
     n_seeds : int
-        Train with so many seeds, from ``seed`` on. The ensemble joins the members of all seeds; every other model is
-        that of the first seed, and its scores of all seeds stand beside it.
+        Number of training seeds, starting at ``seed``. The ensemble combines the members of all seeds; every other
+        model is that of the first seed, and the scores of all seeds are reported in addition.
     keep : bool
         After a cross-validation train each model once more, on all rows.
     alarm_class : str, optional
-        Class that the alarm is for; ``human`` by default.
+        Class that triggers the alarm; ``human`` by default.
     day : Day, optional
-        Score the alarm of the model that is kept over a day (:func:`doppelgait.classify.alarm.run_day`).
+        Score the alarm of the kept model over a day (:func:`doppelgait.classify.alarm.run_day`).
     on_progress : callable, optional
         Called with (models trained, models to train).
 
@@ -247,7 +247,7 @@ def evaluate(
     Raises
     ------
     DatasetError
-        If there is one class alone, nothing to test on, or the other dataset lacks features or has further classes.
+        If there is only one class or no test data, or the other dataset lacks features or has further classes.
     ConfigError
         If models or options are unknown or exclude each other; or if no model can be chosen to keep.
 
@@ -292,12 +292,12 @@ def evaluate(
         train, held = hold_back(rows, np.arange(len(rows)), seed)
         whole = [*folds, Fold("all rows", train, held, np.empty(0, dtype=np.int64))]
     if keep:
-        # Refuse to keep the best of several models where there is nothing to choose by.
+        # Refuse to keep the best of several models if no held-out rows exist.
         names = [name for name in tables if name not in BASELINES]
         if len(names) > 1 and "ensemble" not in names and not all(fold.held.size for fold in whole):
             raise ConfigError(
-                f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few targets; "
-                "name the one model to keep (--models), or give more data"
+                f"--save: no rows can be held out to choose among {', '.join(names)}: a class has too few targets; "
+                "name the one model to keep (--models), or add more data"
             )
     runs, by_seed = run_all(rows, tables, whole, seed=seed, n_seeds=n_seeds, on_progress=on_progress)
     trained = [name for name in runs if name not in BASELINES]
@@ -307,7 +307,7 @@ def evaluate(
     said = [*notes, *skipped]
     bare = [name for name in trained if not runs[name].calibrated]
     if bare:
-        said.append(f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows")
+        said.append(f"{', '.join(bare)}: not calibrated, because a class has fewer than {LEAST_ROWS} held-out rows")
     said += _describe_missing_safeguards(rows, folds)
     said += [
         f"{name}: {part['n']} of {part['of']} tested rows have {format_span(*part['tested'])}, outside the "
@@ -344,18 +344,18 @@ def _collect_test_rows(
     """Collect all rows, and separately own rows without labels."""
     blank = None if own is None else own.index["label"].to_numpy(dtype=str) == UNLABELLED
     if shares is not None and (blank is None or not blank.any()):
-        raise ConfigError(f"--share: goes with --adapt and recordings called {UNLABELLED!r}")
+        raise ConfigError(f"--share: needs --adapt and recordings labelled {UNLABELLED!r}")
     if own is None or blank is None:
         return collect_rows(dataset, other), None
     if other is not None:
-        raise ConfigError("--adapt and --test: take one of them; --adapt tests on what it does not adapt to")
+        raise ConfigError("--adapt and --test: use one of them; --adapt tests on recordings that it does not adapt to")
     if not blank.any():
         rows = collect_rows(dataset, own)
         missing = [name for name in rows.classes if not (own.index["label"] == name).any()]
         if missing:
             raise DatasetError(
-                f"--adapt {own.directory}: shows no {', '.join(missing)}, so that nothing tells how far to move the "
-                f"decision; label recordings of every class ({', '.join(rows.classes)}), or call all {UNLABELLED!r}"
+                f"--adapt {own.directory}: contains no {', '.join(missing)}, so that the shift of the decision is "
+                f"unknown; label recordings of every class ({', '.join(rows.classes)}), or label all {UNLABELLED!r}"
             )
         return rows, None
     if not blank.all():
@@ -387,16 +387,16 @@ def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) ->
 
 
 def _describe_missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
-    """Describe what the models lack a class or rows for.
+    """Describe model functions that lack a class or rows.
 
-    The rows are held-out ones.
+    The rows are the held-out rows.
     """
     said, fewest = [], min(fold.held.size for fold in folds)
     if rows.alarm not in rows.classes:
         said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
     if fewest < LEAST_FAR:
         said.append(
-            f"{fewest} held rows: no model can turn anything away by its distance from the training data; it takes "
+            f"{fewest} held-out rows: no model can reject targets by their distance from the training data; this needs "
             f"{LEAST_FAR}"
         )
     return said
@@ -415,9 +415,9 @@ def _score_further(
     model: Model, tested: Rows, values: Any, strangers: Rows | None, nameless: Rows | None, *, seed: int, adapted: bool,
     shares: Mapping[str, float] | None,
 ) -> tuple[dict[str, Any], Model, list[str]]:  # fmt: skip
-    """Score adaptation, then abstention from strangers, with remarks.
+    """Score adaptation, then abstention on unknown kinds, with remarks.
 
-    The model is returned as adapted to all tested rows, or to those without labels.
+    The returned model is adapted to all tested rows, or to the rows without labels.
     """
     found: dict[str, Any] = {}
     notes: list[str] = []
@@ -454,7 +454,7 @@ def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: i
     options = [name for name, value in (("--cv", n_folds), ("--leave-out", left_out)) if value is not None]
     options += ["--test"] if len(rows.datasets) > 1 else []
     if len(options) > 1:
-        raise ConfigError(f"{' and '.join(options)}: take one of them")
+        raise ConfigError(f"{' and '.join(options)}: use one of them")
     if n_folds is not None:
         return split_into_folds(rows, n_folds, seed=seed), []
     if left_out is not None:
@@ -476,7 +476,7 @@ def _load_tables(
     tables: dict[str, Table] = {}
     skipped = []
     wanted = list(dict.fromkeys(models or DEFAULT))
-    if "ensemble" in wanted:  # after its members
+    if "ensemble" in wanted:  # the ensemble follows its members
         wanted = [*(name for name in dict.fromkeys([*wanted, *MEMBERS]) if name != "ensemble"), "ensemble"]
     for name in [*BASELINES, *wanted]:
         kind = find_kind(name)

@@ -1,7 +1,7 @@
 """Trained models as plain arrays, independent of scikit-learn and torch.
 
-A model is scored, saved and used in this form alone, so that a report holds for a model that is loaded later with other
-versions of the libraries.
+A model is scored, saved and used only in this form, so that a report remains valid if the model is later loaded with
+other library versions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ Inputs = npt.NDArray[Any]
 
 PICTURES_AT_A_TIME = 32
 ROWS_AT_A_TIME = 64
-"""Of a kernel: distances to a thousand support vectors then stay in the processor's cache."""
+"""Number of rows in a block of a kernel, so that the distances to a thousand support vectors fit the processor
+cache."""
 
 
 class LabelledRows(NamedTuple):
@@ -110,7 +111,7 @@ class Linear:
     weight : ndarray, shape (n_classes, d + m)
     bias : ndarray, shape (n_classes,)
     floor : ndarray, shape (d,) or (0,)
-        A feature with a floor above 0 counts by its logarithm, from the floor up; empty: none does.
+        A feature with a floor above 0 is replaced by its logarithm, limited at the floor; empty if no feature is.
     """
 
     median: FloatArray
@@ -277,7 +278,7 @@ class Network:
 class Ensemble:
     """Weighted mean of models' calibrated log-odds.
 
-    Models that err for different reasons outvote each other's errors.
+    Averaging reduces the errors of models that err for different reasons.
 
     Parameters
     ----------

@@ -1,13 +1,13 @@
 """Live decisions on arriving frames, in fixed memory.
 
-A thread takes frames from their source into a ring of one window. Every hop it copies the ring into a slot that holds
-one window; the caller takes it from there, analyses it and decides (:mod:`doppelgait.classify.timeline`). Where the
-slot is still full at the next hop, the analysis has fallen behind: the source waits (a file), or the window in the slot
-is replaced by the newer one and the hop is counted as skipped (a sensor). So at most three windows are in memory,
-however long the stream, and the newest decision is never older than one hop and two analyses.
+A thread reads frames from their source into a ring buffer of one window. Every hop it copies the ring into a slot of
+one window. The caller takes the window from the slot, analyses it and decides (:mod:`doppelgait.classify.timeline`). If
+the slot is still full at the next hop, the analysis is too slow: the source waits (a file), or the newer window
+replaces the window in the slot and the hop counts as skipped (a sensor). At most three windows are therefore in memory
+for any length of the stream, and the age of the newest decision is at most one hop and two analyses.
 
-Frames get even times. A gap is filled with the frame before it, as recorders of such radars do; the analysis flags
-targets that many filled frames fall on.
+Frames are placed on even times. A gap is filled with the previous frame, as in recorders of such radars; the analysis
+flags targets with many filled frames.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from doppelgait.radar import Radar, Recording
 from doppelgait.radar.recording import make_baseband_facts
 
 POLL_S = 0.1
-"""Time between looks at whether the other side is still there."""
+"""Interval, s, at which the other thread is checked."""
 LATE_S = 1.0
-"""A frame that is this much late is out of order; with more the source's clock has jumped."""
+"""Maximum delay, s, of a frame that counts as out of order; at a larger delay the source's clock has jumped."""
 FOLLOWED = 0.05
-"""Part of a frame's deviation from its expected time that the next expected time follows: the clocks of radar and
-receiver differ by 1e-4, jitter is less than half a frame."""
+"""Gain of the time tracking: fraction of a frame's time deviation that corrects the next expected time. The clocks of
+radar and receiver differ by 1e-4, and jitter is less than half a frame."""
 MANY = 0.2
-"""Share of frames of the first window that do not fit the frame rate, from which on it is said."""
+"""Share of frames of the first window with the wrong rate at which a warning is issued."""
 
 
 @dataclass
@@ -52,17 +52,17 @@ class LiveCounts:
     Parameters
     ----------
     frames : int
-        That came.
+        Received frames.
     filled : int
-        Missing ones, filled with the one before.
+        Missing frames, filled with the previous frame.
     malformed : int
-        Of another length, or with values that are not finite; left out.
+        Frames of another length or with values that are not finite; left out.
     late : int
-        That came after a later one; left out.
+        Frames received after a later frame; left out.
     jumps : int
-        Gaps longer than a window, after which windows begin anew, and clocks that jumped back, which are ignored.
+        Gaps longer than a window, after which the windows restart, and backward jumps of the clock, which are ignored.
     windows : int
-        That were analysed.
+        Analysed windows.
     skipped : int
         Hops left out because the analysis was behind.
     failed : int
@@ -89,7 +89,7 @@ class _Ring:
     def __init__(self, radar: Radar, range_m: npt.NDArray[np.float64], window_s: float, hop_s: float) -> None:
         self.radar, self.range_m, self.window_s, self.hop_s = radar, range_m, window_s, hop_s
         self.counts = LiveCounts()
-        # windows are cut between blocks, as of files: a frame each, or a burst
+        # windows start between blocks, as in files: a block is a frame or a burst
         self._block_rows, self._block_hz = 1, radar.prf_hz
         if radar.burst_pulses is not None and radar.burst_period_s is not None:
             self._block_rows, self._block_hz = radar.burst_pulses, 1.0 / radar.burst_period_s
@@ -100,7 +100,7 @@ class _Ring:
         self._n_rows, self._n_windows = 0, 0
 
     def windows(self, frames: Iterable[tuple[float, npt.ArrayLike]]) -> Iterator[Window]:
-        """Yield every window when its last frame has come."""
+        """Yield every window when its last frame has arrived."""
         prf_hz, counts = self.radar.prf_hz, self.counts
         for told_s, values in frames:
             counts.frames += 1
@@ -120,7 +120,7 @@ class _Ring:
                 self._ahead_s += self._due_s - time_s
                 time_s, missing = self._due_s, 0
             if missing > self._rows.shape[0]:
-                if (self._n_rows + missing) % self._block_rows:  # begin anew with a whole burst
+                if (self._n_rows + missing) % self._block_rows:  # restart with a complete burst
                     continue
                 counts.jumps += 1
                 self._n_rows = self._n_windows = missing = 0
@@ -148,7 +148,7 @@ class _Ring:
         return burst * self._block_rows + place - self._n_rows
 
     def _push(self, row: npt.NDArray[np.complex64]) -> Iterator[Window]:
-        """Add a row and cut windows where files are cut."""
+        """Add a row and start windows at the positions used for files."""
         self._rows[self._n_rows % self._rows.shape[0]] = row
         self._n_rows += 1
         begin_s = self._n_windows * self.hop_s
@@ -203,7 +203,7 @@ class Live:
         return self._ring.hop_s
 
     def close(self) -> None:
-        """Take no more frames."""
+        """Stop receiving frames."""
         self._closed.set()
 
     def __iter__(self) -> Iterator[TrackDecision]:
@@ -231,7 +231,7 @@ class Live:
                 if counts.windows == 1 and counts.filled + counts.late > MANY * counts.frames:
                     warn_caller(
                         f"of the first {counts.frames:,} frames {counts.late:,} were late, and {counts.filled:,} were "
-                        f"missing: prf_hz = {self._ring.radar.prf_hz:g} does not fit their times, or these are bursts"
+                        f"missing: prf_hz = {self._ring.radar.prf_hz:g} does not match their times, or these are bursts"
                     )
                 try:
                     results = analyze_window(window, self._analysis, self._tracking)
@@ -252,7 +252,7 @@ class Live:
                     try:
                         self._slot.get_nowait()
                         self._ring.counts.skipped += 1
-                    except queue.Empty:  # it was taken just now
+                    except queue.Empty:  # the caller has just taken it
                         pass
                 if not self._put(window):
                     return

@@ -23,7 +23,7 @@ from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.learning import balanced_weights
 
 LEAST_ROWS = 5
-"""Of every class; with fewer nothing is fitted."""
+"""Minimum number of rows of every class for a calibration."""
 STEEPEST = 20.0
 
 
@@ -38,7 +38,7 @@ class Calibration:
     shift : ndarray, shape (n_classes,)
         The first is 0.
     n_rows : int
-        Rows it was fitted to; 0 if it changes nothing.
+        Number of fitted rows; 0 if the calibration changes nothing.
     """
 
     slope: float
@@ -106,8 +106,8 @@ def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.b
 
 
 TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
-"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is another
-radar; a longer observation is a better one, so that there is more room above."""
+"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is a
+different radar. A longer observation is better, so that its upper tolerance is larger."""
 
 Conditions = Mapping[str, tuple[float, float]]
 
@@ -115,7 +115,7 @@ Conditions = Mapping[str, tuple[float, float]]
 def read_wavelength_m(signature: xr.DataArray) -> float:
     """Return the wavelength of a signature in m, or NaN.
 
-    As its attribute states it, else from its axes by v = f wavelength / 2.
+    The wavelength is the attribute, or follows from the axes by v = f wavelength / 2.
     """
     if "wavelength_m" in signature.attrs:
         return float(signature.attrs["wavelength_m"])
@@ -147,7 +147,7 @@ def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> d
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
     """Return every row's conditions, NaN for unknown.
 
-    The observation time is that used by the analysis.
+    The observation time is that of the analysis.
     """
     observed_s = _read_column(rows.index, "quality_observation_s")
     return {
@@ -172,7 +172,7 @@ def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -
 def mark_outside(values: FloatArray, name: str, trained: Conditions) -> npt.NDArray[np.bool_]:
     """Mark values of a condition outside the training range.
 
-    The tolerance is allowed for; unknown values are never outside.
+    The tolerance is included. Unknown values are never outside.
     """
     if name not in trained:
         return np.zeros(np.shape(values), dtype=bool)
@@ -236,7 +236,7 @@ body, or too few columns to show a gait."""
 OUTSIDE = 0.25
 """A feature may lie outside the training range by this share of its span."""
 RARELY = 0.01
-"""A feature that was unknown more rarely must be known."""
+"""Share of unknown training values below which a feature must be known."""
 
 
 class Facts(FrozenModel):
@@ -265,13 +265,14 @@ class Facts(FrozenModel):
     abstain_below : float
         No decision where the most likely class is less likely than this.
     novel_below : float
-        No decision where less than this share of the held-out rows is as far from the training data.
+        No decision if less than this share of the held-out rows has the same or a larger distance from the training
+        data.
     alarm : str or None
         The class to detect, where there is one.
     alarm_threshold : float or None
         Probability of that class above which 95 % of its held-out rows are detected.
     alarm_people : int or None
-        Held-out targets of that class, which the threshold rests on; None if not known.
+        Number of held-out targets of that class behind the threshold; None if unknown.
     blocking : tuple of str
         Flags that prevent a decision.
     """
@@ -360,7 +361,7 @@ class Model:
         return self.calibration(self.learned.log_probability(values))
 
     def rank(self, values: Inputs) -> FloatArray:
-        """Return the share of held-out rows as far off, (n,).
+        """Return the share of held-out rows at the same distance, (n,).
 
         1 for models of signatures alone.
         """
@@ -369,7 +370,8 @@ class Model:
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
         """Mark features outside the training range.
 
-        Beyond its span by a quarter of it, or unknown where none was unknown in training.
+        A feature is outside if it exceeds its span by a quarter of the span, or is unknown although it was known in
+        training.
 
         Returns
         -------
@@ -407,7 +409,7 @@ def describe_alarm_data(facts: Facts) -> str:
     """Describe the data behind an alarm threshold; empty if unknown."""
     if facts.alarm_threshold is None or facts.alarm_people is None:
         return ""
-    return f"the alarm threshold rests on {facts.alarm_people} held-out targets of class {facts.alarm}"
+    return f"the alarm threshold is based on {facts.alarm_people} held-out targets of class {facts.alarm}"
 
 
 def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:

@@ -358,7 +358,7 @@ def wrong_datasets():
         (made_up(), {"n_folds": 1}, "must be from 2 to 60"),
         (made_up(), {"left_out": "colour"}, "no such column"),
         (made_up(), {"left_out": "source"}, "has 1 values"),
-        (made_up(), {"left_out": "source", "n_folds": 3}, "take one of them"),
+        (made_up(), {"left_out": "source", "n_folds": 3}, "use one of them"),
         (made_up(), {"models": ["signature-network"]}, "torch|keeps no 'signature'"),
     ]
 
@@ -585,7 +585,7 @@ def test_models_are_adapted_to_own_recordings(tmp_path):
     page = write_report(found, tmp_path / "report")[-1].read_text()
     assert "Adapted to own recordings" in page
     assert (tmp_path / "report" / "adaptation.png").is_file()
-    with pytest.raises(ConfigError, match="--adapt and --test: take one of them"):
+    with pytest.raises(ConfigError, match="--adapt and --test: use one of them"):
         evaluate(made_up(), own=own, other=own, models=["six-logistic"])
     with pytest.raises(ConfigError, match="--adapt: needs one model for all rows"):
         evaluate(made_up(), own=own, n_folds=3, models=["six-logistic"])
@@ -623,20 +623,20 @@ def test_shares_of_own_recordings_are_told():
     ):  # fmt: skip
         with pytest.raises(ConfigError, match=message):
             evaluate(made_up(), own=own, own_shares=shares, models=["six-logistic"])
-    with pytest.raises(ConfigError, match="--share: goes with --adapt and recordings called 'unlabelled'"):
+    with pytest.raises(ConfigError, match="--share: needs --adapt and recordings labelled 'unlabelled'"):
         evaluate(made_up(), own_shares={"human": 0.5, "dog": 0.5}, models=["six-logistic"])
 
 
 def test_own_recordings_of_one_class_and_of_no_decision_move_nothing():
     people = made_up(60, identity="own", seed=4, classes=("human",))
-    with pytest.raises(DatasetError, match="shows no dog, so that nothing tells how far to move the decision"):
+    with pytest.raises(DatasetError, match="contains no dog, so that the shift of the decision"):
         evaluate(made_up(), own=people, models=["six-logistic"])
     own = made_up(120, identity="own", seed=4)
     plain = evaluate(made_up(), own=own, models=["six-logistic"]).models["six-logistic"]
     flagged = own.index.iloc[:20].assign(quality_flags="no_signal", id=[f"x{k}" for k in range(20)], label="human")
     more = Dataset(None, own.description, pd.concat([own.index, flagged], ignore_index=True), None)
     found = evaluate(made_up(), own=more, models=["six-logistic"])
-    assert any("own rows are not used, no model would decide on them" in note for note in found.document["notes"])
+    assert any("own rows are not used, because the model makes no decision" in note for note in found.document["notes"])
     assert found.models["six-logistic"].calibration.shift == pytest.approx(plain.calibration.shift, abs=1e-9)
     elsewhere = made_up(120, identity="own", seed=4)
     elsewhere.index["carrier_hz"] = 24e9
@@ -647,10 +647,10 @@ def test_own_recordings_of_one_class_and_of_no_decision_move_nothing():
 
 def test_few_held_rows_turn_nothing_away_and_are_told():
     few = evaluate(made_up(100), models=["six-logistic"])
-    assert any(re.search(r"\d+ held rows: no model can turn anything away by its distance", note)
+    assert any(re.search(r"\d+ held-out rows: no model can reject targets by their distance", note)
                for note in few.document["notes"])  # fmt: skip
     assert not any(
-        "turn anything away" in note for note in evaluate(made_up(400), models=["six-logistic"]).document["notes"]
+        "reject targets" in note for note in evaluate(made_up(400), models=["six-logistic"]).document["notes"]
     )
 
 
@@ -668,7 +668,7 @@ def test_what_is_unlike_the_training_is_no_decision(found):
     strict = replace(model, facts=model.facts.model_copy(update={"novel_below": 1.01}))
     decision = decide(a_target(feature_step_length_m=2.2), strict, 0)
     assert decision.abstained
-    assert re.match(r"unlike the training data: \d+\.\d % of the held-out rows are as far from it", decision.reason)
+    assert re.match(r"unlike the training data: \d+\.\d % of the held-out rows have the same or a larger distance", decision.reason)
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -833,7 +833,7 @@ def few_targets():
 
 
 def test_without_held_rows_nothing_is_the_best(tmp_path):
-    with pytest.raises(ConfigError, match=r"--save: no rows can be held back to choose among six-logistic, six-boost"):
+    with pytest.raises(ConfigError, match=r"--save: no rows can be held out to choose among six-logistic, six-boost"):
         evaluate(few_targets(), models=FEATURE_MODELS, keep=True)
     found = evaluate(few_targets(), models=FEATURE_MODELS)
     assert found.best is None

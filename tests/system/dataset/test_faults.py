@@ -326,7 +326,7 @@ def test_status_tells_done_missing_and_damaged_and_cleans_up_after_the_dead(tmp_
 
 def test_status_of_what_is_no_dataset(tmp_path):
     (tmp_path / "mine.partial").write_text("a thesis")
-    with pytest.raises(DatasetError, match=r"holds no dataset, dataset\.json is missing"):
+    with pytest.raises(DatasetError, match=r"contains no dataset; dataset\.json is missing"):
         read_dataset_status(tmp_path)
     with pytest.raises(DatasetError, match="holds no dataset"):
         read_dataset_status(tmp_path / "nowhere")

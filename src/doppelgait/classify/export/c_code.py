@@ -20,7 +20,8 @@ TEXTS = Path(__file__).parent / "c99"
 LINE = 110
 TYPES = {"float": 4, "int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}
 SAMPLES_TOLERANCE = {False: 1e-4, True: 2e-2}
-"""Of probabilities in float32, and in int8: there a level that lies between two integers may fall to either."""
+"""Tolerances of probabilities in float32 and in int8. In int8 a level between two integers may be rounded either
+way."""
 
 
 class Sources:
@@ -175,7 +176,7 @@ class Sources:
         if device is not None:
             turns = 2.0 * np.pi * np.arange(device.n_doppler) / device.n_doppler
             self._add_array("taper", "float", device.taper)
-            # whole and fraction apart: a strong row next to a weak cell would show the rounding of their sum
+            # store integer and fraction separately: the rounding of their sum would be visible next to a strong row
             self._add_array("edge_rows", "int16_t", np.floor(device.row_edges))
             self._add_array("edge_parts", "float", device.row_edges - np.floor(device.row_edges))
             self._add_array("picture_starts", "int16_t", device.picture_starts)

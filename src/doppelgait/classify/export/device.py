@@ -18,7 +18,7 @@ from doppelgait.processing.config import plan_transform
 from doppelgait.processing.patches import Patch
 
 SAME = 1.01
-"""A condition with this ratio of its ends or less is one number."""
+"""Maximum ratio of the limits of a condition that counts as one number."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Device:
         Window of the transform.
     hop, n_doppler : int
     n_columns : int
-        Columns of the picture, or more, in a window.
+        Number of picture columns in a window; at least one picture.
     n_stft : int
         Columns of the transform in a window.
     still_time_s : float or None
-        Time constant of the running mean that is taken off as static echoes; None: nothing is.
+        Time constant of the running mean that is subtracted as static echoes; None subtracts nothing.
     """
 
     prf_hz: float
@@ -98,7 +98,7 @@ def plan_device(
     model: Model, patch: Patch, *, prf_hz: float | None, carrier_hz: float | None, window_s: float | None, bins: int,
     still_time_s: float | None,
 ) -> Device:  # fmt: skip
-    """Plan how a model sees a radar.
+    """Plan the processing of a radar's samples for a model.
 
     Raises
     ------
@@ -127,16 +127,16 @@ def _read_condition(model: Model, name: str, stated: float | None, option: str) 
             raise ConfigError(f"{option} {stated:g}: the model was trained on {low:g} to {high:g}")
         return stated
     if math.isnan(low):
-        raise ConfigError(f"the model does not state its {name}; give {option}")
+        raise ConfigError(f"the model does not state its {name}; set {option}")
     if high > SAME * low:
-        raise ConfigError(f"the model was trained on {name} {low:g} to {high:g}; give that of your radar: {option}")
+        raise ConfigError(f"the model was trained on {name} {low:g} to {high:g}; set that of your radar: {option}")
     return low
 
 
 def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.float64]]]:
     """Return members, weights, slopes and shifts.
 
-    A single model is a member without a calibration of its own.
+    A single model counts as one member without calibration.
     """
     found = model.learned
     if isinstance(found, Ensemble):
@@ -147,7 +147,7 @@ def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.flo
 def select_networks(model: Model) -> Model | None:
     """Return the networks of a model alone, or None.
 
-    They keep their own calibrations; that of the whole model is left out.
+    The networks keep their calibrations; the calibration of the whole model is left out.
     """
     parts = list_parts(model)
     seeing = [part for part in parts if isinstance(part[0], Network)]

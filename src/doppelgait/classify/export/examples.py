@@ -24,7 +24,7 @@ NOISE_DB, STILL = (-50.0, 10.0), 20.0
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
     """Simulate a window of a body that swings four limbs.
 
-    There is noise, and a static echo where the device removes one.
+    The window has noise, and a static echo if the device removes one.
 
     Returns
     -------
@@ -81,9 +81,9 @@ def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> 
 
 
 def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> list[Levels]:
-    """Collect levels of held-out rows, cut to the window.
+    """Collect levels of held-out rows, truncated to the window.
 
-    Of all rows where none were held out.
+    If no rows were held out, all rows are used.
     """
     from doppelgait.dataset.learning import read_signature
     from doppelgait.dataset.open import open_dataset
@@ -106,7 +106,7 @@ def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> lis
 def feature_rows(rng: np.random.Generator, model: Model, n: int) -> FloatArray:
     """Sample features within the training range.
 
-    They are as often unknown as there, and exact in float32.
+    Features are unknown as often as in the training data. The values are exact in float32.
     """
     low, high = np.nan_to_num(model.lowest), np.nan_to_num(model.highest)
     values = rng.uniform(low, high, (n, low.size))

@@ -32,7 +32,7 @@ class IntegerLayer(NamedTuple):
 class IntegerNetwork(Network):
     """Network with layers in integers.
 
-    Bit for bit as in the exported C.
+    The results are bit-identical to those of the exported C code.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from doppelgait.core.errors import ConfigError
 
 NO_ONNX = "onnx is not installed, which the form onnx needs: pip install 'doppelgait[export]'"
 OPSET, TREES_OPSET, IR_VERSION = 18, 3, 9
-"""Of 2022 and 2023, so that older runtimes read the graph."""
+"""Versions of the format from 2022 and 2023, which older runtimes can read."""
 FEATURES, PICTURES, PROBABILITY = "features", "pictures", "probability"
 
 
@@ -24,8 +24,8 @@ def build_onnx_model(model: Model) -> Any:
 
     Inputs are ``features`` (n, d), float32, NaN for unknown, and ``pictures`` (n, m, n_velocity, n_time), float32: m
     pictures of every signature (:func:`doppelgait.processing.patches.cut_pictures`), NaN where there is no signature.
-    Each is there only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of features
-    and everything after a member are computed in double precision.
+    Each input exists only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of
+    features and everything after a member are computed in double precision.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def build_onnx_model(model: Model) -> Any:
 def round_threshold(threshold: Any) -> Any:
     """Round thresholds of trees down to float32.
 
-    Every float32 value then goes the way it goes in double precision.
+    Every float32 value then takes the same branch as in double precision.
     """
     rounded = np.asarray(threshold, dtype=np.float64).astype(np.float32)
     return np.where(rounded > threshold, np.nextafter(rounded, np.float32(-np.inf)), rounded).astype(np.float32)
@@ -193,7 +193,7 @@ class _Graph:
     def add_network(self, learned: Network, name: str) -> str:
         """Add a network, averaged over pictures and mirror images.
 
-        Classes are equal where a picture is unknown.
+        If a picture is unknown, all classes have the same probability.
         """
         spec, n_classes = learned.patch, learned.bias.size
         pictures, self.inputs[PICTURES] = PICTURES, ["n", "m", spec.n_velocity, spec.n_time]

@@ -115,7 +115,7 @@ def log_softmax(scores: Array) -> Array:
 def standardise(own: Arrays, values: Array) -> Array:
     """Standardise features (n, d) to columns.
 
-    Some are logarithms; unknown ones are medians, and further columns mark them.
+    Some columns are logarithms. Unknown values are replaced by medians, and further columns mark them.
     """
     floor = own["floor"] if own["floor"].size else np.zeros(values.shape[1])
     raised = np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
@@ -150,7 +150,7 @@ def trees(own: Arrays, values: Array) -> Array:
 def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]) -> Array:
     """Return mean log-probabilities of covering pictures.
 
-    Their mirror images in velocity count as much; classes are equal where there is no signature.
+    Their mirror images in velocity have the same weight. Without a signature all classes have the same probability.
     """
     answers = np.zeros((len(whole), own["bias"].size))
     for row, signature_levels in enumerate(whole):
@@ -177,7 +177,7 @@ def of_pictures(own: Arrays, pictures: Array) -> Array:
 def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
     """Cut pictures (n, n_velocity, n_time) that cover all levels.
 
-    They overlap by half or more; one that is too short is in the middle.
+    Pictures overlap by half or more. Levels shorter than a picture are centred.
     """
     n_time, spare = patch["n_time"], whole.shape[1] - patch["n_time"]
     if spare < 0:
@@ -202,7 +202,7 @@ def signature(
     taper : ndarray, optional
         Another window than the Gaussian one.
     hop, n_doppler : int, optional
-        Pulses from column to column, and length of the transform.
+        Number of pulses between columns, and length of the transform.
 
     Returns
     -------

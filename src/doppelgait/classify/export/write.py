@@ -32,7 +32,7 @@ from doppelgait.core.own_folder import check_out, complete_folder
 
 FORMS = ("c", "numpy", "onnx")
 SCALE_EXAMPLES = 100
-"""Signatures that set the scales of integers."""
+"""Number of signatures that set the scales of integers."""
 LISTING, FORMAT = "export.json", "doppelgait-model-export"
 
 
@@ -45,7 +45,7 @@ class CSettings:
     integers : bool
         Networks in 8-bit integers instead of float32.
     prf_hz, carrier_hz : float, optional
-        Of the radar; by default those of the training data, where they are one number each.
+        Pulse rate and carrier of the radar; by default those of the training data, if each is one number.
     window_s : float, optional
         Observation of one decision; by default the shortest one of the training data, and at least one picture.
     bins : int
@@ -89,7 +89,7 @@ class Export:
     folder : Path
     files : tuple of str
     facts : mapping
-        Of the form ``c``: size, work, and the difference that integers make.
+        Facts of the form ``c``: size, operations, and the error of the integers.
     """
 
     folder: Path
@@ -163,7 +163,7 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
 
 
 def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """Make header, source, golden vectors and their test."""
+    """Write the header, the source, golden vectors and their test."""
     rng, device = np.random.default_rng(settings.seed), None
     networks = [part[0] for part in list_parts(model) if isinstance(part[0], Network)]
     if settings.integers and not networks:
