@@ -77,7 +77,7 @@ def test_a_header_that_is_no_python_is_one_error(tmp_path, header):
     path = tmp_path / "m.npz"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("model.npy", b"\x93NUMPY\x01\x00v\x00" + header.ljust(117) + b"\n")
-    with pytest.raises(DatasetError, match="is no model of doppelgait, or damaged"):
+    with pytest.raises(DatasetError, match="is not a model of doppelgait, or is damaged"):
         load_model(path)
 
 

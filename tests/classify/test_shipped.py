@@ -48,7 +48,7 @@ def test_the_radar_chooses(carrier_hz, prf_hz, name):
 
 @pytest.mark.parametrize(("carrier_hz", "prf_hz"), [(7.29e9, 17), (7.29e9, 3000), (9.7e9, 1000), (77e9, 3200)])
 def test_a_radar_that_none_knows_is_told_so(carrier_hz, prf_hz):
-    with pytest.raises(ConfigError, match=r"no model that comes with doppelgait .*; there are .*x4 \(7.29 GHz, 500"):
+    with pytest.raises(ConfigError, match=r"no shipped model .*; there are .*x4 \(7.29 GHz, 500"):
         find_shipped_model(carrier_hz, prf_hz)
 
 

@@ -96,7 +96,7 @@ def test_labels_of_a_file_or_of_names(tmp_path):
         ("1P36A01R01.dat", "person", "")
     ]
     for labels, names in ((table, "glasgow"), (None, None)):
-        with pytest.raises(ConfigError, match="one of the two"):
+        with pytest.raises(ConfigError, match="set --labels, or set --names"):
             label_entries(tmp_path, labels, names, [], gate="track")
 
 

@@ -255,7 +255,7 @@ def test_only_a_plan_that_names_its_leaks_may_have_them():
             dataset={"name": "x", "examples_per_class": 60, "leaks": leaks},
         )  # fmt: skip
 
-    with pytest.raises(ConfigError, match=r"classes\.1\.target\.rcs: is not allowed: it would reveal the class"):
+    with pytest.raises(ConfigError, match=r"classes\.1\.target\.rcs: is not allowed, because it reveals the class"):
         set_by_class(["radar.prf_hz"])
     with pytest.raises(ConfigError, match="'auto' is not allowed in a dataset"):
         set_by_class(["target.rcs"])
@@ -726,7 +726,7 @@ def test_copies_of_a_file_are_one_subject_or_refused(tmp_path):
     motion = files(tmp_path, *(f"{n}.c3d" for n in range(8)))
     (tmp_path / "1.c3d").write_text("0.c3d")
     config = plan(classes=[{"label": "a", "motion": motion}])
-    with pytest.raises(ConfigError, match=r"motion files '0\.c3d' and '1\.c3d' hold the same"):
+    with pytest.raises(ConfigError, match=r"motion files '0\.c3d' and '1\.c3d' have the same content"):
         plan_dataset(config, folder=tmp_path)
     one = plan(
         dataset={"name": "x", "examples_per_class": 60}, classes=[{"label": "a", "motion": motion}],

@@ -121,7 +121,7 @@ def _sniff_walk(path):
     ("read", "facts", "message"),
     [
         (_read_safely, {}, None),
-        (_read_walk, {}, r"damaged file \(half\) raises ValueError|damaged file \(noise\)|no RecordingError"),
+        (_read_walk, {}, r"damaged file \(half\) raises ValueError|damaged file \(noise\)|not a RecordingError"),
         (_read_positional, {}, r"options \['prf_hz'\] are not keyword-only"),
         (_read_another_time, {}, "gives another recording"),
         (_read_safely, {"sniff": lambda path: False}, "recognised by no reader"),
@@ -147,7 +147,7 @@ def test_a_broken_radar_reader_is_caught(register, tmp_path, read, facts, messag
     [
         ("scale", "the baseband differs"),
         ("clock", "gives other bytes"),
-        ("open", "no OutputError"),
+        ("open", "not an OutputError"),
         ("suffix", "suffix '.h5' is taken by"),
         ("nothing", "makes no file"),
     ],

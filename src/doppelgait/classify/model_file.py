@@ -26,17 +26,18 @@ from doppelgait.processing.patches import Patch
 
 FORMAT = "doppelgait-model"
 FORMAT_VERSION = 3
-"""2: a linear model has floors of logarithms, and there are support vector machines. 3: ensembles."""
+"""Version of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
+exist."""
 SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
-"""Limit of all arrays together; models of doppelgait are far smaller."""
+"""Maximum size of all arrays together; models of doppelgait are far smaller."""
 MOST_MEMBERS = 64
 SHOWN = 300
-"""Characters of a reason in an error."""
+"""Maximum number of characters of a reason in an error."""
 LARGEST = 1e30
-"""Of the numbers of a model, thresholds of trees aside."""
+"""Maximum absolute value of the numbers of a model, except thresholds of trees."""
 LARGEST_SCORE = 1e37
-"""Of a network, in single precision."""
+"""Maximum absolute value of the numbers of a network, in single precision."""
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
 FEATURES = {SPEED, WIDTH, ENVELOPE_WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
@@ -154,7 +155,7 @@ def load_model(path: str | Path) -> Model:
     Raises
     ------
     DatasetError
-        If it is missing, no model of doppelgait, damaged, inconsistent, or of a newer version.
+        If the file is missing, is not a model of doppelgait, or is damaged, inconsistent or of a newer version.
 
     See Also
     --------
@@ -173,7 +174,7 @@ def load_model(path: str | Path) -> Model:
         text, arrays = _read_arrays(Path(path))
         document = parse_json(text)
         if document["format_version"] > FORMAT_VERSION:
-            raise DatasetError(f"{path}: is a model of a newer doppelgait; install that one")
+            raise DatasetError(f"{path}: is a model of a newer doppelgait; install the newer version")
         facts = validate(Facts, document["facts"], where=str(path))
         learned = _unpack(document, arrays)
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
@@ -192,7 +193,7 @@ def load_model(path: str | Path) -> Model:
         raise
     except Exception as error:  # NumPy and the archive raise whatever they like at damaged files
         reason = " ".join(str(error).split())[:SHOWN]
-        raise DatasetError(f"{path}: is no model of doppelgait, or damaged: {reason}") from None
+        raise DatasetError(f"{path}: is not a model of doppelgait, or is damaged: {reason}") from None
     return model
 
 
@@ -213,14 +214,14 @@ def _read_arrays(path: Path) -> tuple[str, Arrays]:
             raise ValueError(f"{name} holds {values.dtype}, not numbers")
         arrays[name] = values.astype(np.int64) if name.split(".")[-1] in INTEGERS else values
     if f'"{FORMAT}"' not in text:
-        raise ValueError("its text does not say so")
+        raise ValueError("its text does not declare the format")
     return text, arrays
 
 
 def _check_model(model: Model) -> None:
     """Check that all parts of a model fit together.
 
-    Then every prediction is possible and ends.
+    Every prediction is then possible and terminates.
     """
     from doppelgait.features.extended import list_features
 
@@ -231,13 +232,14 @@ def _check_model(model: Model) -> None:
     if not (0 < model.calibration.slope < LARGEST and (np.abs(model.calibration.shift) < LARGEST).all()):
         raise ValueError("its calibration is no number above 0, or too large")
     if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
-        raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
-    # A model must not use what no analysis measures, such as the nuisance parameters of a plan.
+        raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is not one of its classes")
+    # A model must not use values that no analysis measures, such as the nuisance parameters of a plan.
     measured = FEATURES | {f"extended_{name}" for name, _, _ in list_features()}
     wrong = [name for name in model.facts.names if name not in measured]
     if wrong:
         raise ValueError(
-            f"looks at the feature {wrong[0]!r}, which no analysis gives; it gives the six features, gait_frequency_hz "
+            f"uses the feature {wrong[0]!r}, which no analysis measures; allowed are the six features, "
+            "gait_frequency_hz "
             "and the registered extended features"
         )
     if model.novelty is not None:
@@ -261,7 +263,7 @@ def _check_learned(learned: Any, n_classes: int, n_features: int) -> None:
 
 
 def _check_numbers(learned: Any) -> None:
-    """Refuse NaN, infinity and numbers that no sum can hold."""
+    """Refuse NaN, infinity and numbers that overflow a sum."""
     for name, values in vars(learned).items():
         for array in values if isinstance(values, tuple) else (values,):
             if isinstance(array, np.ndarray):
@@ -333,7 +335,7 @@ def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:
         if (child[inner] <= own[inner]).any() or (child[inner] >= count).any():
             raise ValueError("its trees have nodes that lead nowhere or back")
     if count == 0 or learned.feature.max() >= n_features or learned.root.min() < 0 or learned.root.max() >= count:
-        raise ValueError("its trees look at features or nodes that are not there")
+        raise ValueError("its trees use features or nodes that do not exist")
 
 
 def _check_network(learned: Any, n_classes: int, n_features: int) -> None:

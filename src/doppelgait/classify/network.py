@@ -94,7 +94,7 @@ def train_network(
         Rows of other targets that decide when to stop; without any, all epochs are run.
     n_classes : int
     seed : int
-        Same seed, same rows, same machine: same network.
+        The same seed, rows and machine give the same network.
     spec : Patch, optional
         Format of the levels.
     settings : Training, optional
@@ -128,7 +128,7 @@ def train_network(
         n_epochs = min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))
         for epoch in range(n_epochs):
             slowly = settings.widening * n_epochs
-            width = min(1.0, epoch / slowly) if slowly > 1.0 else 1.0  # never all epochs without any variation
+            width = min(1.0, epoch / slowly) if slowly > 1.0 else 1.0  # the limits always widen before the last epoch
             _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings, width)
             loss = (
                 _compute_validation_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
@@ -165,8 +165,8 @@ def _drop_missing(part: LabelledRows) -> LabelledRows:
 def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
     """Seed torch and make it deterministic, then restore its settings.
 
-    One thread: two are 1.4 times as fast on two idle processors, and 50 times slower on busy ones, where they wait for
-    each other.
+    One thread is used. Two threads are 1.4 times as fast on two idle processors, but 50 times slower on busy
+    processors, where they wait for each other.
     """
     threads = torch.get_num_threads()
     with torch.random.fork_rng(), torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
@@ -231,7 +231,7 @@ def augment(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Tra
 def stretch_pictures(pictures: Levels, factors: FloatArray) -> Levels:
     """Stretch images in velocity about zero, one factor each.
 
-    Between rows it is interpolated linearly; beyond the first and last one there is 0, the noise floor.
+    Rows are interpolated linearly. Outside the first and last row the value is 0, the noise floor.
     """
     n_rows = pictures.shape[1]
     middle = (n_rows - 1) / 2.0
@@ -248,7 +248,7 @@ def _compute_validation_loss(
 ) -> float:
     """Return the class-balanced log loss of the held-out signatures.
 
-    Of the middle of each of them.
+    The loss is computed for the middle of each signature.
     """
     model.eval()
     weights, total = row_weights(held.labels, n_classes), 0.0

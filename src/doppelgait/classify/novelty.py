@@ -1,7 +1,7 @@
 """Distance of a target from all training data.
 
-A classifier must answer with one of its classes. Something else - a waving person, a vacuum cleaner - is recognised by
-its distance from the training rows, not by the probabilities.
+A classifier always returns one of its classes. Other targets, such as a waving person or a vacuum cleaner, are
+recognised by their distance from the training rows, not by the probabilities.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import numpy as np
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, LabelledRows, select_features, standardise
 
 NOVEL_BELOW = 0.02
-"""No decision about a target that is farther than all but this share of the held-out rows: set beforehand, so that one
-in fifty of the known kinds is turned away."""
+"""Rank below which no decision is made. The value was set in advance, so that one in fifty targets of the known kinds
+is rejected."""
 LEAST_FAR = 49
-"""Held-out rows below which the least rank, 1 / (n + 1), is not below :data:`NOVEL_BELOW`: nothing is turned away."""
+"""Minimum number of held-out rows. With fewer rows the minimum rank, 1 / (n + 1), exceeds :data:`NOVEL_BELOW` and no
+target is rejected."""
 LEVELS = 500
-"""Stored quantiles of the held-out distances, at most."""
+"""Maximum number of stored quantiles of the held-out distances."""
 SHRINKAGE = 0.05
 """Share of the identity in the covariance of the standardised columns, assumed: a column without spread in training
 counts as one with a fifth of the usual spread."""
@@ -42,7 +43,7 @@ class Novelty:
     whitening : ndarray, shape (d + m, d + m)
         W with W W' = C⁻¹.
     held : ndarray, shape (n,)
-        Rising distances of held-out rows, or 500 quantiles of them; empty where none were held out.
+        Distances of held-out rows in ascending order, or 500 quantiles of them; empty if no rows were held out.
     """
 
     median: FloatArray
@@ -75,7 +76,7 @@ def learn_novelty(
     train: LabelledRows,
     held: LabelledRows,
 ) -> Novelty:
-    """Measure how training rows lie about their class means.
+    """Fit the distribution of training rows about their class means.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from doppelgait.dataset.open import Dataset
 def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
     """Collect the rows of classes outside the training data.
 
-    Their class numbers say nothing.
+    Their class numbers have no meaning.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
 def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:
     """Mark rows without a decision whatever the probability, shape (n,).
 
-    A blocking flag, or features, conditions or distance outside what the model was trained on.
+    The cause is a blocking flag, or features, conditions or a distance outside the training data.
     """
     texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
     flagged = [find_blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
@@ -67,8 +67,8 @@ def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
     -------
     dict
         By label: ``n``; ``auc`` of the distance from the training data and ``auc_of_probability`` of the lack of
-        certainty (0.5: no better than chance; None for a model that measures no distance); ``decided`` the share called
-        each class with a decision, by class.
+        certainty (0.5: no better than chance; None for a model that measures no distance); ``decided``, the share of
+        decisions for each class.
     """
     table = collect_inputs(unknown, model.facts.features)
     known_rank, known_sure = _score_novelty(model, tested)

@@ -118,7 +118,7 @@ def _select_known_shares(recall: Mapping[str, Mapping[str, Any]]) -> list[Mappin
 
 
 def _plot_hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str) -> None:
-    """Plot recalls as hollow markers: they are no balanced accuracy."""
+    """Plot recalls as hollow markers, because they are not balanced accuracies."""
     for x, y in points:
         axes.plot([x], [y], "D", mfc="none", color=colour, ms=6)
 
@@ -264,17 +264,17 @@ FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
 ADAPTATION_TEXT = (
-    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of whom no "
+    "<h2>Adapted to own recordings</h2><p>Balanced accuracy and expected calibration error on targets of which no "
     "recording was used, after so many recordings of each class were: mean of 50 draws, 80 % of them lie within the "
-    "range. Each count leaves other targets to score: compare with the same targets before. Without "
-    "labels: the same recordings, as if their classes were unknown, but that "
+    "range. The scored targets depend on the count: compare with the score of the same targets before. Without "
+    "labels: the same recordings without their classes, assuming that "
     "the classes are as frequent as each other among them. A saved model is adapted to all of them.</p>"
 )
 UNKNOWN_TEXT = (
     "<h2>Kinds outside the training data</h2>"
-    "<p>Kinds outside the training data, which no class is right for: how well the distance from these data, and the "
+    "<p>Kinds outside the training data, for which no class is correct: how well the distance from these data, and the "
     "lack of certainty, separate them from the tested rows (area under the ROC curve, 0.5: not at all), and the "
-    "share that is called a class with a decision.</p>"
+    "share with a decision for a class.</p>"
 )
 ALARM_TEXT = (
     "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of its class: by "
@@ -293,7 +293,8 @@ def check_folder(folder: Path) -> Path:
     Raises
     ------
     ConfigError
-        If the folder above does not exist, it is a file, or it holds anything that is not of an earlier report.
+        If the parent folder does not exist, the path is a file, or the folder contains files that are not from an
+        earlier report.
     """
     check_out(folder, listing=LISTING, file_format=FORMAT, command="evaluate")
     return folder
@@ -390,7 +391,7 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
                 plans[-1] += f"<p>It has no plan ({escape(facts['origin'])}).</p>"
             else:
                 plans[-1] += f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
-    # The model that details are shown of: the best, or the first trained where none can be called so.
+    # Show details of the best model, or of the first trained model if no model is the best.
     trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
     best, details = str(document["kept"] or trained[0]), []
     for column, models in document["breakdowns"].items():
@@ -424,7 +425,7 @@ def format_page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]
         ),
         "<p>Balanced accuracy with its 95 % interval over targets (bootstrap; exact where there are few targets or no "
         "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
-        "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not "
+        "Grey: baselines: the most frequent class (chance); the parameters that must not "
         "predict the class (nuisance); the speed alone.</p>",
         *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
         *_format_day_parts(document),

@@ -61,10 +61,10 @@ def run_all(
     Returns
     -------
     tuple of dict
-        By name: the run that is scored, of the first seed (an ensemble joins the members of all seeds), and the runs of
-        every seed, of the baselines the first.
+        By name: the scored run of the first seed (an ensemble combines the members of all seeds), and the runs of every
+        seed (of the first seed for baselines).
     """
-    # all models of one seed after the other, the baselines once
+    # train all models for one seed after another, and the baselines once
     jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
     by_seed: dict[str, list[Run]] = {name: [] for name in tables}
     for number, (name, own_seed) in enumerate(jobs):
@@ -88,7 +88,7 @@ def run_model(
 ) -> Run:  # fmt: skip
     """Train on every fold and predict its test rows.
 
-    An ensemble is joined of its ``members``, trained on the same folds: by kind, seed and fold.
+    An ensemble combines its ``members``, which are trained on the same folds, by kind, seed and fold.
     """
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
@@ -137,7 +137,7 @@ def learn(
         Its test rows are not used.
     seed : int
     members : sequence of sequences of Model
-        Of an ensemble: trained already, by kind and seed.
+        Trained members of an ensemble, by kind and seed.
     """
     kind, n_classes = find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))

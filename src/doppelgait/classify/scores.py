@@ -23,7 +23,7 @@ Bools = npt.NDArray[np.bool_]
 LEVEL = 0.95
 REPLICATES = 2000
 FEW_GROUPS = 20
-"""With fewer targets in a class the interval is exact."""
+"""Number of targets in a class below which the interval is exact."""
 CALIBRATION_BINS = 15
 
 
@@ -51,7 +51,7 @@ def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArra
 def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
     """Return the mean recall of all classes.
 
-    NaN where one is absent: the recall of one class alone is no accuracy.
+    The result is NaN if a class is absent, because the recall of a single class is not an accuracy.
     """
     return float(compute_recalls(labels, right, n_classes).mean())
 
@@ -72,7 +72,7 @@ def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tup
 def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
     """Return a share's exact interval, a trial per target.
 
-    It is wide enough where all rows of a target are alike.
+    The interval is valid even if all rows of a target are equal.
     """
     count = np.unique(groups).size
     return clopper_pearson_interval(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
@@ -209,10 +209,10 @@ def expected_calibration_error(bins: list[dict[str, float]]) -> float:
 
 DETECTED_SHARE = 0.95
 MOST_POINTS = 200
-"""Of a ROC curve."""
+"""Maximum number of stored points of a ROC curve."""
 MOST_BINS = 12
 NOT_ALL = "not all classes are tested"
-"""In place of an interval where there is no balanced accuracy, only recalls."""
+"""Entry instead of an interval if only recalls exist, but no balanced accuracy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +270,7 @@ def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
     weights = row_weights(answers.labels, n_classes)
     bins = bin_reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
     detected = answers.classes
-    if n_classes <= 2:  # one curve: of the class to detect if it is there
+    if n_classes <= 2:  # one curve, of the alarm class if it exists
         detected = (answers.alarm,) if answers.alarm in answers.classes else answers.classes[:1]
     curves: dict[str, dict[str, Any]] = {}
     for name in detected:
@@ -397,7 +397,7 @@ CONDITIONS = (
 def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
     """Return a condition's best known column and values.
 
-    It is known of half of the rows or more; angles are from 0 to 90 degrees.
+    The column must be known for half of the rows or more. Angles are from 0 to 90 degrees.
     """
     for column in condition.columns:
         if column not in index:
@@ -415,7 +415,7 @@ def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[st
 def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
     """Return even bin edges, 12 bins at most.
 
-    Edges are at whole steps, which are doubled until the bins hold all known values.
+    Edges are at multiples of the step, which is doubled until the bins contain all known values.
     """
     known = values[np.isfinite(values)]
     if not known.size:

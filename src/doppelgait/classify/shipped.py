@@ -1,6 +1,6 @@
 """Shipped models, trained on synthetic recordings alone.
 
-``tools/train_models.py`` makes them; each has its card next to it.
+``tools/train_models.py`` trains the models. The card of each model is stored next to it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def load_shipped_model(name: str) -> Model:
     Raises
     ------
     ConfigError
-        If there is none of this name.
+        If no shipped model has this name.
 
     See Also
     --------
@@ -64,7 +64,9 @@ def load_shipped_model(name: str) -> Model:
     ('human', 'animal')
     """
     if name not in read_model_cards():
-        raise ConfigError(f"model {name!r} does not come with doppelgait; there are {', '.join(read_model_cards())}")
+        raise ConfigError(
+            f"model {name!r} is not shipped with doppelgait; shipped models are {', '.join(read_model_cards())}"
+        )
     return load_model(FOLDER / f"{name}.npz")
 
 
@@ -127,7 +129,7 @@ def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
         rates = card["conditions"]["prf_hz"]
         said.append(f"{name} ({(low + high) / 2:.4g} GHz, {rates[0]:g} to {rates[1]:g} Hz)")
     raise ConfigError(
-        f"no model that comes with doppelgait is for a carrier of {carrier_hz / 1e9:.4g} GHz and {prf_hz:g} pulses a "
+        f"no shipped model is for a carrier of {carrier_hz / 1e9:.4g} GHz and {prf_hz:g} pulses a "
         f"second; there are {', '.join(said)}. Train one on a plan of your radar "
         "(doppelgait evaluate DATASET -o REPORT --save model.npz) and name it (--model)"
     )

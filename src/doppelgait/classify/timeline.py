@@ -1,8 +1,9 @@
 """Decisions over time: windows, linked targets, fused evidence.
 
-A window is cut from the recording (:func:`cut_windows`), or from a stream (:mod:`doppelgait.classify.live`), and is
-analysed and classified like a recording of its own: nothing outside it is looked at, so that a stream gives what its
-file gives, and an overlap of two bodies counts only while it lasts. :class:`Tracks` then does what depends on the past:
+A window of the recording (:func:`cut_windows`) or of a stream (:mod:`doppelgait.classify.live`) is analysed and
+classified like a separate recording. No data outside the window are used, so that a stream and its file give the same
+result, and an overlap of two bodies affects only its own windows. :class:`Tracks` then performs the steps that depend
+on the past:
 
 1. *Linking.* A target continues the track with the same path where the windows overlap, or with a path that leads to it
    across a gap. One pass of the tracker over the whole recording would give tracks too, but it smooths backwards, so
@@ -40,18 +41,19 @@ from doppelgait.radar import Recording, read_recording
 FloatArray = npt.NDArray[np.float64]
 
 CHANGE_PER_S = 0.02
-"""Rate at which the class of a track changes: of two classes, evidence of a minute ago counts a tenth."""
+"""Rate at which the class of a track changes. For two classes, evidence has a tenth of its weight after one minute."""
 LINK_M, LINK_GROWS_MPS = 0.6, 0.4
-"""Distance at which a target still continues a path, and how it grows with the time without a detection."""
+"""Maximum distance at which a target continues a path, and its growth with the time without a detection."""
 LINK_MPS = 1.5
 """Largest jump of the radial speed across a gap."""
 COAST_S, LOST_S = 2.0, 6.0
-"""A path is extrapolated for the first, as long as two bodies share a detection; after the second it is lost."""
+"""Time for which a path is extrapolated (as long as two bodies share a detection), and time after which it is lost."""
 LEAST_COMMON_S, STEP_S = 0.3, 0.1
 WINDOW_OBSERVATIONS = 1.5
-"""Window by default, in shortest observations of the training data: a track does not fill its window."""
+"""Default window length as a multiple of the shortest training observation, because a track does not fill its
+window."""
 UNCALIBRATED = 10
-"""Rows that probabilities are taken to rest on which are not calibrated."""
+"""Assumed number of calibration rows of uncalibrated probabilities."""
 TIMES = (
     "start_s", "stop_s", "track_start_s", "track_stop_s", "track_confirmed_at_s", "still_start_s", "still_stop_s",
 )  # fmt: skip
@@ -59,7 +61,7 @@ TIMES = (
 
 
 class Window(NamedTuple):
-    """Part of a recording; its own times begin at 0."""
+    """Part of a recording, with times that start at 0."""
 
     start_s: float
     stop_s: float
@@ -75,7 +77,7 @@ class TrackDecision:
     track : int
         Number of the track, from 0 in order of appearance.
     start_s, stop_s : float
-        Of the window; the decision rests on nothing after it.
+        Start and end of the window; the decision uses no later data.
     label : str or None
         Class that is decided; None before the first decision.
     probability : float
@@ -89,7 +91,7 @@ class TrackDecision:
     reason : str
         Reason why nothing is decided, or why this window is no evidence; empty otherwise.
     range_m, approach_mps : float
-        Where the target was last seen in the window; the radial speed is positive when approaching.
+        Last range and radial speed of the target in the window; the speed is positive when approaching.
     window : Decision
         About the window alone, with times of the recording.
 
@@ -153,12 +155,12 @@ def check_window(window_s: float | None, hop_s: float | None, model: Model | Non
         )
     hop_s = window_s / 4.0 if hop_s is None else hop_s
     if not 0 < hop_s <= window_s < math.inf:
-        raise ConfigError(f"window {window_s:g} s, hop {hop_s:g} s: give 0 < hop <= window, for example 4 and 1")
+        raise ConfigError(f"window {window_s:g} s, hop {hop_s:g} s: must fulfil 0 < hop <= window, for example 4 and 1")
     return window_s, hop_s
 
 
 def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
-    """Cut a recording into windows that begin every hop.
+    """Split a recording into windows that start every hop.
 
     Raises
     ------
@@ -261,7 +263,7 @@ class Links:
 
     @property
     def kept(self) -> set[int]:
-        """Tracks that may go on."""
+        """Tracks that can be continued."""
         return set(self._paths)
 
 
@@ -331,7 +333,7 @@ class Tracks:
             belief = self._beliefs[number] = _ClassEvidence(np.full(n_classes, 1.0 / n_classes), window.stop_s)
         belief.hand_over(window.stop_s)
         if not alone.blocked:
-            # no window says more than the rows that its calibration rests on
+            # limit the evidence of a window by the number of its calibration rows
             found = np.maximum(np.array([alone.probabilities[name] for name in facts.classes]), self._least)
             start_s, stop_s = (
                 float(result.quality.get(name) or edge)

@@ -31,14 +31,14 @@ PRF_HZ = 1000.0
 INTERVALS_S = (1.0, 0.5, 0.3, 0.1, 0.05, 0.01)
 """T_d of Figs. A.1 to A.6."""
 BEST_S = (0.3, 0.1)
-"""Those that the report finds best."""
+"""Values of T_d, s, that the report finds best."""
 MOST_HOP = 5
-"""Frames from column to column; the report's one takes five times as long and changes prominences by less than 0.1 dB,
-since the window of an interval T_d lets no modulation faster than 12 / T_d through."""
+"""Frames between columns. The report's value of 1 takes five times as long and changes prominences by less than 0.1 dB,
+because the window of an interval T_d suppresses modulation faster than 12 / T_d."""
 REFERENCE_S = 0.1
-"""The report's own T_d, with which shorter ones are compared."""
+"""The report's T_d, s, with which shorter intervals are compared."""
 SAME_DB = 1.0
-"""Prominences this near to each other are the same."""
+"""Difference, dB, up to which prominences count as equal."""
 
 
 def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
@@ -94,7 +94,7 @@ def make_interval(cpi_s: float, material: Material) -> EntryResult:
     readings = [
         Reading(f"prominence of {name}", level, "dB") for name, level in zip(HARMONIC_NAMES, levels, strict=True)
     ]
-    # What the report states of every peak with this T_d, as yes (1) or no (0).
+    # The report's statements on every peak for this T_d, as yes (1) or no (0).
     by_interval = tabulate_summary(material).set_index("T_d (s)")
     for name in HARMONIC_NAMES:
         column = by_interval[f"{name} (dB)"]

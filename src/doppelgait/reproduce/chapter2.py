@@ -183,7 +183,7 @@ CHAPTER2_ENTRIES = (
 
 
 OPPOSITE_TOLERANCE_DEG = 20.0
-"""The report says "opposite phase" in words."""
+"""Tolerance, degrees, of the report's statement "opposite phase"."""
 
 
 def make_2_12(material: Material) -> EntryResult:
@@ -299,10 +299,10 @@ PERSON_ENTRIES = (
 
 
 TOGETHER_TOLERANCE_DEG = 20.0
-"""The report says "same phase" in words."""
+"""Tolerance, degrees, of the report's statement "same phase"."""
 DOG_PRF_HZ = 1491.0
-"""1938 frames in 1.3 s: the report's Figure 3.14 shows the same recording."""
-CHOSEN = "the stand-in's speed is chosen so; that it agrees shows nothing"
+"""Frame rate, Hz, of the recording: 1938 frames in 1.3 s in the report's Figure 3.14."""
+CHOSEN = "the speed of the substitute model was set to this value, so that agreement is no evidence"
 
 
 def _format_gait_note(dog: NamedMotion) -> str:

@@ -137,7 +137,7 @@ def make_3_12(material: Material) -> EntryResult:
         Reading("wall over the median of the noise", float(-np.median(level_db)), "dB"),
     ]
     text = (
-        "noise is everywhere, the wall at 0 Hz, who recedes at negative and who approaches "
+        "noise is everywhere, the wall at 0 Hz, receding targets at negative and approaching targets "
         "at positive shifts. The spectrum repeats after f_p = 300 Hz, not after f_p/2."
     )
     return EntryResult(figure, readings, format_judgement(readings, text))
@@ -224,7 +224,7 @@ DOPPLER_ENTRIES = (
     ),
     Entry(
         "fig-3.12", "What a Doppler spectrum holds",
-        "Noise spread evenly, what stands still at 0 Hz, two receding targets on the left, an approaching one on the "
+        "Noise spread evenly, static objects at 0 Hz, two receding targets on the left, an approaching one on the "
         "right. The spectrum is said to be periodic with half the frame rate.",
         make_3_12,
     ),
@@ -245,7 +245,7 @@ HIGHEST_PRF_HZ = 1300.0
 CROSSING_M = 5.0
 BEARING_DEG = 5.0
 ENDS_S = 0.2
-"""Level at the start and at the end: mean over this time."""
+"""Averaging time, s, of the level at the start and at the end."""
 
 
 def _plot_two_panels(recording: Recording, title: str) -> Figure:
@@ -287,7 +287,7 @@ def make_3_14(material: Material) -> EntryResult:
         Reading("frame rate: 1938 frames in 1.3 s", PRF_3_14_HZ, "Hz", HIGHEST_PRF_HZ, 60.0,
                 "the report's Table 5.1 ends at 1300 Hz; 1.3 s is printed with two digits"),
         Reading("length of 162 bins at 23.328 GS/s", BINS_3_14 * radar.bin_spacing_m / radar.decimation, "m",
-                note="too short for the dog's way: the report must have kept every 8th sample"),
+                note="too short for the dog's path: the report must have kept every 8th sample"),
         Reading("length of 162 bins, every 8th sample kept", BINS_3_14 * radar.bin_spacing_m, "m"),
         Reading("radial velocity, mean", speed_mps, "m/s",
                 note="3 m/s in its Figure 2.20, 5.4 m/s in chapter 5; 8.3 m of bins have room for either"),
@@ -360,8 +360,8 @@ def make_table_3_2(material: Material) -> EntryResult:
             Reading(f"sum of the scatterers, {body.label}", total_m2, "m²", RCS_M2[body.label], 1e-9, fixed=True)
         )
     text = (
-        "every scatterer takes an equal share of the report's total. As the totals are a label in disguise, "
-        "datasets take 0.01 m² per kilogram for people and dogs alike, shared out by body part (E-08)."
+        "every scatterer takes an equal share of the report's total. As the totals reveal the label, "
+        "datasets take 0.01 m² per kilogram for people and dogs alike, divided by body part (E-08)."
     )
     return EntryResult(None, readings, format_judgement(readings, text), pd.DataFrame(rows))
 

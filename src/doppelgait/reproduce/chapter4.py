@@ -165,7 +165,7 @@ def make_range_doppler(material: Material) -> EntryResult:
             fixed=True,
         ),
         Reading("true Doppler of the part that moves back", lowest_hz, "Hz"),
-        Reading("level of what moves back, below the strongest cell", float(foot_db), "dB"),
+        Reading("level of the part that moves back, below the strongest cell", float(foot_db), "dB"),
         Reading(
             "Doppler bins K = M", float(power.sizes["doppler"]), "1", 101.0, 1.0, "there M = 100, not odd", fixed=True
         ),
@@ -178,7 +178,7 @@ def make_range_doppler(material: Material) -> EntryResult:
         format_judgement(
             readings,
             f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
-            f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm goes back.",
+            f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm moves back.",
         ),
     )
 
@@ -450,7 +450,8 @@ def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: fl
 SIGNATURE_ENTRIES = (
     Entry(
         "fig-4.10", "True Doppler of all points, and the signature of the same walk",
-        "The signature should be as like the true lines as possible; the torso is strongest and varies least, the saw "
+        "The signature should resemble the true lines as closely as possible; the torso is strongest and "
+                "varies least, the saw "
         "teeth above and below are the legs, the ankle of which reaches about 300 Hz (Fig. 2.16).",
         make_lines_and_signature,
     ),

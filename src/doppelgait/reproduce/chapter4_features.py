@@ -44,7 +44,7 @@ def bin_hz(result: Result) -> float:
 
 
 def make_step_doppler(material: Material) -> EntryResult:
-    """Make Fig. 4.12: step-Doppler map up to 20 Hz."""
+    """Make Fig. 4.12: cadence-velocity diagram up to 20 Hz."""
     recording, result = walk(material)
     with_constant = cadence_map(result.normalised_signature, padded=False, tapered=False)
     figure = viz.cadence_map(
@@ -80,7 +80,7 @@ def make_step_doppler(material: Material) -> EntryResult:
 
 
 def make_cadence_spectrum(material: Material) -> EntryResult:
-    """Make Fig. 4.13: step-Doppler spectrum with f_m, f_2 and f_3."""
+    """Make Fig. 4.13: cadence spectrum with f_m, f_2 and f_3."""
     recording, result = walk(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure, axes = make_axes(height_in=4.6)

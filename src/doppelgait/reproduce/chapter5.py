@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from doppelgait.reproduce.material import Material, NamedMotion
 
 PRF_HZ = 1300.0
-"""Upper end of the report's frame rates, for all four: nothing aliases, and their spectra have equal bins."""
+"""Frame rate, Hz, of all four targets, the maximum in the report: nothing aliases, and all spectra have equal bins."""
 SLOW_WALKER_MPS, FAST_WALKER_MPS = 0.8, 2.4
 NAMES = ("person, slow", "person, fast", "walker, slow", "walker, fast")
 SAME = 0.25
-"""Heights called much the same may lie this far apart."""
+"""Relative difference up to which heights count as much the same."""
 NAN = math.nan
 REPORT_RADAR = {
     "carrier_hz": ("carrier frequency f_c", 7.29, "GHz", 1e9),
@@ -203,7 +203,7 @@ def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
 
 
 def make_step_spectra(material: Material) -> EntryResult:
-    """Make Fig. 5.4: step-Doppler spectra of the four."""
+    """Make Fig. 5.4: cadence spectra of the four targets."""
     results = analyze_four(material)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
@@ -238,7 +238,8 @@ def make_step_spectra(material: Material) -> EntryResult:
     slow, fast = (results[n][2].truth[0].gait_frequency_hz for n in (2, 3))
     readings.append(
         Reading("step frequency of the fast walker over that of the slow one", fast / slow, "1", 1.0, 0.02,
-                "the published model's stride rate goes with the root of the speed; the report seems to have held it")
+                "the stride rate of the published model is proportional to the root of the speed; the "
+                        "report seems to have kept it constant")
     )  # fmt: skip
     return EntryResult(
         figure,
@@ -284,7 +285,8 @@ def make_torso_lines(material: Material) -> EntryResult:
             f"the heights differ by a factor of {max(heights) / min(heights):.2f}; the report calls its "
             "own much the same.",
         )
-        + " They say how steady the torso's line is, since every column was divided by its maximum; the equal radar "
+        + " They measure the steadiness of the torso's line, because every column was divided by its maximum; "
+        "the equal radar "
         "cross section that the report gives as the reason has no part in it.",
     )
 

@@ -133,8 +133,8 @@ def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
         return (
             "another dog, hence its f_m, f_2, B_mu, A_fd and f_d are not compared. The highest peak here is at the "
             "stride frequency, with which a gallop repeats. The report calls its 2.98 Hz an error for 6.05 Hz; by "
-            "this dog it may be the stride, and 6.05 Hz its second harmonic, but the report's recording is not at "
-            "hand to tell."
+            "this dog it may be the stride, and 6.05 Hz its second harmonic, but the report's recording is not "
+            "available to decide this."
         )
     return (
         f"another dog, hence its f_m, f_2, B_mu, A_fd and f_d are not compared. The highest peak here, {found:.2f} "

@@ -45,8 +45,8 @@ class Reading:
     note : str
         Reason of a difference, or source of the number.
     fixed : bool
-        Set as the report has it, or a fact of the model that stands in: that it is as stated shows nothing, so it never
-        counts as agreeing. It still differs where it is not as stated.
+        True if the value was set as in the report, or follows from a substitute model. Agreement is then no evidence
+        and does not count; a difference still counts.
     """
 
     name: str
@@ -131,7 +131,7 @@ class Entry:
     stated : str
         The statement of the report about it, in our words.
     make : callable
-        Makes it from the material of the run.
+        Function that makes the entry from the material of the run.
     """
 
     number: str
@@ -152,7 +152,7 @@ class Outcome:
     ----------
     entry : Entry
     made : Made, optional
-        None if it could not be made; ``error`` says why.
+        Result; None if the entry failed, with the reason in ``error``.
     used : sequence of str
         Sources it was made from: "model: ..." or "recording: ...".
     remarks : sequence of str
@@ -216,7 +216,7 @@ class Outcome:
 def _convert_finite(value: str | float | None) -> str | float | None:
     """Convert to a float, None if not finite.
 
-    Texts, truth values and None stay as they are.
+    Texts, truth values and None are returned unchanged.
     """
     if value is None or isinstance(value, (str, bool)):
         return value
@@ -250,7 +250,7 @@ def place_of(number: str) -> tuple[int, str, int]:
 def pick(entries: Sequence[Entry], only: Sequence[str]) -> tuple[Entry, ...]:
     """Select entries by number, in report order.
 
-    All entries without numbers.
+    Without numbers all entries are selected.
 
     Raises
     ------

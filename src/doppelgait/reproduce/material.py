@@ -134,7 +134,7 @@ def make_model_dogs() -> list[NamedMotion]:
 
 
 def check_folder(folder: Path) -> None:
-    """Check that a motion folder holds people or dogs."""
+    """Check that a motion folder contains people or dogs."""
     if not any((folder / name).is_dir() for name in FOLDERS.values()):
         wanted = " and ".join(f"{name}/" for name in FOLDERS.values())
         raise ConfigError(
@@ -169,7 +169,8 @@ def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
     for file in files:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoppelgaitWarning)  # of cleaning; the command "motion info" shows them
+                # ignore the warnings of cleaning; the command "motion info" shows them
+                warnings.simplefilter("ignore", DoppelgaitWarning)
                 motion, name = read(file), file.relative_to(folder).as_posix()
                 found += [
                     NamedMotion(f"{name}, segment {number}", label, add_gait_facts(crop(motion, segment)), real=True)
@@ -241,7 +242,7 @@ STEEPNESS = 0.4
 THRESHOLD = 0.04
 """sigma_w and t_mu of the report's Table 5.2."""
 MIN_STRIDES = 2.5
-"""Strides that a recorded walk must have to stand for the report's."""
+"""Minimum number of strides of a recorded walk that replaces the report's."""
 WALKS = ("walk",)
 RUNS = ("gallop", "canter", "bound", "transverse_gallop")
 
@@ -387,5 +388,5 @@ class Material:
         analysis = Analysis(
             method=method, cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]
         )  # fmt: skip
-        key = ("result", id(seen), method, cpi_s)  # the recording is kept, so its id stays its own
+        key = ("result", id(seen), method, cpi_s)  # the recording is stored, so that its id stays unique
         return self.compute_once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])

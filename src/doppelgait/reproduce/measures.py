@@ -15,12 +15,12 @@ from doppelgait.motion.motion import Motion
 FloatArray = npt.NDArray[np.float64]
 
 FINE = 1 << 16
-"""Length of the zero-padded transform in which side lobes are looked for."""
+"""Length of the zero-padded transform in which side lobes are searched."""
 NEAR = 0.15
-"""A harmonic is looked for within this share of its expected place."""
+"""Search range of a harmonic, as a share of the fundamental around its expected frequency."""
 HARMONICS = (1, 2, 3)
 CLEAR_DB = 6.0
-"""A peak stands out where it is twice the median about it."""
+"""Prominence, dB, of a clear peak: twice the surrounding median."""
 
 
 def make_printed_window(n_pulses: int, steepness: float) -> FloatArray:
@@ -151,7 +151,7 @@ def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) ->
     Returns
     -------
     float
-        0 dB and about: no peak; the peak is the largest value within 15 % of the fundamental of the expected place.
+        About 0 dB means no peak; the peak is the largest value within 15 % of the fundamental of the expected place.
     """
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     off_hz = np.abs(cadence_hz - harmonic * frequency_hz)
@@ -215,7 +215,7 @@ def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
 
 
 def forward_m(motion: Motion) -> xr.DataArray:
-    """Return every point's place along the travel, m.
+    """Return every point's position along the travel, m.
 
     Relative to the mean of all points; lines (time, marker).
     """

@@ -123,7 +123,7 @@ def fit_line(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
 
     The slope is the median of the slopes of all pairs.
 
-    Up to 29 % of the points may be anywhere without carrying it off. Offset: the median of ``y - slope x``. NaN are
+    Up to 29 % of outliers do not affect it. Offset: the median of ``y - slope x``. NaN are
     left out; NaN below three points.
     """
     from scipy.stats import theilslopes
@@ -137,23 +137,23 @@ def fit_line(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
 
 
 N_PEOPLE, N_WALKERS, N_DOGS = 148, 21, 200
-"""Scenarios: of the report's, 148 people and 21 walkers; dogs by the hundred where it had one."""
+"""Numbers of scenarios. The report has 148 people, 21 walkers and one dog; here there are a hundred dogs."""
 RCS_M2 = {"human": 1.0, "dog": 0.2}
-"""The report's Table 3.2; its columns are normalised, so that nothing of it stays."""
+"""Cross sections of the report's Table 3.2; the columns are normalised, so that they have no effect."""
 PERSON_M = 1.8
 LONGEST_S = 5.0
 SHORTEST_S = 1.0
 RECORDED_M = (3.0, 6.0)
-"""Distance that a recording room holds: a model is observed for as long as it takes for so much, 1 to 5 s."""
+"""Length, m, of a recording room: a model is observed for the time of this distance, 1 to 5 s."""
 AWAY_EVERY = 3
-"""Every third recedes from the radar, the others approach."""
+"""Interval of receding scenarios: every third target recedes, the others approach."""
 WALKER_CYCLES = 5
 RUNNER_SHARE = 0.35
 DOG_GAITS: tuple[GaitName, ...] = ("walk", "pace", "trot", "canter", "gallop", "bound")
 REPORT_HOP_S = 0.005
 """Columns of the report's method; it takes every frame, which changes nothing that its bin of 1 / T_o shows."""
 WRONG = 0.10
-"""A step frequency this far off, relative to the true one, is wrong."""
+"""Relative error above which a step frequency counts as wrong."""
 
 METHODS = ("liland2018", "standard")
 METHOD_NAMES = {"liland2018": "the report's method", "standard": "ours"}
@@ -320,7 +320,7 @@ def run_study(
                 numbers = {"gait_frequency_hz": result.gait_frequency_hz, **result.features.as_dict()}
                 known = {name: math.nan if value is None else value for name, value in numbers.items()}
                 both.append({**facts, "method": method, **known, "flagged": "low_confidence" in result.flags})
-            rows += both  # both methods or neither
+            rows += both  # keep a scenario only if both methods succeed
         except DoppelgaitError as error:
             left_out[scenario.name] = str(error)
         if on_progress is not None:

@@ -20,7 +20,7 @@ _MODULES = {
     "check_rcs": "scene",
     "check_waveform": "radar",
 }
-"""Module of :mod:`.contracts` with each check, imported on first use: the checks need every room."""
+"""Modules of :mod:`.contracts` with the checks, imported on first use because the checks need all packages."""
 
 __all__ = sorted(_MODULES)
 

@@ -328,7 +328,7 @@ def test_status_of_what_is_no_dataset(tmp_path):
     (tmp_path / "mine.partial").write_text("a thesis")
     with pytest.raises(DatasetError, match=r"contains no dataset; dataset\.json is missing"):
         read_dataset_status(tmp_path)
-    with pytest.raises(DatasetError, match="holds no dataset"):
+    with pytest.raises(DatasetError, match="contains no dataset"):
         read_dataset_status(tmp_path / "nowhere")
     (tmp_path / "dataset.json").write_text("[1]")
     with pytest.raises(DatasetError, match="is damaged"):

@@ -234,7 +234,7 @@ def test_a_complete_dataset_may_miss_no_shard_and_no_index(copy):
         path.unlink()
     found = verify(copy)
     assert failed(found) >= {"shards", "index"}
-    assert "missing, though the dataset says it is complete: test-00000-of-00001" in found.check("shards").summary
+    assert "missing, though the dataset is marked as complete: test-00000-of-00001" in found.check("shards").summary
     (copy / "index.parquet").unlink()
     assert "index.parquet is missing, though" in verify(copy).check("index").summary
     (copy / "index.parquet").write_bytes(b"no parquet")

@@ -35,8 +35,9 @@ class Check:
     ----------
     name : str
     status : {"passed", "warning", "failed", "skipped", "not applicable"}
-        ``warning``: worth a look, the dataset stays valid. ``skipped``: could not be checked, the summary says why;
-        the dataset is not proven. ``not applicable``: nothing to check in such a dataset, or not asked for.
+        ``warning``: the dataset stays valid, but a person should look at it. ``skipped``: the check was not possible
+        for the reason in the summary; the dataset is not proven. ``not applicable``: nothing to check in this dataset,
+        or not requested.
     summary : str
         What was found, in one line.
     numbers : dict
@@ -58,7 +59,7 @@ class Verification:
     directory : Path
     dataset_id : str
     complete : bool
-        Whether the dataset says that it is.
+        Whether the dataset is marked as complete.
     checks : tuple of Check
     figures : tuple of Path
     seconds : float
@@ -114,7 +115,7 @@ class Contents:
     description : dict
         ``dataset.json``.
     index : DataFrame
-        Rows of the shards that are whole: of the index, or of the shards' records where there is no index.
+        Rows of the intact shards, from the index, or from the shards' records if there is no index.
     has_index : bool
     failed : mapping
         Reason by id of the examples that could not be made.
@@ -149,10 +150,7 @@ class Contents:
 
     @property
     def unlike(self) -> str:
-        """Reason why this version cannot make the same bytes again.
-
-        It is empty if it can.
-        """
+        """Reason why this version cannot reproduce the bytes, or an empty text."""
         version = self.description.get("data_version")
         if version == DATA_VERSION:
             return ""

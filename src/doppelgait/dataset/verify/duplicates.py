@@ -18,14 +18,15 @@ from doppelgait.features import FEATURE_UNITS
 Float32Array = npt.NDArray[np.float32]
 
 SHAPE = (24, 32)
-"""Cells in time and Doppler that signatures are averaged into for a first comparison."""
+"""Numbers of cells in time and Doppler of averaged signatures for a first comparison."""
 ALIKE = 0.999
 CANDIDATE = 0.98
-"""From this likeness of the small pictures on two signatures are compared in full."""
+"""Correlation of the small pictures above which two signatures are compared in full."""
 MOST_CANDIDATES = 2000
 BLOCK = 2048
 MOST_COMPARED = 60_000
-"""Rows that are compared for likeness; of more, a random choice. For identity all are."""
+"""Maximum number of rows that are compared for similarity; a larger dataset is sampled at random. All rows are compared
+for identity."""
 
 KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "scene_id": "scenes"}
 
@@ -37,8 +38,8 @@ def check_groups(contents: Contents) -> Check:
 
     All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
 
-    Walkers of models with the same parameters in two splits are a warning: the plan draws nothing, so that training
-    and test meet the same body.
+    Models with the same parameters in two splits give a warning: the plan samples no parameters, so that training and
+    test data contain the same body.
     """
     index = contents.index
     torn: dict[str, list[str]] = {}
@@ -57,7 +58,7 @@ def check_groups(contents: Contents) -> Check:
     models = index[index["source"] == "model"]
     same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
     if same:
-        words = f"{same} rows of models have the parameters of a row in another split; draw their parameters"
+        words = f"{same} rows of models have the parameters of a row in another split; sample their parameters"
         return Check("groups", "warning", words, {**numbers, "same_walkers": same})
     return Check("groups", "passed", f"{numbers['groups']} groups, each in one split", numbers)
 
@@ -69,9 +70,9 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
 
     Identical: equal bytes, of all rows. Near-identical: a correlation above 0.999 of amplitudes (square root of the
     power, mean removed), found among pairs with small pictures that, in dB, above the median level, correlate above
-    0.98. Amplitudes weigh the body's lines, not the noise: other noise on the same echoes at 30 dB is still
-    near-identical. Empty scenes look alike by right and are compared for identity only. Without stored signatures equal
-    features are looked for.
+    0.98. Amplitudes emphasise the body's lines over the noise: the same echoes with different noise at 30 dB are still
+    near-identical. Empty scenes are similar by nature and are compared for identity only. Without stored signatures the
+    check searches for equal features.
     """
     splits = contents.index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
@@ -93,7 +94,7 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
     same = _find_equal(digests, splits)
     has_target = (contents.index["source"] != "none").to_numpy(dtype=bool)
     rows = np.array([n for n in chosen if has_target[n] and n in pictures], dtype=np.int64)
-    # of every row the likeliest one in each later split, where alike enough for a look
+    # for every row the most similar row in each later split, if it is similar enough
     parts = {split: rows[splits[rows] == split] for split in SPLITS}
     found = [
         pair

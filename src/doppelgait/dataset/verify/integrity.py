@@ -34,9 +34,9 @@ class ShardFindings:
     contents : list of str
         Hash of the contents of every whole shard, computed from its rows and arrays.
     whole, missing : tuple of str
-        Shards that are what their records say; shards of which nothing is there.
+        Shards that match their records; shards without any file.
     damaged, unlisted : dict
-        Why, by shard: not what its record says; not what the index says.
+        Reason by shard: different from its record; different from the index.
     failed : dict
         Reason by id of the examples that could not be made.
     """
@@ -116,7 +116,7 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
         failures = {failure["id"]: failure["reason"] for failure in record["failures"]}
     except FileNotFoundError as error:
         return None, f"{Path(error.filename).name} is missing"
-    except Exception as error:  # whatever HDF5 and JSON make of damage
+    except Exception as error:  # HDF5 and JSON raise various errors for damaged files
         return None, f"cannot be read: {error}"
     findings.contents.append(contents)
     findings.failed.update(failures)
@@ -149,7 +149,7 @@ def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
 def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
     """Check the shards against their records.
 
-    Missing ones are no damage while the dataset is not complete.
+    Missing shards are no fault while the dataset is incomplete.
     """
     total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
     numbers = {
@@ -159,7 +159,7 @@ def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
     if findings.damaged:
         parts.append("damaged: " + list_some([f"{name} ({reason})" for name, reason in findings.damaged.items()]))
     if findings.missing:
-        words = "missing, though the dataset says it is complete" if complete else "not built yet"
+        words = "missing, though the dataset is marked as complete" if complete else "not built yet"
         parts.append(f"{words}: {list_some(findings.missing)}")
     wrong = bool(findings.damaged) or (complete and bool(findings.missing))
     return Check("shards", "failed" if wrong else "passed", "; ".join(parts), numbers)
@@ -261,7 +261,7 @@ def check_leftovers(directory: Path) -> Check:
 
 
 MOST_LOST = 0.05
-"""Share of a class in a split that may be missing as failed: a failure that depends on the motion bends the class."""
+"""Maximum share of failed examples of a class in a split. Failures that depend on the motion would bias the class."""
 
 
 def check_identity(contents: Contents) -> Check:
@@ -331,7 +331,7 @@ def check_balance(contents: Contents, *, missing_shards: int) -> Check:
     counts = {label: {split: planned[label, split] - gone[label, split] for split in SPLITS} for label in labels}
     numbers: dict[str, Any] = {"counts": counts, "failed": dict(contents.failed), "absent": silent}
     if silent:
-        return Check("class balance", "failed", f"neither there nor named as failed: {list_some(silent)}", numbers)
+        return Check("class balance", "failed", f"neither present nor listed as failed: {list_some(silent)}", numbers)
     listed = "; ".join(f"{label} " + " ".join(f"{n}" for n in row.values()) for label, row in counts.items())
     if not lost:
         return Check("class balance", "passed", f"as planned in train, validation, test: {listed}", numbers)

@@ -2,13 +2,13 @@
 
 The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of every pair, their
 log-likelihood ratios added up. Each parameter and pair counts by how much of its G statistic exceeds twice its degrees
-of freedom, so that those without any say stay silent. Cells do not depend on the labels; training is counting, and a
-thousand permutations of the labels, each learned anew, are a few matrix products.
+of freedom, so that parameters without information have no effect. Cells do not depend on the labels; training is
+counting, and a thousand permutations of the labels, each with a new training, are a few matrix products.
 
 False alarms: one statistic, the accuracy of all parameters together, is compared with that of permuted labels, so that
-the number of parameters needs no correction. A leak needs an accuracy that fewer than one in 10 000 permutations
-reach. A table without a leak is therefore called leaky in less than one case in 10 000, whatever its size; the test of
-a plan asks one such question, that of a dataset with an empty class two.
+the number of parameters needs no correction. A leak needs an accuracy that fewer than one in 10 000 permutations reach.
+A table without a leak is therefore called leaky in less than one case in 10 000, whatever its size; the test of a plan
+is one such comparison, that of a dataset with an empty class is two.
 """
 
 from __future__ import annotations
@@ -32,14 +32,16 @@ IntArray = npt.NDArray[np.int64]
 FOLDS = 5
 BINS, PAIR_BINS = 6, 3
 MOST_PAIRED = 40
-"""Of more parameters no pairs are looked at."""
+"""Number of parameters above which no pairs are used."""
 PRIOR_ROWS = 2.0
-"""Rows that every class is given beforehand, spread as all rows are."""
+"""Prior number of rows of every class, distributed like all rows."""
 ABOVE_CHANCE = 0.1
-"""Allowed share of the distance from chance to certainty: 0.55 balanced accuracy of two classes, 0.4 of three."""
+"""Allowed accuracy as a fraction of the distance from chance to 1: balanced accuracy 0.55 for two classes, 0.4 for
+three."""
 LEVEL = 1e-4
 PERMUTATIONS, MOST_PERMUTATIONS = 1000, 10_000
-"""The second number is used where none of the first does as well: 1 in 10 001 is below the level."""
+"""Numbers of permutations. The second is used if no permutation of the first does as well: 1 in 10 001 is below the
+level."""
 AT_A_TIME = 100
 LEAST_GROUPS = 5
 
@@ -135,7 +137,7 @@ def _p_value(
 ) -> float:
     """Return the share of permutations that do as well, this one counted.
 
-    More are made where none of the first :data:`PERMUTATIONS` does.
+    More permutations are made if none of the first :data:`PERMUTATIONS` does.
     """
     made = better = 0
     while made < PERMUTATIONS or (not better and made < MOST_PERMUTATIONS):
@@ -166,7 +168,7 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
 def bin_values(column: pd.Series, count: int) -> IntArray:
     """Return every value's quantile bin from 1, missing 0.
 
-    Few different values have a bin each.
+    If there are few different values, each has a bin.
     """
     if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
         values = column.to_numpy(dtype=np.float64, na_value=np.nan)
@@ -198,7 +200,7 @@ def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[
 def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
     """Return the log-likelihood ratio of every class against all rows.
 
-    It is that of the rows of a fold; shape (n_classes, n_test, P).
+    The ratios are those of the rows of a fold, with shape (n_classes, n_test, P).
     """
     train = cells.members[~test]
     spread = (train.mean(axis=0) + 1e-6)[:, None]
@@ -229,7 +231,7 @@ def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> np
 def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
     """Permute labels over groups.
 
-    Groups of one label swap theirs, groups of several permute within.
+    Groups with one label swap labels; groups with several labels permute them within the group.
     """
     n_groups = int(groups.max()) + 1
     low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
@@ -253,13 +255,13 @@ MEASURED_LEAKS = {
 }
 """Columns of the index that follow a key of ``dataset.leaks``, in addition to the key itself."""
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
-"""Levels of echoes that an empty room does not have; such a class is judged by the other parameters."""
+"""Levels of echoes, which an empty room does not have; such a class is judged by the other parameters."""
 RCS_FIX = (
     "the default cross section follows body mass: set [target] rcs = { total_m2 = { log_uniform = [0.1, 1.6] } } or "
     "another law for all classes, or list 'target.rcs' in dataset.leaks"
 )
 UNJUDGED = ("gate_error_m", "index.gate_error_m")
-"""Range error of the gates: no key of a plan can make it differ by class."""
+"""Range error of the gates, which no key of a plan can make class-dependent."""
 MOST_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
@@ -269,10 +271,10 @@ def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.
 
     Parameters are PRF, range, bearing, aspect, level, noise, gate error and the like.
 
-    A classifier is trained on these values, as the plan drew them and as the index states them, and is scored
+    A classifier is trained on these values, as sampled from the plan and as stored in the index, and is scored
     in folds that keep groups together. The check fails where the mean balanced accuracy of the folds exceeds
     0.55 (of two classes; as far above chance for more) and fewer than 0.01 % of permutations of the labels over the
-    groups do as well (:mod:`doppelgait.dataset.verify.leakage`). Imported recordings are as they are: a warning only.
+    groups do as well (:mod:`doppelgait.dataset.verify.leakage`). For imported recordings a leak is only a warning.
     """
     index = contents.index
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
@@ -284,7 +286,7 @@ def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.
         table = _select_measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
     table = drop_leaks(table, (*leaks, *UNJUDGED))
     declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
-    # classes with targets by all parameters, and all classes by those that an empty room has, too
+    # compare classes with targets by all parameters, and all classes by the parameters that an empty room has
     empty = table["empty"].to_numpy(dtype=bool)
     table = table.drop(columns="empty")
     questions = [("classes with a target" if empty.any() else "classes", select_varying(table[~empty]))]
@@ -340,7 +342,7 @@ def select_varying(table: pd.DataFrame) -> pd.DataFrame:
 def round_values(values: pd.Series) -> pd.Series:
     """Round numbers to five significant digits.
 
-    So values that were summed in another order become equal.
+    Values that were summed in another order then become equal.
     """
     numbers = values.to_numpy(dtype=np.float64)
     known = np.isfinite(numbers) & (numbers != 0)
@@ -361,8 +363,8 @@ def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> 
         columns=lambda name: name if name in ("label", "group", "empty") else f"index.{name}"
     )
     if (flat["noise.kind"] == "snr").all():
-        stated["index.snr_frame_db"] = rows["snr_frame_db"]  # of a thermal level of noise the motion is a part of it
-    return pd.concat([flat, stated], axis=1)  # a value that both have is judged under the key of the plan
+        stated["index.snr_frame_db"] = rows["snr_frame_db"]  # for thermal noise the level depends on the motion
+    return pd.concat([flat, stated], axis=1)  # a value in both is judged under the key of the plan
 
 
 def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:

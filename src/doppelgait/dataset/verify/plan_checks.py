@@ -26,7 +26,7 @@ from doppelgait.scene.placement import place
 from doppelgait.scene.rcs import total_rcs_m2
 
 MOST_PLACED = 200
-"""Examples whose motions are made to find the body mass."""
+"""Maximum number of examples with a generated motion, which the body mass needs."""
 
 
 def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
@@ -53,7 +53,9 @@ def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, l
         return
     guess = guess_classes(table, rng)
     if guess.leaks:
-        raise DatasetError(f"{describe_guess('classes', guess, table)}; draw them by one law for every class")
+        raise DatasetError(
+            f"{describe_guess('classes', guess, table)}; sample them from one distribution for every class"
+        )
 
 
 def warn_of_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
@@ -90,9 +92,9 @@ def warn_of_default_rcs(
             continue
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoppelgaitWarning)  # the example gets them when it is built
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # the build adds the warnings to the example
                 observed = place(example.run.scene, example.run.streams, folder=folder).observed
-        except DoppelgaitError:  # the build leaves it out, too, and says why
+        except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
             continue
         for row, one in zip(example.rows, observed, strict=True):
             if row.source != "none":

@@ -1,6 +1,6 @@
 """Random examples of a dataset, simulated again from its plan.
 
-The SNR is measured from signal and noise that are kept apart.
+The SNR is measured from separate signal and noise.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
 10 log10 has steps of up to 3 % of the power, so that a cell on an edge moves by as much."""
 FEATURE_TOLERANCE = 1e-2
 MOST_OTHER = 0.05
-"""Share of rows with features that may be off by more: a decision between two nearly equal candidates can turn over."""
+"""Share of rows in which features may differ by more, because a decision between two nearly equal candidates can
+change."""
 NAMES = ("label", "split", "subject", "others", "group", "source", "recording", "motion")
 
 FACTS = ("truth_", "prf_hz", "observation_s", "radar_height_m", "rcs_total_m2", "snr_frame_db", "gate_error_m")
-"""What the plan alone decides; off by more than :data:`FEATURE_TOLERANCE` it was not made by this plan."""
+"""Columns that depend only on the plan; if they differ by more than :data:`FEATURE_TOLERANCE`, the row is from another
+plan."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Difference:
     array_l2, feature : float
         Relative L2 of the worst array over its tolerance; largest relative difference of a feature.
     reason : str
-        A difference that no rounding explains: another label or shape, or it cannot be made.
+        Difference that rounding does not explain: another label or shape, or a failed simulation.
     """
 
     id: str
@@ -78,13 +80,13 @@ def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[P
 def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
     """Compare examples that are made again with the stored ones.
 
-    They are identical bytes, or equal within tolerances that another processor or library needs.
+    The arrays are byte-identical, or equal within the tolerances for another processor or library.
 
     Fails where an array is off by more than a relative L2 of 1e-4 (2e-2 in half precision), where features of more
     than 5 % of the rows are off by more than 1 %, or where an id, label, subject or shape is another one.
     """
     if contents.plan is None or contents.unlike or not chosen:
-        reason = contents.no_plan or contents.unlike or "none was asked for, or none is there"
+        reason = contents.no_plan or contents.unlike or "none was requested, or none exists"
         status: Any = (
             contents.no_plan_status if contents.plan is None else "skipped" if contents.unlike else "not applicable"
         )
@@ -96,7 +98,7 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
         rows = contents.index[contents.index["scene_id"] == entry.id]
         try:
             made = build_planned(entry, context)
-        except Exception as error:  # as in a build: whatever stops one example is a finding, not the end
+        except Exception as error:  # as in a build, the error of one example is a finding and does not stop the check
             found.append(Difference(entry.id, False, reason=f"cannot be made again: {error}"))
             continue
         if [row["id"] for row, _ in made] != rows["id"].tolist():
@@ -180,7 +182,7 @@ def _compare_numbers(made: Any, there: Any) -> float:
 def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
     """Compare SNR_frame of a few examples with the index.
 
-    Echoes and noise are simulated apart.
+    Echoes and noise are simulated separately.
 
     Signal: time mean of the strongest range bin's power without noise. Noise: mean power of what the noise adds, in all
     bins. Both without impairments, background bodies and reflections, as the definition says; within 0.1 dB, or four

@@ -51,7 +51,8 @@ from doppelgait.features import FEATURE_UNITS
 
 SHEET_SIZE, SHEET_COLUMNS = 24, 6
 MOST_TIMES = 400
-"""Columns of a signature that are plotted, 400 to 800 of longer ones: a small picture has no more pixels."""
+"""Maximum number of plotted columns of a signature, limited by the pixels of a small picture; longer signatures are
+decimated to 400 to 800."""
 
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
@@ -102,7 +103,8 @@ def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any
             arrays.append(divide_by_floor(example.signature, example.row.get("quality_noise_floor_v2")))
             row = contents.index.iloc[number]
             parts = [str(row["id"]).removeprefix(f"{label.replace(' ', '_')}-").lstrip("0") or "0"]
-            speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")  # the true ones, else the measured
+            # use true values, or measured values if absent
+            speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")
             levels = ("snr_frame_db", "quality_snr_mu_db")
             for names, unit in ((speeds, "{:+.1f} m/s"), (levels, "{:.0f} dB")):
                 known = [row[name] for name in names if name in row.index and pd.notna(row[name])]
@@ -155,7 +157,7 @@ def verify_dataset(
 ) -> Verification:  # fmt: skip
     """Verify a dataset: files, plan, repeated simulation, truth, leaks.
 
-    Of an unfinished dataset the existing part is checked.
+    If the dataset is unfinished, its existing part is checked.
 
     Nothing in the dataset's folder is changed.
 
@@ -224,14 +226,14 @@ def _open(
         try:
             index = read_index(target / "index.parquet", str(description["id"]))
             check_index_columns(index, description["classes"])
-        except Exception as error:  # Arrow raises whatever it likes at damaged files
+        except Exception as error:  # Arrow raises various errors for damaged files
             index = None
             reason = f"index.parquet cannot be read: {' '.join(str(error).split())}"
     names = list_planned_shards(description)
     findings = look_at_shards(target, str(description["id"]), names, index, tick)
     complete = bool(description.get("complete"))
     if index is None and complete and not reason:
-        reason = "index.parquet is missing, though the dataset says it is complete"
+        reason = "index.parquet is missing, though the dataset is marked as complete"
     digest = hashlib.sha256("".join(findings.contents).encode()).hexdigest()
     if findings.missing or findings.damaged or not complete:
         stated = Check("contents", "failed" if complete else "skipped", "not every shard is there, or not complete")

@@ -1,12 +1,12 @@
 """Checks of features against truth, class by class.
 
-Wrong labels, units or levels show as a class that is off as a whole.
+Wrong labels, units or levels affect a class as a whole.
 
 A check of one class fails where fewer than :data:`LEAST_SHARE` of its rows are within the tolerance, at a level of
 significance of 0.1 % (one-sided binomial test), so that single wrong estimates or a handful of rows never fail it, and
 a wrong sign, unit, label or truth, which hits nearly every row, always does from seven rows on. Whether an estimator is
-good is another question; :mod:`doppelgait.features` says how often each is right (the gait frequency: 96 % of those
-that are not flagged are within 5 %).
+good is another question; :mod:`doppelgait.features` describes how often each is correct (the gait frequency: 96 % of
+those that are not flagged are within 5 %).
 
 Tolerances: the torso velocity 0.15 m/s, a cell of Doppler at 0.1 s and 24 GHz or a quarter of one at 7 GHz and the
 body's own swing, and 10 % for a main line that is not the body's centre; the gait frequency 10 %, five
@@ -163,8 +163,8 @@ MOST_LIMITED = 0.05
 def check_feasibility(contents: Contents) -> Check:
     """Check how many rows reach a limit of the radar.
 
-    Aliasing, targets outside the frame, folded echoes, gates that the frame cuts off. The dataset stays valid: a
-    warning from 5 % of the rows of a class on.
+    The limits are aliasing, targets outside the frame, folded echoes and truncated gates. The dataset stays valid; the
+    check warns from 5 % of the rows of a class on.
     """
     if contents.measured:
         return Check("feasibility", "not applicable", "imported recordings have no truth to compare with")

@@ -19,13 +19,13 @@ class Check:
     what : str
         Quantity that is compared.
     figure : float
-        Largest deviation from theory that was found; NaN where none could be measured.
+        Maximum measured deviation from theory; NaN if it could not be measured.
     limit : float
         Largest figure that passes.
     unit : str
         Of figure and limit.
     passed : bool or None
-        ``figure <= limit``; None where the simulator does not have what is checked.
+        ``figure <= limit``; None if the simulator lacks the checked part.
     source : str
         Source of the theory.
     note : str
@@ -52,7 +52,7 @@ def format_report(checks: Sequence[Check]) -> str:
     Returns
     -------
     str
-        Notes stand in the row's last column.
+        Table with notes in the last column.
     """
     head = ["check", "compared", "figure", "limit", "unit", "result", "theory"]
     rows = [head, ["---", "---", "---:", "---:", "---", "---", "---"]]

@@ -133,9 +133,8 @@ def frame_integration(bench: Bench, radar: Radar) -> float:
 def folding(bench: Bench, radar: Radar) -> float:
     """Compare earlier pulses' echoes with later frames, relative.
 
-    The pulses follow each other hardly slower than a frame lasts. What the frame must show of a scatterer is the sum
-    of what frames show that begin k pulses later, of a radar without a next pulse: at the fold, and beyond it
-    once and twice.
+    The pulse interval is slightly longer than a frame. The expected frame is the sum of the frames that start k pulses
+    later, for a radar without a next pulse. Scatterers are at the fold, and one and two intervals beyond it.
     """
     start_m = radar.range_start_m + 0.2 * (radar.range_stop_m - radar.range_start_m)
     pulse_m = 1.007 * (radar.range_stop_m - start_m)
@@ -163,7 +162,7 @@ def worst_db(ratio: np.ndarray) -> float:
 
 
 LOWEST_DB = -40.0
-"""Levels of the profile below this are left out: decibels mean nothing near a null."""
+"""Level, dB, below which the profile is left out, because decibels are meaningless near a null."""
 CELLS = 2.0
 
 

@@ -26,7 +26,7 @@ HOP = 10
 N_DOPPLER = 128
 PADDED = 16
 STEPS_HZ = (0.8, 4.0)
-"""Frequencies that the steps of a walk can have."""
+"""Range, Hz, of the step frequency of a walk."""
 
 
 def same_signature(bench: Bench, radar: Radar) -> float:
@@ -81,7 +81,8 @@ def walk(prf_hz: float) -> xr.Dataset:
 def compute_signature(bins: Complex) -> Float:
     """Compute the share of power (time, Doppler) in Hann windows.
 
-    Power is summed over range, Doppler ascends. Every column adds up to 1, which removes the fall of power with range.
+    Power is summed over range, Doppler ascends. Every column has the sum 1, which removes the decrease of power with
+    range.
     """
     starts = np.arange(0, bins.shape[0] - CPI + 1, HOP)
     frames = bins[starts[:, None] + np.arange(CPI)] * np.hanning(CPI)[None, :, None]

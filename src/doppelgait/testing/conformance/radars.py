@@ -101,7 +101,7 @@ NARROW: dict[str, dict[str, Any]] = {
     "stepped": NARROW_SWEEP,
     "cw": {},
 }
-"""Bands so small that a walking body is one cell deep or less."""
+"""Bandwidths, Hz, at which a walking body is at most one range cell deep."""
 
 
 def list_suite_radars(*waveforms: str) -> dict[str, Radar]:

@@ -36,9 +36,9 @@ def noise_whiteness(bench: Bench, radar: Radar) -> float:
 
 
 NOISE_STEPS = (1.0, 5.0, 20.0)
-"""Input noise of the counters that are compared, in steps of their threshold."""
+"""Input noise of the compared counters, in steps of their threshold."""
 CORRELATION = (0.6, 0.15)
-"""Of radars that state none; as behind the filter of an X4."""
+"""Noise correlation of radars that state none; the value behind the filter of an X4."""
 LAGS = 4
 
 
@@ -118,7 +118,7 @@ def quantisation_snr(bench: Bench, radar: Radar) -> float:
 
 def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
     assert bench.quantise is not None
-    turns = np.arange(65_536) * (math.sqrt(5.0) - 1.0) / 2.0  # never the same phase again
+    turns = np.arange(65_536) * (math.sqrt(5.0) - 1.0) / 2.0  # an incommensurate frequency, so that no phase repeats
     tone = (10.0 ** (-backoff_db / 20.0) * np.exp(2j * np.pi * turns)).astype(np.complex64)[:, None]
     converted = check_complex(bench.quantise(tone, bits=bits, full_scale_v=1.0), tone.shape, what="quantised samples")
     error_v2 = float((np.abs(converted - tone) ** 2).mean())
@@ -162,7 +162,7 @@ RANGE_M = 5.0
 FLOOR = {"permittivity": 5.24, "conductivity_s_per_m": 0.22}
 RADAR_HEIGHT_M = 1.0
 LOWEST_FIELD = 10.0 ** (-30.0 / 20.0)
-"""Fields below this part of the largest are left out of a comparison in dB."""
+"""Fraction of the maximum below which fields are left out of a comparison in dB."""
 
 
 def wall_loss(bench: Bench, radar: Radar) -> float:

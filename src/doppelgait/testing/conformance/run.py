@@ -26,7 +26,7 @@ PULSED = ("impulse", "rectangular", "lfm")
 
 @dataclass(frozen=True)
 class Rule:
-    """A check that can be made.
+    """Available check.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def run_conformance(
     )
     chosen = dict(list_suite_radars() if radars is None else radars)
     if not chosen:
-        raise ConfigError("conformance: radars is empty; give one radar or more, or leave it out")
+        raise ConfigError("conformance: radars is empty; name one radar or more, or leave it out")
     for radar in chosen.values():
         check_waveform(radar.waveform.kind)
     first = next(iter(chosen.values()))
@@ -180,8 +180,8 @@ def _measure(rule: Rule, bench: Bench, radar: Radar, name: str) -> Check:
         note = f"the simulator has no {rule.needs}"
         return Check(name, rule.what, math.nan, rule.limit, rule.unit, None, rule.source, note)
     try:
-        with np.errstate(divide="ignore", invalid="ignore"):  # silence gives inf or NaN, which fail
+        with np.errstate(divide="ignore", invalid="ignore"):  # zero output gives inf or NaN, which fail
             figure, note = float(rule.measure(bench, radar)), ""
-    except Exception as error:  # whatever a foreign simulator raises is its failure, not the suite's
+    except Exception as error:  # every exception of the tested simulator is a failed check, not an error of the suite
         figure, note = math.nan, f"{type(error).__name__}: {error}"
     return Check(name, rule.what, figure, rule.limit, rule.unit, figure <= rule.limit, rule.source, note)

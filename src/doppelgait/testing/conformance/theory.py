@@ -32,7 +32,7 @@ def wavelength_m(radar: Radar) -> float:
 def count_averages(radar: Radar) -> int:
     """Return the whole pulses per frame and threshold level (E-18).
 
-    Those that fit into the time that a frame sums.
+    Only pulses within the integration time of a frame count.
     """
     if not radar.pulse_rate_hz:
         return 1
@@ -274,7 +274,7 @@ def refracted_radii_m(range_m: float, angle_rad: float, *, index: float, thickne
 def compute_floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
     """Return the Fresnel coefficient of a half space, vertical polarisation.
 
-    The upright field keeps its sign.
+    The sign refers to the vertical field.
     """
     root = np.sqrt(permittivity - 1.0 + sin_grazing**2)
     return np.asarray((permittivity * sin_grazing - root) / (permittivity * sin_grazing + root))

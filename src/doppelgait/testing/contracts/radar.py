@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def check_waveform(kind: str, radar: Radar) -> None:
-    """Check that a waveform keeps its contract.
+    """Check that a waveform fulfils its contract.
 
     The contract is that of :class:`doppelgait.radar.Waveform`.
 
@@ -181,7 +181,7 @@ def _check_noise_gain(name: str, radar: Radar) -> None:
 
 
 def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 64, seed: int = 0) -> None:
-    """Check that an impairment keeps its contract.
+    """Check that an impairment fulfils its contract.
 
     The contract is that of :class:`doppelgait.radar.impairments.Apply`.
 
@@ -190,9 +190,9 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     parameters : FrozenModel
         Parameters of the impairment.
     radar : Radar
-        A radar that it suits.
+        A radar that supports the impairment.
     n_pulses : int
-        Pulses to try it on.
+        Number of pulses for the test.
     seed : int
         Seed of the samples and of the random numbers of the impairment.
 
@@ -245,14 +245,15 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
 
 
 def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
-    """Check that a reader of radar recordings keeps its contract.
+    """Check that a reader of radar recordings fulfils its contract.
 
     Parameters
     ----------
     name : str
         Its name in the group of readers.
     path : path-like
-        A good file, or folder, of its format, which lies alone in its folder: damaged copies of that folder are made.
+        A valid file, or folder, of the format, alone in its parent folder, because the check makes damaged copies of
+        that folder.
     **options
         Options that reading it needs.
 
@@ -327,7 +328,7 @@ def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
                 continue
             except Exception as error:
                 raise AssertionError(
-                    f"{what}: a damaged file ({damage}) raises {error!r}, no RecordingError"
+                    f"{what}: a damaged file ({damage}) raises {error!r}, not a RecordingError"
                 ) from error
             require(damage in ("half", "noise"), f"{what}: an {damage} file raises nothing")
 
@@ -342,14 +343,14 @@ def _is_recognised(reader: Any, path: Path) -> bool:
 
 
 def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, **options: Any) -> None:
-    """Check that a writer of radar recordings keeps its contract.
+    """Check that a writer of radar recordings fulfils its contract.
 
     Parameters
     ----------
     name : str
         Its name in the group of writers.
     recording : Recording
-        Any that the format can hold, with its seed, notes and further facts.
+        Recording that the format can store, with its seed, notes and further facts.
     rtol : float
         Largest difference of the baseband when it is read again, of its largest value.
     **options
@@ -406,7 +407,7 @@ def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, *
         except OutputError:
             pass
         except Exception as error:
-            raise AssertionError(f"{what}: a place that cannot be written raises {error!r}, no OutputError") from error
+            raise AssertionError(f"{what}: an unwritable path raises {error!r}, not an OutputError") from error
         else:
-            raise AssertionError(f"{what}: a place that cannot be written raises nothing")
+            raise AssertionError(f"{what}: an unwritable path raises nothing")
         require(sorted(os.listdir(folder)) == ["file"], f"{what}: leaves files where it cannot write")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def check_feature(name: str) -> None:
-    """Check that a feature keeps its contract.
+    """Check that a feature fulfils its contract.
 
     The contract is that of :data:`doppelgait.features.FEATURES`.
 
@@ -102,7 +102,7 @@ def _make_walking_signature() -> xr.DataArray:
 
 
 def check_classifier(name: str, *, seed: int = 0) -> None:
-    """Check that a classifier keeps its contract.
+    """Check that a classifier fulfils its contract.
 
     The contract is that of :class:`doppelgait.classify.training.Trainer`.
 
@@ -185,12 +185,12 @@ def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> An
     table = rng.standard_normal((count, width)) + 6.0 * labels[:, None]
     if width > 1:
         table[rng.random(table.shape) < 0.05] = np.nan
-        table[:, -1] = np.nan  # never known
+        table[:, -1] = np.nan  # always unknown
     return LabelledRows(table, labels)
 
 
 def check_exporter(kind: str, dataset: Dataset) -> None:
-    """Check that an exporter keeps its contract.
+    """Check that an exporter fulfils its contract.
 
     The contract is that of :data:`doppelgait.dataset.export.EXPORTERS`.
 
