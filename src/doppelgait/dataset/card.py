@@ -204,11 +204,11 @@ def _radar_limits(index: pd.DataFrame) -> list[str]:
     counts = limits_of_index(index)
     reached = [name for name in LIMITS if any(row[name] for row in counts)]
     if not reached:
-        return ["- Of the radar: no row aliases in Doppler, leaves the frame or loses a part of its gate."]
+        return ["- Radar: no row aliases in Doppler, leaves the frame or has a truncated gate."]
     table = format_markdown_table(pd.DataFrame(counts).sort_values("class")[["class", "rows", *reached]])
     return [
-        "- Of the radar: the table counts rows that reach a limit; a row can reach several. A limit that any body of a",
-        "  scene reaches counts for every row of the scene; a gate cut off counts for its own row.", "", table,
+        "- Radar: the table counts rows that reach a limit; a row can reach several. A limit that any body of a",
+        "  scene reaches counts for every row of the scene; a truncated gate counts for its own row.", "", table,
     ]  # fmt: skip
 
 

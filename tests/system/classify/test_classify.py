@@ -668,7 +668,9 @@ def test_what_is_unlike_the_training_is_no_decision(found):
     strict = replace(model, facts=model.facts.model_copy(update={"novel_below": 1.01}))
     decision = decide(a_target(feature_step_length_m=2.2), strict, 0)
     assert decision.abstained
-    assert re.match(r"unlike the training data: \d+\.\d % of the held-out rows have the same or a larger distance", decision.reason)
+    assert re.match(
+        r"unlike the training data: \d+\.\d % of the held-out rows have the same or a larger distance", decision.reason
+    )
 
 
 @pytest.mark.parametrize("stated", [True, False])

@@ -198,7 +198,9 @@ def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, e
             process.send_signal(request_to_stop)
         rest, complaints = process.communicate(timeout=processes.LIMIT_S)
         assert process.returncode == 130
-    assert rest.splitlines()[-1].startswith(f"said {tmp_path / 'd'}: stopped; finished shards are kept, and the same command")
+    assert rest.splitlines()[-1].startswith(
+        f"said {tmp_path / 'd'}: stopped; finished shards are kept, and the same command"
+    )
     assert "Traceback" not in complaints
     assert leftovers(tmp_path / "d") == []
     found = read_dataset_status(tmp_path / "d")
@@ -436,8 +438,8 @@ def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_
     with pytest.raises(DatasetError) as refused:
         build_dataset(mini_plan(), tmp_path, executor="serial")
     assert str(refused.value) == (
-        f"{tmp_path}: was made with data version 7, this doppelgait has {DATA_VERSION} and makes other bytes; build the "
-        "dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
+        f"{tmp_path}: was made with data version 7, this doppelgait has {DATA_VERSION} and makes other bytes; "
+        "build the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
     )
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
