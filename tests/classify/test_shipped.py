@@ -53,7 +53,7 @@ def test_a_radar_that_none_knows_is_told_so(carrier_hz, prf_hz):
 
 
 def test_an_unknown_name_lists_those_there_are():
-    with pytest.raises(ConfigError, match=r"there are .*x4"):
+    with pytest.raises(ConfigError, match=r"shipped models are .*x4"):
         load_shipped_model("x5")
 
 
