@@ -84,7 +84,7 @@ def test_a_file_keeps_it_and_a_damaged_one_is_refused(model, tmp_path):
         arrays = {name: archive[name] for name in archive.files}
     for name, broken in (("whitening", np.eye(2)), ("held", np.array([2.0, 1.0])), ("centre", np.zeros((0, 4)))):
         np.savez(tmp_path / "broken.npz", **arrays | {f"novelty.{name}": broken})
-        with pytest.raises(DatasetError, match=r"broken\.npz: is no model of doppelgait, or damaged"):
+        with pytest.raises(DatasetError, match=r"broken\.npz: is not a model of doppelgait, or is damaged"):
             load_model(tmp_path / "broken.npz")
 
 

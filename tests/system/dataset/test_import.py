@@ -127,18 +127,18 @@ MISTAKES = [
     ("path,label\nx,a\n", r"line 1 names no column 'file'; it names path, label"),
     ("file,label,label\nslow1.h5,a,b\n", r"column 'label' twice"),
     ("file,label,,subject\nslow1.h5,a,b,c\n", r"column 3 has no name"),
-    ("file,label,subjct\nslow1.h5,a,b\n", r"line 1, column 'subjct'.*call it subject, or meta_subjct"),
-    ("file,label,start\nslow1.h5,a,3\n", r"column 'start'.*call it start_s"),
-    ("file,label,license\nslow1.h5,a,MIT\n", r"column 'license'.*call it licence"),
+    ("file,label,subjct\nslow1.h5,a,b\n", r"line 1, column 'subjct'.*rename it subject, or meta_subjct"),
+    ("file,label,start\nslow1.h5,a,3\n", r"column 'start'.*rename it start_s"),
+    ("file,label,license\nslow1.h5,a,MIT\n", r"column 'license'.*rename it licence"),
     ("file,label\nslow1.h5,a,b\n", r"line 2 has 3 cells, the first line names 2"),
     ("file,label,subject\nslow1.h5,a\n", r"line 2 has 2 cells, the first line names 3"),
-    ('file,label\n"slow1.h5,a\n', r"line 2 is no CSV"),
+    ('file,label\n"slow1.h5,a\n', r"line 2 is not CSV"),
     ("file,label\nslow1.h5,\n", r"line 2, label: '' is not allowed"),
     ("file,label\nslow1.h5,a/b\n", r"line 2, label: 'a/b' is not allowed"),
     ("file,label\n,a\n", r"line 2, file: .*is empty"),
     ("file,label\nslow3.h5,a\n", r"line 2, file: 'slow3\.h5': is not in .*near in spelling: slow"),
     ("file,label\nday 3/*.h5,a\n", r"line 2, file: 'day 3/\*\.h5': is not in"),
-    ("file,label\n../x.h5,a\n", r"line 2, file: '\.\./x\.h5' is not allowed: it must be in"),
+    ("file,label\n../x.h5,a\n", r"line 2, file: '\.\./x\.h5' is not allowed: it must be a path inside"),
     ("file,label\n/etc/passwd,a\n", r"line 2, file: '/etc/passwd' is not allowed"),
     ("file,label\n" + "x" * 5000 + ",a\n", r"line 2, file: .*is not in"),
     ("file,label\na**/x,a\n", r"line 2, file: 'a\*\*/x'"),
@@ -178,7 +178,7 @@ def test_all_mistakes_of_a_table_come_together(recordings):
 def test_text_that_is_no_utf8_and_absent_files_are_named(recordings):
     path = recordings.parent / "labels.csv"
     path.write_bytes("file,label,subject\nslow1.h5,a,J\u00fcrgen\n".encode("cp1252"))
-    with pytest.raises(ConfigError, match=r"line 2 is no UTF-8 text; save it as CSV in UTF-8"):
+    with pytest.raises(ConfigError, match=r"line 2 is not UTF-8 text; save it as CSV in UTF-8"):
         read_labels(path, recordings)
     with pytest.raises(ConfigError, match=r"none\.csv: cannot be read: No such file"):
         read_labels(recordings / "none.csv", recordings)
@@ -233,7 +233,7 @@ def test_what_is_no_gate(value):
         ({"gate": "truth"}, r"gate: 'truth' is not allowed: must be track or FROM:TO"),
         (
             {"fields": ["truth_range_m"]},
-            r"fields: .*'truth_range_m' is none of signature, cadence_map, ti_frames, baseband",
+            r"fields: .*'truth_range_m' is not one of signature, cadence_map, ti_frames, baseband",
         ),
         ({"fields": ["signature", "signature"]}, r"names a field twice"),
         ({"hop_s": 1}, r"set window_s, too"),
@@ -513,7 +513,7 @@ def test_a_full_disk_and_an_interruption_leave_nothing(recordings, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
     monkeypatch.setattr(shard, "write_shard", full)
-    with pytest.raises(OutputError, match=r"mine: cannot be written: .*No space left.*nothing is left"):
+    with pytest.raises(OutputError, match=r"mine: cannot be written: .*No space left.*no partial"):
         import_dataset(recordings, labels, target, config=GATE)
     assert sorted(p.name for p in recordings.parent.iterdir()) == ["labels.csv", "recordings"]
     monkeypatch.setattr(shard, "write_shard", kept)
@@ -670,7 +670,7 @@ def test_targets_are_found_and_who_is_missing_stays_a_row(tracked, tmp_path):
     assert dataset.array("signature", 2).size == 0
     assert not [c for c in dataset.index if c.startswith("truth_")]  # the files' truth is not looked at
     card = (tmp_path / "m" / "README.md").read_text()
-    assert "4 rows: targets were found and followed" in card
+    assert "4 rows: targets were detected and tracked" in card
 
 
 def test_rows_without_any_target_still_have_the_columns_of_features(tracked, tmp_path):

@@ -493,7 +493,7 @@ def test_specification_of_an_example_is_that_of_its_plan(dataset, mixed, tmp_pat
     ("change", "reason"),
     [
         ({"origin": "imported"}, "arrays of measured recordings"),
-        ({"data_version": 7}, "made with data version 7"),
+        ({"data_version": 7}, "has data version 7"),
     ],
 )
 def test_an_example_that_cannot_be_simulated_again_has_no_specification(dataset, change, reason):
