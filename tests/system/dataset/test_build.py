@@ -101,7 +101,7 @@ def test_another_configuration_in_the_same_folder_is_refused_with_the_difference
 
 def test_a_foreign_folder_is_not_touched(tmp_path):
     (tmp_path / "thesis.doc").write_text("mine")
-    with pytest.raises(DatasetError, match="holds no dataset"):
+    with pytest.raises(DatasetError, match="contains no dataset"):
         build_dataset(small_plan(), tmp_path, workers=1)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.doc"]
 
@@ -180,7 +180,7 @@ def test_recordings_are_in_the_index_and_the_card(built, tmp_path, monkeypatch):
     assert set(dogs["source"]) == {"model"}
     assert set(dogs["recording"]) == {""}
     card = (tmp_path / "d" / "README.md").read_text()
-    for text in ("of 4 examples comes from recordings", "`one.c3d`", "`two.c3d`", "their licences apply", "Dog motion"):
+    for text in ("of 4 examples is from recordings", "`one.c3d`", "`two.c3d`", "their licences apply", "Dog motion"):
         assert text in card
     assert "contains no recording" not in card
     assert "Boulic" not in card
