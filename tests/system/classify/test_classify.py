@@ -408,7 +408,7 @@ BROKEN = [
     (lambda a: a.update(threshold=np.array([print], dtype=object)), "pickle|Object"),
     (loop, "lead nowhere or back"),
     (lambda a: a["right"].__setitem__(0, 10**6), "lead nowhere or back"),
-    (lambda a: a["feature"].__setitem__(0, 6), "not there"),
+    (lambda a: a["feature"].__setitem__(0, 6), "do not exist"),
     (lambda a: a.update(value=a["value"][:-1]), "shape"),
     (lambda a: a.pop("start"), "start"),
     (lambda a: a.pop("model"), "model"),
@@ -477,7 +477,7 @@ def test_a_linear_model_of_the_first_format_has_no_logarithms(found, tmp_path):
 
 def test_a_model_of_nuisances_cannot_be_used(found, tmp_path):
     path = save_model(found.models["nuisance"], tmp_path / "m.npz")
-    with pytest.raises(DatasetError, match=r"m\.npz.*looks at the feature 'index\.prf_hz'"):
+    with pytest.raises(DatasetError, match=r"m\.npz.*uses the feature 'index\.prf_hz'"):
         load_model(path)
 
 
@@ -499,7 +499,7 @@ def test_foreign_and_truncated_files_are_refused(found, tmp_path):
         (tmp_path / f"cut{size}.npz").write_bytes(whole[:size])
     for file in sorted(tmp_path.glob("*.npz")):
         if file != path:
-            with pytest.raises(DatasetError, match="no model of doppelgait, or damaged"):
+            with pytest.raises(DatasetError, match="not a model of doppelgait, or is damaged"):
                 load_model(file)
     with pytest.raises(DatasetError, match="cannot be read"):
         load_model(tmp_path / "missing.npz")

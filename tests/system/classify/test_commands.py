@@ -165,7 +165,7 @@ def test_mistakes_are_one_clear_error(folder, tmp_path_factory, tmp_path):
         run("evaluate", dataset, "-o", tmp_path / "r", "--cv", 7)
     with pytest.raises(DatasetError, match="no finished dataset"):
         run("evaluate", folder, "-o", tmp_path / "r")
-    with pytest.raises(DatasetError, match="no model of doppelgait"):
+    with pytest.raises(DatasetError, match="not a model of doppelgait"):
         run("classify", folder / "walk.h5", "--model", folder / "walk.h5")
     with pytest.raises(RecordingError):
         run("classify", folder / "none.h5", "--model", folder / "m.npz")

@@ -151,5 +151,5 @@ def test_the_card_of_a_half_built_dataset_tells_what_is_there(tmp_path):
     (tmp_path / "README.md").open("a").write("A line by hand.\n")
     assert "\n24 simulated micro-Doppler examples" in make_card(tmp_path)
     assert make_card(tmp_path).endswith("A line by hand.\n")
-    with pytest.raises(DatasetError, match="holds no dataset"):
+    with pytest.raises(DatasetError, match="contains no dataset"):
         make_card(tmp_path / "shards")
