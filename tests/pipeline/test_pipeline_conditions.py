@@ -193,7 +193,7 @@ def test_a_plan_draws_environment_impairments_and_background():
         ({"impairments": [{"kind": "adc", "bits": {"uniform": [2, 3]}}]}, "impairments.0.*bits"),
         ({"background": [{"range_m": 3}]}, r"background.0.*needs motion"),
         ({"background": [{"motion": {"kind": "file", "path": "x.c3d"}}]}, "no subject"),
-        ({"target": {"background": True}}, r"target.background: belongs into \[\[background\]\]"),
+        ({"target": {"background": True}}, r"target.background: belongs in \[\[background\]\]"),
         ({"environment": {"choice": [3, 4]}}, "environment: .* must be a list of tables"),
     ],
 )

@@ -168,7 +168,7 @@ def test_the_printed_duration_is_refused() -> None:
         ({"doppler_hz": None}, "one of the two"),
         ({"velocity_mps": DOPPLER_HZ}, "one of the two"),
         ({"doppler_hz": DOPPLER_HZ[:-1]}, "time first"),
-        ({"doppler_hz": DOPPLER_HZ**3}, "even steps"),
+        ({"doppler_hz": DOPPLER_HZ**3}, "equal steps"),
         ({"time_s": TIME_S[::-1]}, "time_s must rise"),
         ({"time_s": TIME_S[:3]}, r"time_s has shape \(3,\)"),
         ({"wavelength_m": 0.0}, "wavelength_m is 0"),

@@ -271,7 +271,7 @@ def test_a_unit_that_is_guessed_is_said_once(shared, tmp_path):
         (["analyze", "rec.h5", "--gate", "truth", "--set", "cpi_s=30"], "cpi_s"),
         (["motion", "info", "scene.toml"], "scene.toml"),
         (["radar", "show", "x9"], "unknown radar preset 'x9'"),
-        (["dataset", "build", "no-plan"], "built-in are: home-alarm"),
+        (["dataset", "build", "no-plan"], "built-in plans are: home-alarm"),
     ],
 )  # fmt: skip
 def test_mistakes_get_one_clear_error_and_exit_status_2(recorded, arguments, says):
@@ -318,7 +318,7 @@ def test_dataset_build_prints_a_report_and_resumes(tmp_path):
     first = json.loads(run("dataset", "build", "home-alarm", "-o", "d", "--json", *small, cwd=tmp_path).stdout)
     assert (first["n_examples"], first["n_built"]) == (8, 8)
     again = run("dataset", "build", "home-alarm", "-o", "d", *small, cwd=tmp_path)
-    assert "0 made" in again.stdout
+    assert "0 built" in again.stdout
     assert "torso_velocity_mps [m/s]" in again.stdout
     assert len(pd.read_parquet(tmp_path / "d" / "index.parquet")) == 8
 

@@ -289,8 +289,8 @@ def test_scales_come_from_held_rows_of_a_dataset(tmp_path_factory, tmp_path):
 @pytest.mark.parametrize(
     ("facts", "target", "words"),
     [
-        ({"conditions": {}}, {}, "prf_hz; give --prf-hz"),
-        ({"conditions": {"prf_hz": (300, 900), "carrier_hz": (7e9, 7e9)}}, {}, "300 to 900; give that of your radar"),
+        ({"conditions": {}}, {}, "prf_hz; set --prf-hz"),
+        ({"conditions": {"prf_hz": (300, 900), "carrier_hz": (7e9, 7e9)}}, {}, "300 to 900; set that of your radar"),
         ({}, {"prf_hz": 1000.0}, "--prf-hz 1000: the model was trained on 500 to 500"),
         ({"analysis": {"gate_doppler_hz": (-100, 100)}}, {}, "gate_doppler_hz"),
     ],

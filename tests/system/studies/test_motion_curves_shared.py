@@ -161,7 +161,7 @@ def test_pictures_show_held_people_and_animals_apart_without_misread_clips():
     recorded = next(line for line in figure.axes[0].lines if len(line.get_ydata()) == 5)
     np.testing.assert_array_equal(np.sort(recorded.get_ydata()), np.arange(1.0, 6.0))
     assert figure.axes[1].get_ylim() == (-1.0, 2.0)
-    assert {text.get_text() for text in draw(*parts["animals"]).axes[0].texts} == {"tuning dog", "held dog"}
+    assert {text.get_text() for text in draw(*parts["animals"]).axes[0].texts} == {"tuning dog", "held-out dog"}
     bars = [len(axes.collections) for axes in (figure.axes[0], draw(*parts["animals"]).axes[0])]
     assert bars == [4, 8], "two trots have dots but no bars"
     beyond = parts["people"][0].assign(alternate_steps=[-3.0, *[0.5] * 8, 4.0])

@@ -309,7 +309,7 @@ def changed(dataset, **facts):
 def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(tiny):
     other_row = tiny.index.assign(truth_range_m=tiny.index.truth_range_m * 1.1)
     for browser, words in (
-        (changed(tiny, data_version=5), "made with data version 5"),
+        (changed(tiny, data_version=5), "has data version 5"),
         (changed(tiny, origin="imported"), "arrays of measured recordings"),
         (Browser(replace(tiny, index=other_row)), "motion file is not that of the dataset"),
     ):

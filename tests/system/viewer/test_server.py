@@ -93,9 +93,9 @@ def test_result_is_opened(files, walk):
         shown, expected = client.facts("targets")["targets"][0], walk.facts("targets?clutter=none")["targets"][0]
         for name in ("features", "flags", "quality", "signature", "cadence_map", "cadence_spectrum"):
             assert shown[name] == expected[name], name
-        assert "holds no recording" in client.facts("recording")["reason"]
-        assert "holds no recording" in client.facts("range-doppler")["reason"]
-        assert "holds no recording" in client.facts("targets?gate=track")["reason"]
+        assert "has no recording" in client.facts("recording")["reason"]
+        assert "has no recording" in client.facts("range-doppler")["reason"]
+        assert "has no recording" in client.facts("targets?gate=track")["reason"]
         client.fault("sound", 422)
 
 
