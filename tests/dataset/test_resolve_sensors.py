@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 
 from doppelgait.core.config import format_canonical_json
-from doppelgait.core.errors import ConfigError
-from doppelgait.dataset import PlanConfig, plan_dataset
+from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.dataset import PlanConfig, build_dataset, plan_dataset
 from doppelgait.dataset.finish import compute_dataset_id
+from doppelgait.dataset.verify import verify_dataset
 from doppelgait.pipeline import Run
 from doppelgait.radar import Radar
+from doppelgait.viewer.examples import check_files
 
 SENSOR = """
 carrier_hz = 7.29e9
@@ -129,3 +132,64 @@ def test_an_impossible_draw_is_refused_where_the_middle_counts(sensor: Path) -> 
     sensor.write_text(SENSOR.replace("normal = [8.0, 1.5]", "normal = [8.0, -1]"), encoding="utf-8")
     with pytest.raises(ConfigError, match=r"my-sensor.toml: noise_figure_db: normal = \[8.0, -1\]"):
         Radar.preset(sensor)
+
+
+def test_a_dataset_stores_the_values_of_its_radar_file(sensor: Path) -> None:
+    laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
+    before = [format_canonical_json(laid_out.example(n)) for n in range(4)]
+    stored = json.loads(laid_out.config.model_dump_json())
+    assert stored["radar"]["preset"]["file"] == "my-sensor.toml"
+    assert stored["radar"]["preset"]["values"]["carrier_hz"] == 7.29e9
+    sensor.unlink()
+    again = plan_dataset(PlanConfig.model_validate(stored), folder=sensor.parent / "elsewhere")
+    assert [format_canonical_json(again.example(n)) for n in range(4)] == before
+
+
+def test_values_in_place_of_the_file_change_no_identity(sensor: Path) -> None:
+    config = plan_of({"choice": ["my-sensor.toml", "x4"]})
+    stored = plan_dataset(config, folder=sensor.parent).config
+    assert stored.radar["preset"]["choice"][1] == "x4"
+    assert compute_dataset_id(stored, sensor.parent / "elsewhere") == compute_dataset_id(config, sensor.parent)
+    # as before the values were stored
+    assert compute_dataset_id(plan_of("my-sensor.toml"), sensor.parent) == "08d80710a7d07f19"
+
+
+def test_a_build_with_a_changed_radar_file_shows_the_difference(sensor: Path) -> None:
+    target = sensor.parent / "built"
+    config = plan_of("my-sensor.toml").model_dump()
+    config["dataset"] |= {"examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}}
+    config["scene"] = {"duration_s": 1.0}
+    plan = PlanConfig.model_validate(config)
+    build_dataset(plan, target, folder=sensor.parent, executor="serial")
+    text = sensor.read_text(encoding="utf-8")
+    sensor.write_text(text.replace("range_stop_m = 9.6", "range_stop_m = 8.6"), encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"\(radar.preset.values.range_stop_m: 9.6 -> 8.6\)"):
+        build_dataset(plan, target, folder=sensor.parent, executor="serial")
+    sensor.unlink()
+    found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
+    assert found.check("identity").status == "passed"
+    assert found.check("re-simulation").status == "passed"
+
+
+def test_verify_checks_the_files_of_an_older_dataset_without_its_radar_file(sensor: Path) -> None:
+    target = sensor.parent / "built"
+    config = plan_of("my-sensor.toml").model_dump()
+    config["dataset"] |= {"examples_per_class": 2, "fractions": {"train": 0.5, "test": 0.5}}
+    config["scene"] = {"duration_s": 1.0}
+    build_dataset(PlanConfig.model_validate(config), target, folder=sensor.parent, executor="serial")
+    described = json.loads((target / "dataset.json").read_text(encoding="utf-8"))
+    described["config"]["radar"]["preset"] = "my-sensor.toml"  # as it was stored before
+    (target / "dataset.json").write_text(json.dumps(described), encoding="utf-8")
+    sensor.unlink()
+    found = verify_dataset(target, folder=sensor.parent, rng=np.random.default_rng(0))
+    assert found.check("shards").status == "passed"
+    assert found.check("identity").status == "skipped"
+    assert "my-sensor.toml: cannot be read" in found.check("identity").summary
+    assert "--motion-folder" in found.check("identity").summary
+
+
+def test_the_viewer_simulates_with_stored_values_and_opens_no_radar_file(sensor: Path) -> None:
+    config = plan_of("my-sensor.toml")
+    check_files(plan_dataset(config, folder=sensor.parent).config, 0, None)
+    with pytest.raises(DatasetError, match=r"'my-sensor.toml', which is no part of the dataset"):
+        check_files(config, 0, None)

@@ -20,9 +20,10 @@ from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, FieldSpec, PlanConfig, shorten
 from doppelgait.dataset.feasibility import limits_of_index
 from doppelgait.dataset.motions import list_motion_files
+from doppelgait.dataset.radar_files import replace_radar_files, store_radar_files
 from doppelgait.dataset.shard_files import INDEX_NAMES, describe_fields
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.radar.presets import read_preset
+from doppelgait.pipeline.radar_table import RadarFile
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,9 +56,7 @@ def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
 
     Plug-ins that read its presets and motion files are included.
     """
-    tables = [plan.model_dump(mode="json")]
-    for path in _find_preset_files(plan.radar):
-        tables.append(read_preset(folder / path))
+    tables = [store_radar_files(plan, folder).model_dump(mode="json")]
     return identify_plugins(tables, {"motion_reader": [folder / path for path in _list_motion_files(plan)]})
 
 
@@ -79,18 +78,21 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
     ConfigError
         If a motion or preset file cannot be read.
     """
+    plan = store_radar_files(plan, folder)
     contents: dict[str, bytes] = {}
     for path in _list_motion_files(plan):
         try:
             contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
-    for path in _find_preset_files(plan.radar):  # hash the parsed values, so that comments have no effect
-        plain = json.dumps(read_preset(folder / path), sort_keys=True, default=str)
-        contents[path] = hashlib.sha256(plain.encode()).digest()
+
+    def replace_by_hash(file: RadarFile) -> str:  # comments and file names have no effect
+        plain = json.dumps(file.values, sort_keys=True)
+        contents[file.file] = hashlib.sha256(plain.encode()).digest()
+        return contents[file.file].hex()
+
     table = plan.model_dump(mode="json")
-    # hash the content, so that the file may be moved or renamed
-    table["radar"] = _name_by_content(table["radar"], contents)
+    table["radar"] = replace_radar_files(table["radar"], replace_by_hash)
     digest = hashlib.sha256(f"{DATA_VERSION}\n{format_canonical_json(table)}\n".encode())
     for content in contents.values():
         digest.update(content)
@@ -101,29 +103,6 @@ def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
 
 def _list_motion_files(plan: PlanConfig) -> list[str]:
     return list_motion_files([*(section.motion for section in plan.classes), {"companions": plan.companions}])
-
-
-def _find_preset_files(value: Any) -> Iterator[str]:
-    """Yield the preset files that a radar table names.
-
-    The files are the value of ``preset`` or among its choices.
-    """
-    if isinstance(value, Mapping):
-        value = [inner for key, inner in value.items() if key != "name"]
-    if isinstance(value, list):
-        for inner in value:
-            yield from _find_preset_files(inner)
-    elif isinstance(value, str) and value.endswith(".toml"):
-        yield value
-
-
-def _name_by_content(value: Any, contents: Mapping[str, bytes]) -> Any:
-    """Replace a radar table's preset files by their hashes."""
-    if isinstance(value, Mapping):
-        return {k: inner if k == "name" else _name_by_content(inner, contents) for k, inner in value.items()}
-    if isinstance(value, list):
-        return [_name_by_content(inner, contents) for inner in value]
-    return contents[value].hex() if isinstance(value, str) and value in contents else value
 
 
 Record = Mapping[str, Any]

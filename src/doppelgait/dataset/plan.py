@@ -1,6 +1,6 @@
 """Plan of a dataset: examples with their splits, and shards.
 
-Nothing is simulated; only motion folders are read.
+Nothing is simulated; only motion folders and radar files are read.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import MAX_SHARDS, SPLITS, PlanConfig
 from doppelgait.dataset.motions import Progress, expand_folders, list_motion_files, refuse_copies, refuse_two_spellings
+from doppelgait.dataset.radar_files import store_radar_files
 from doppelgait.dataset.resolve import ExampleSpec, find_class, make_example_id, resolve_example, resolve_rows
 from doppelgait.dataset.splits import assign_splits, group_subjects
 
@@ -77,7 +78,7 @@ class Plan:
     Parameters
     ----------
     config : PlanConfig
-        With its folders expanded.
+        With its folders expanded and the values of its radar files.
     folder : Path
         Folder that relative paths start from.
     examples : tuple of PlannedExample
@@ -121,7 +122,8 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     Raises
     ------
     ConfigError
-        If a motion is not allowed or its file is missing; the message names the class, the example and the key.
+        If a motion is not allowed or its file is missing; the message names the class, the example and the key. If a
+        radar file cannot be read.
     DatasetError
         If a class cannot have a subject in every requested split, or a folder has no usable file.
 
@@ -147,7 +149,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     2
     """
     source = folder or Path()
-    expanded = expand_folders(config, source, on_progress=on_progress)
+    expanded = expand_folders(store_radar_files(config, source), source, on_progress=on_progress)
     files = list_motion_files([*(s.motion for s in expanded.classes), {"companions": expanded.companions}])
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)

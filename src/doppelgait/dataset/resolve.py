@@ -23,6 +23,7 @@ from doppelgait.dataset.motions import (
     find_subject,
     list_recording_paths,
 )
+from doppelgait.dataset.radar_files import load_radar_files
 from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.radar_table import FITTED_KEYS
 
@@ -217,7 +218,7 @@ def _run_spec(
     table = {
         **scene,
         "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
-        "radar": draw(plan.radar, "radar"),
+        "radar": draw(load_radar_files(plan.radar), "radar"),
         "noise": draw(plan.noise, "noise"),
         **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),

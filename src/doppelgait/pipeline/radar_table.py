@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,14 @@ from doppelgait.radar.presets import change_preset, read_preset
 
 AUTO_PRF_START_HZ = 1000.0
 FITTED_KEYS = ("environment", "impairments")
+
+
+@dataclass(frozen=True)
+class RadarFile:
+    """Name and table of a radar file that was read before."""
+
+    file: str
+    values: Mapping[str, Any]
 
 
 def parse_radar(
@@ -37,7 +46,7 @@ def parse_radar(
     if not isinstance(table, Mapping):
         raise ConfigError(f"{where}: radar must be a preset's name or a table, not {table!r}")
     values = dict(table)
-    preset = values.pop("preset", None)
+    preset: Any = values.pop("preset", None)
     auto_prf = values.get("prf_hz") == "auto"
     if auto_prf:
         del values["prf_hz"]
@@ -45,10 +54,14 @@ def parse_radar(
     lists = {}
     if preset is not None:
         try:
-            source = str(preset)
-            if source.endswith(".toml"):  # the path starts from the folder of the scene file
-                source = str((folder or Path()) / source)
-            found = resolve(read_preset(source), seed=seed, example=example, key="preset")
+            if isinstance(preset, RadarFile):
+                preset, source, stated = preset.file, preset.file, preset.values
+            else:
+                source = str(preset)
+                if source.endswith(".toml"):  # the path starts from the folder of the scene file
+                    source = str((folder or Path()) / source)
+                stated = read_preset(source)
+            found = resolve(stated, seed=seed, example=example, key="preset")
             _check_preset(found)
             values = change_preset(source, values, sampled=found)
             lists = {key: value for key, value in found.items() if key in FITTED_KEYS}

@@ -21,6 +21,7 @@ from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import find_plan_number, suggest_names
+from doppelgait.dataset.radar_files import list_radar_files
 from doppelgait.dataset.resolve import find_class, resolve_example
 from doppelgait.dataset.shard import make_truth_columns
 from doppelgait.features import FEATURE_UNITS
@@ -88,7 +89,7 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
     )  # fmt: skip
     named = [
         *_find_motion_files([motion, plan.companions, plan.background]),
-        *[(text, "preset") for text in _collect_texts(plan.radar.get("preset")) if text.endswith(".toml")],
+        *[(file, "preset") for file in list_radar_files(plan.radar) if isinstance(file, str)],
     ]
     for name, start in named:
         if folder is None:
