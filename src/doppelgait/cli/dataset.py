@@ -73,7 +73,7 @@ def plan_command(
     """
     import numpy as np
 
-    from doppelgait.dataset.feasibility import assess
+    from doppelgait.dataset.feasibility import assess, format_limit_keys
     from doppelgait.dataset.finish import compute_dataset_id
     from doppelgait.dataset.plan import check_examples, plan_dataset, sample_examples, spread_count
     from doppelgait.dataset.summary import summarise, write_specs
@@ -107,6 +107,8 @@ def plan_command(
         print()
         print_table(table)
     print()
+    if reached := format_limit_keys(name for name, count in feasibility.affected.items() if count):
+        print("keys to change: " + reached.replace("; ", "\n                "))
     if not feasibility.judges_gate:
         print('gate cut off: counted by the build, since the gates are those of tracks (dataset.gate = "track")')
     if feasibility.n_examples < summary.n_examples:
@@ -117,13 +119,17 @@ def plan_command(
     )
     if summary.estimate:
         e = summary.estimate
-        print(
-            f"about {e['total_bytes'] / 1e9:.2g} GB and {format_duration(e['total_seconds'])} on {e['processors']} "
-            f"processors ({1e3 * e['seconds_per_example']:.0f} ms and {e['bytes_per_example'] / 1e3:.0f} kB each, "
-            f"measured on {e['pilot_examples']})"
-        )
+        if e["pilot_failures"] < e["pilot_examples"]:
+            print(
+                f"about {e['total_bytes'] / 1e9:.2g} GB and {format_duration(e['total_seconds'])} on {e['processors']} "
+                f"processors ({1e3 * e['seconds_per_example']:.0f} ms and {e['bytes_per_example'] / 1e3:.0f} kB each, "
+                f"measured on {e['pilot_examples']})"
+            )
         if e["pilot_failures"]:
-            print_message(f"warning: {e['pilot_failures']} examples of the pilot failed; build a few to see why")
+            print_message(
+                f"warning: {e['pilot_failures']} of {e['pilot_examples']} examples of the pilot failed; the first is "
+                f"{e['pilot_failure']}"
+            )
 
 
 @app.command("build")

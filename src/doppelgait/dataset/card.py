@@ -9,7 +9,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.dataset.config import ImportConfig, PlanConfig
-from doppelgait.dataset.feasibility import LIMITS, limits_of_index
+from doppelgait.dataset.feasibility import LIMITS, format_limit_keys, limits_of_index
 from doppelgait.features import FEATURE_UNITS
 
 FREE = re.compile(
@@ -208,7 +208,8 @@ def _radar_limits(index: pd.DataFrame) -> list[str]:
     table = format_markdown_table(pd.DataFrame(counts).sort_values("class")[["class", "rows", *reached]])
     return [
         "- Radar: the table counts rows that reach a limit; a row can reach several. A limit that any body of a",
-        "  scene reaches counts for every row of the scene; a truncated gate counts for its own row.", "", table,
+        "  scene reaches counts for every row of the scene; a truncated gate counts for its own row.",
+        f"  Keys of the plan to change: {format_limit_keys(reached)}.", "", table,
     ]  # fmt: skip
 
 

@@ -29,7 +29,15 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import warn_of_limits
 from doppelgait.scene.placement import place
 
-LIMITS = ("aliasing", "outside the frame", "folding", "sparse range bins", "gate cut off")
+LIMIT_KEYS = {
+    "aliasing": ("radar.prf_hz",),
+    "outside the frame": ("target.range_m", "radar.range_stop_m"),
+    "folding": ("target.range_m", "radar.pulse_rate_hz", "radar.sample_rate_hz"),
+    "sparse range bins": ("radar.decimation", "radar.sample_rate_hz"),
+    "gate cut off": ("target.range_m", "radar.range_stop_m"),
+}
+"""Keys of a plan to change where a limit affects rows."""
+LIMITS = tuple(LIMIT_KEYS)
 """Limits of a row: four warnings of the simulation, and the flag ``gate_leaves_frame`` of the analysis."""
 GATE_FLAG = "gate_leaves_frame"
 RANGE_PARTS = 4
@@ -48,7 +56,8 @@ class RowLimits:
     ----------
     id, label : str
     limits : tuple of str
-        Members of :data:`LIMITS` that affect the row; a warning affects every row of its scene.
+        Members of :data:`LIMITS` that affect the row; a warning affects every row of its scene. A body that is
+        never inside the frame counts as outside the frame, also where its echo folds into the frame.
     range_m : float
         Mean range of the body.
     snr_db : float
@@ -95,7 +104,9 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
     for number, (row, track) in enumerate(zip(example.rows, tracks, strict=True)):
         range_m = track.range_m + example.gate_error_m
         cut = gate == "truth" and _leaves_frame(range_m, slow_time_s, radar, analysis)
-        limits = tuple(name for name in LIMITS if name in found or (cut and name == LIMITS[-1]))
+        lost = radar.waveform.ranged and not _is_ever_inside(track.range_m, radar)
+        own = {"outside the frame": lost, "gate cut off": cut}
+        limits = tuple(name for name in LIMITS if name in found or own.get(name))
         snr_db = math.nan
         if row.source != "none" and run.noise.kind == "snr":
             snr_db = float(run.noise.snr_db)
@@ -103,6 +114,10 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
             snr_db = _expected_snr_db(table, number, radar)
         rows.append(RowLimits(row.id, row.label, limits, float(track.range_m.mean()), snr_db))
     return rows
+
+
+def _is_ever_inside(range_m: npt.NDArray[np.float64], radar: Radar) -> bool:
+    return bool(((range_m >= radar.range_start_m) & (range_m <= radar.range_stop_m)).any())
 
 
 def _leaves_frame(
@@ -146,7 +161,8 @@ class Feasibility:
         Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`; None for ``gate cut
         off`` where the gate is that of a track, which is known after the build.
     snr : list of dict
-        Per range interval: ``range_m`` (from, to), ``rows``, and ``snr_db`` (5 %, 50 % and 95 % of the rows).
+        Per range interval: ``range_m`` (from, to), ``rows``, ``rows_without_echo`` (no echo inside the frame), and
+        ``snr_db`` (5 %, 50 % and 95 % of the rows with an echo), None if no row has an echo.
     """
 
     n_examples: int
@@ -169,10 +185,12 @@ class Feasibility:
         always = ("aliasing", LIMITS[1], LIMITS[-1]) if self.judges_gate else ("aliasing", LIMITS[1])
         shown = [name for name, count in self.affected.items() if count or name in always]
         limits = [{name: row[name] for name in ("class", "rows", *shown)} for row in self.limits]
+        lost = any(part["rows_without_echo"] for part in self.snr)
         snr = [
             {
                 "range (m)": "{:.1f} to {:.1f}".format(*part["range_m"]), "rows": part["rows"],
-                "SNR_frame (dB)": "{1:.0f} ({0:.0f} to {2:.0f})".format(*part["snr_db"]),
+                **({"without echo": part["rows_without_echo"]} if lost else {}),
+                "SNR_frame (dB)": "{1:.0f} ({0:.0f} to {2:.0f})".format(*part["snr_db"]) if part["snr_db"] else "",
             }
             for part in self.snr
         ]  # fmt: skip
@@ -216,17 +234,26 @@ def assess(
         }
         for label in labels
     ]
-    known = sorted((row for row in rows if math.isfinite(row.snr_db)), key=lambda row: row.range_m)
+    known = sorted((row for row in rows if not math.isnan(row.snr_db)), key=lambda row: row.range_m)
     parts = [[known[int(n)] for n in part] for part in np.array_split(np.arange(len(known)), RANGE_PARTS) if part.size]
-    snr = [
-        {
-            "range_m": [part[0].range_m, part[-1].range_m],
-            "rows": len(part),
-            "snr_db": [float(level) for level in np.quantile([row.snr_db for row in part], [0.05, 0.5, 0.95])],
-        }
-        for part in parts
-    ]
+    snr = []
+    for part in parts:
+        levels = [row.snr_db for row in part if math.isfinite(row.snr_db)]
+        quantiles = [float(level) for level in np.quantile(levels, [0.05, 0.5, 0.95])] if levels else None
+        snr.append(
+            {
+                "range_m": [part[0].range_m, part[-1].range_m],
+                "rows": len(part),
+                "rows_without_echo": len(part) - len(levels),
+                "snr_db": quantiles,
+            }
+        )
     return Feasibility(done, failed, limits, snr)
+
+
+def format_limit_keys(reached: Iterable[str]) -> str:
+    """Format the plan keys to change, by reached limit."""
+    return "; ".join(f"{name}: {', '.join(LIMIT_KEYS[name])}" for name in reached)
 
 
 def limits_of_index(index: pd.DataFrame) -> list[dict[str, Any]]:

@@ -45,7 +45,10 @@ def store_radar_files(plan: PlanConfig, folder: Path) -> PlanConfig:
 
 
 def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
-    """List the radar files of a plan's ``[radar]`` table: names, or stored files."""
+    """List the radar files of a ``[radar]`` table.
+
+    A file is a name, or stored with its values.
+    """
     found: list[str | RadarFile] = []
     replace_radar_files(radar, found.append)
     return found

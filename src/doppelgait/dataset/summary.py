@@ -16,7 +16,7 @@ from doppelgait.core.files import open_atomically
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.motions import find_source_entry, find_subject, list_recording_paths
 from doppelgait.dataset.plan import Plan, Shard
-from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
+from doppelgait.dataset.shard import BuildContext, build_shard
 from doppelgait.dataset.splits import parse_source
 
 PILOT_EXAMPLES = 8
@@ -44,7 +44,8 @@ class PlanSummary:
         Examples that were resolved in full to check whether they are allowed.
     estimate : dict
         Estimate from a pilot of a few examples, empty without a pilot: ``seconds_per_example`` of one processor,
-        ``bytes_per_example``, ``total_bytes``, ``total_seconds`` with all ``processors``.
+        ``bytes_per_example``, ``total_bytes``, ``total_seconds`` with all ``processors``; the number of
+        ``pilot_failures`` and the first of them, ``pilot_failure``.
     """
 
     name: str
@@ -55,7 +56,7 @@ class PlanSummary:
     subjects: list[dict[str, Any]]
     files: list[dict[str, Any]]
     n_checked: int
-    estimate: dict[str, float]
+    estimate: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by name, as values for JSON."""
@@ -74,11 +75,6 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
         As from :func:`doppelgait.dataset.plan.check_examples`.
     pilot : int
         Examples to make for the estimate of size and time; 0 for none.
-
-    Raises
-    ------
-    DoppelgaitError
-        If an example of the pilot cannot be made.
     """
     shards, sections = list(plan.shards()), list(enumerate(plan.config.classes))
     of_split = Counter((entry.class_number, entry.split) for entry in plan.examples)
@@ -118,7 +114,7 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
     )
 
 
-def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
+def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, Any]:
     """Estimate a plan's time and size from few examples."""
     total = len(plan.examples)
     count = min(pilot, total)
@@ -126,7 +122,7 @@ def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as directory:
         (Path(directory) / "shards").mkdir()
         context = BuildContext(plan.config, str(plan.folder), directory)
-        build_planned(entries[0], context)  # the first one loads the compiled kernels
+        context.make(entries[0])  # the first one loads the compiled kernels
         began = time.process_time()
         record = build_shard(Shard("pilot", shards[0].split, entries), context)
         seconds = (time.process_time() - began) / count
@@ -135,6 +131,7 @@ def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
     return {
         "pilot_examples": count,
         "pilot_failures": len(record["failures"]),
+        "pilot_failure": next((f"{one['id']}: {one['reason']}" for one in record["failures"]), ""),
         "seconds_per_example": seconds,
         "bytes_per_example": size,
         "total_bytes": (size + ROW_BYTES) * total,

@@ -107,6 +107,7 @@ def test_counts_of_the_plan_are_in_card_description_and_verification(planned, wa
     card = (wall.directory / "README.md").read_text()
     human = counts["human"]
     assert f"| human | {human['rows']} | {human['aliasing']} | {human['outside the frame']} |" in card
+    assert "Keys of the plan to change: aliasing: radar.prf_hz; outside the frame: target.range_m" in card
     check = verify_dataset(wall.directory, share=0.0, rng=np.random.default_rng(0)).check("feasibility")
     assert check.status == "warning"
     dog = counts["dog"]
@@ -164,3 +165,19 @@ def test_plan_prints_the_table_and_reports_progress(plan_file, planned, monkeypa
     found = json.loads(answer.stdout)["feasibility"]
     assert found["limits"] == expected.limits
     assert [part["rows"] for part in found["snr"]] == [7, 7, 7, 7]
+
+
+def test_a_plan_with_targets_beyond_the_frame_has_its_tables(tmp_path):
+    beyond = PLAN.replace("uniform = [2, 7]", "uniform = [14, 30]").replace("range_stop_m = 8", "range_stop_m = 9.6")
+    path = tmp_path / "beyond.toml"
+    path.write_text(beyond)
+    run = CliRunner().invoke(app, ["dataset", "plan", str(path), "--pilot", "2"])
+    assert run.exit_code == 0, run.output
+    lines = [line.split() for line in run.stdout.splitlines()]
+    assert ["class", "rows", "aliasing", "outside", "the", "frame", "folding", "gate", "cut", "off"] in lines
+    human = next(line for line in lines if line[:1] == ["human"] and len(line) == 6)
+    assert human[3:] == ["14", "14", "14"]
+    assert "outside the frame: target.range_m, radar.range_stop_m" in run.stdout
+    first = lines.index(["range", "(m)", "rows", "without", "echo", "SNR_frame", "(dB)"]) + 1
+    assert [line[-2:] for line in lines[first : first + 4]] == [["7", "7"]] * 4
+    assert "2 of 2 examples of the pilot failed; the first is human-000000: gate" in run.stderr
