@@ -229,7 +229,8 @@ def test_identity_follows_the_motion_files(tmp_path):
         ({"scene": {"gravity": 1}}, r"scene.gravity: unknown key; allowed are .*duration_s"),
         ({"noise": {"kind": "loud"}}, "noise.kind"),
         ({"analysis": {"hops": 1}}, "analysis.hops"),
-        ({"target": {"range_m": -1}}, "targets.0.range_m"),
+        ({"target": {"range_m": -1}}, ": target.range_m: -1"),
+        ({"target": {"range_mm": 3}}, ": target.range_mm: unknown key"),
         ({"typo": 1}, "typo.*unknown key"),
     ],
 )
@@ -283,7 +284,12 @@ def with_dog_motion(motion):
             r"classes\.1\.motion\.speed_mps: -2\.0 is not allowed",
         ),
         ({"kind": "quadruped", "gait": "hop"}, r"classes\.1\.motion\.gait: 'hop' is not allowed"),
-        ({"kind": "quadruped", "froude": 9}, r"classes\.1\.motion: speed_mps.*\"froude\": 9"),
+        ({"kind": "quadruped", "froude": 9}, r"classes\.1\.motion\.froude: 9 is not allowed: .*set gait = \"auto\""),
+        ({"kind": "quadruped", "gait": "auto", "froude": 99}, r"classes\.1\.motion\.froude: 99 is not allowed: [^;]*$"),
+        (
+            {"kind": "boulic", "speed_mps": {"unifrom": [2, 1]}},
+            r"classes\.1\.motion\.speed_mps: 'unifrom' is no distribution; known are uniform, .*did you mean uniform",
+        ),
         ({"kind": "unicorn"}, r"classes\.1\.motion\.kind: 'unicorn' is not allowed: known are file, .*boulic"),
         ({"speed_mps": 1}, r"classes\.1\.motion: \{\"speed_mps\": 1\} is not allowed: needs kind"),
         ({"choice": ["boulic"]}, r"classes\.1\.motion: \"boulic\" is not allowed: needs kind"),
@@ -296,7 +302,10 @@ def with_dog_motion(motion):
             {"kind": "file", "path": "a.c3d", "speed": 1},
             r"classes\.1\.motion\.speed: 1 is not .*start_s.*units",
         ),
-        ({"kind": "boulic", "speed_mps": {"uniform": [1]}}, r"motion\.speed_mps: uniform = \[1\]: needs two numbers"),
+        (
+            {"kind": "boulic", "speed_mps": {"uniform": [1]}},
+            r"classes\.1\.motion\.speed_mps: uniform = \[1\]: needs two",
+        ),
     ],
 )
 def test_a_wrong_motion_is_refused_while_planning(tmp_path, motion, says):

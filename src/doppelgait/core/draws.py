@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -106,6 +107,7 @@ def _sample(value: Any, streams: Streams, key: str, turn: int, sibling: Sibling 
     if isinstance(value, Mapping):
         law = _parse_law(value)
         if law is None:
+            _refuse_misspelt_law(value, key)
             return _sample_table(value, key, lambda inner, name, of: _sample(inner, streams, name, turn, of))
         name, numbers, factor = law
         if name == CYCLE:
@@ -131,6 +133,17 @@ def _parse_law(table: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
             if name == CYCLE or name in DISTRIBUTIONS:
                 return name, numbers, table.get(TIMES)
     return None
+
+
+def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
+    """Refuse a table that is a distribution but for its spelling."""
+    known = (*DISTRIBUTIONS, CYCLE)
+    names = [name for name, numbers in table.items() if isinstance(numbers, list) and set(table) <= {name, TIMES}]
+    for name in names:
+        if near := difflib.get_close_matches(str(name), known, n=1, cutoff=0.75):
+            raise ConfigError(
+                f"{key}: {name!r} is no distribution; known are {', '.join(known)}; did you mean {near[0]}?"
+            )
 
 
 def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str, Sibling], Any]) -> dict[str, Any]:

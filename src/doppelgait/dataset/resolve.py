@@ -5,6 +5,7 @@ An example is a pure function of configuration and number.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,10 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
     section, name = plan.classes[place], make_example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
     draw = _make_sampler(plan, number)
-    motion = draw(section.motion, "motion")
+    try:
+        motion = draw(section.motion, "motion")  # the key also names the random stream
+    except ConfigError as error:
+        raise ConfigError(f"classes.{place}.{error}") from None
     if isinstance(motion, Mapping) and motion.get("kind") == EMPTY_SCENE and "speed_mps" not in motion:
         motion = {**motion, "speed_mps": draw(PHANTOM_SPEED_MPS, "motion.speed_mps")}
     check_motion(motion, folder, key=key)
@@ -225,7 +229,17 @@ def _run_spec(
         "seed": plan.dataset.seed,
         "example": number,  # also names the streams of a preset's own distributions
     }
-    run = parse_run(table, where="", folder=folder)
+    try:
+        run = parse_run(table, where="", folder=folder)
+    except ConfigError as error:  # with the keys of the plan
+        own = f"classes.{find_class(plan, number)[0]}."
+
+        def name_key(found: re.Match[str]) -> str:
+            if found[1] == "motion":
+                return f"{own}motion"
+            return f"{own if found[1] in section.target else ''}target.{found[1]}"
+
+        raise ConfigError(re.sub(r"\btargets\.0\.(\w+)", name_key, str(error))) from None
     # check for forbidden values here, where every distribution is resolved
     if run.auto_prf and "radar.prf_hz" not in plan.dataset.leaks:
         raise ConfigError(AUTO_PRF_REFUSED)

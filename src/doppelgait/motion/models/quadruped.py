@@ -157,6 +157,12 @@ class QuadrupedConfig(FrozenModel):
         low, high, _ = GAITS[self.actual_gait].froude
         slowest, fastest = (froude_speed_mps(fr, self.hip_m) for fr in (low, high))
         if not slowest * (1 - 1e-9) <= self.actual_speed_mps <= fastest * (1 + 1e-9):
+            if self.froude is not None:
+                hint = "" if self.gait == "auto" else '; set gait = "auto" to derive the gait from froude'
+                raise ValueError(
+                    f"froude: {self.froude:.4g} is not allowed: the Froude number of a {self.actual_gait} is "
+                    f"{low:g} to {high:g}{hint}"
+                )
             raise ValueError(
                 f"speed_mps: {self.actual_speed_mps:.4g} is not allowed: a {BUILDS[self.build].species} with "
                 f"withers_m = {self.actual_withers_m:g} moves at {slowest:.3g} to {fastest:.3g} m/s in a "
