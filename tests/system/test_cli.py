@@ -21,6 +21,7 @@ import doppelgait.cli.app as cli_app
 import processes
 from checkout import ROOT as REPOSITORY
 from doppelgait.cli.app import main
+from doppelgait.dataset import plan_names
 
 SCENE = """
 seed = 5
@@ -335,3 +336,30 @@ def test_an_empty_room_needs_no_target(tmp_path):
     assert (
         "needs at least one" in run("simulate", "room.toml", "--speed", "1", "-o", "x.h5", cwd=tmp_path, code=2).stderr
     )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("analyze", "x.h5", "--format", "gif"), "Invalid value for '--format': 'gif' is not one of"),
+        (("dataset", "plan", "home-alarm", "--pilot", "-3"), "'--pilot': must be greater than or equal to 0"),
+        (
+            ("dataset", "plan", "home-alarm", "--set", "dataset.name=a/b"),
+            "must begin with a letter or digit and may hold",
+        ),
+        (
+            ("dataset", "plan", "home-alarm", "--set", "dataset.fractions.train=0.9"),
+            "state all of train, validation, test",
+        ),
+        (("dataset", "plan", "liland2018-fair"), "there is no such folder in .* --motion-folder"),
+    ],
+)
+def test_wrong_values_are_refused_in_plain_words(tmp_path, arguments, says):
+    said = run(*arguments, cwd=tmp_path, code=2).stderr
+    assert re.search(says, said), said
+    assert "Value error" not in said
+
+
+def test_the_help_of_a_plan_names_all_built_in_plans():
+    said = " ".join(run("dataset", "plan", "--help").stdout.split())
+    assert ", ".join(plan_names()) in said

@@ -6,9 +6,10 @@ Heavy imports happen inside the commands.
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from doppelgait import __version__
 from doppelgait.cli import (
@@ -32,7 +33,22 @@ from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.interrupt import is_stop_requested
 from doppelgait.core.worker import collect_garbage_rarely
 
+
+class _Commands(TyperGroup):
+    """Commands with errors of options in plain words."""
+
+    def invoke(self, ctx: typer.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            from doppelgait.core.config import reword_fault
+
+            error.message = reword_fault(error.message)
+            raise
+
+
 app = typer.Typer(
+    cls=_Commands,
     name="doppelgait",
     help="Labelled micro-Doppler radar data of people and dogs, from motion capture or gait models.",
     no_args_is_help=True,

@@ -20,7 +20,10 @@ from doppelgait.cli.output import (
 
 app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_is_help=True, rich_markup_mode=None)
 
-PlanName = Annotated[str, typer.Argument(help="Plan file (TOML) or built-in name: home-alarm, liland2018.")]
+PlanName = Annotated[
+    str,
+    typer.Argument(help="Plan file (TOML) or built-in name: home-alarm, home-alarm-wide, liland2018, liland2018-fair."),
+]
 Changes = Annotated[
     list[str] | None,
     typer.Option("--set", help="Change the plan, for example dataset.examples_per_class=1000; repeatable."),

@@ -279,6 +279,13 @@ _WORDS = (
 """Replacements that turn Pydantic's messages into messages about configuration files."""
 
 
+def reword_fault(message: str) -> str:
+    """Turn a message of Pydantic into one about configuration files."""
+    for pattern, words in _WORDS:
+        message = re.sub(pattern, words, message)
+    return message
+
+
 def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
     """Remove faults that only follow from others.
 
@@ -304,9 +311,7 @@ def _describe(fault: Any, location: tuple[str | int, ...], model: type[BaseModel
         return Fault(location, "", "unknown key" + (f"; allowed are {allowed}" if allowed else ""))
     if fault["type"] == "missing":
         return Fault(location, "", "is required")
-    value, message = fault.get("input"), fault["msg"]
-    for pattern, words in _WORDS:
-        message = re.sub(pattern, words, message)
+    value, message = fault.get("input"), reword_fault(fault["msg"])
     named = _NAMED_KEY.match(message) if fault["type"] == "value_error" else None
     if named and isinstance(value, Mapping) and named[1].split(".")[0] in value:  # from a check across keys
         inner = (int(part) if part.isdigit() else part for part in named[1].split("."))

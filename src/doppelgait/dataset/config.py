@@ -214,7 +214,7 @@ class DatasetSection(FrozenModel):
         recording then has its full length). The card lists them and ``verify`` does not judge them.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=200)
+    name: str = Field(max_length=200)
     seed: int = Field(default=2018, ge=0)
     examples_per_class: int = Field(ge=1, le=10_000_000)
     fractions: dict[str, float] = Field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
@@ -224,6 +224,13 @@ class DatasetSection(FrozenModel):
     gate_error_sd_m: float = Field(default=0.2, ge=0, le=1)
     fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
     leaks: tuple[str, ...] = ()
+
+    @field_validator("name")
+    @classmethod
+    def _check_name(cls, name: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
+            raise ValueError("must begin with a letter or digit and may hold letters, digits and . _ - only")
+        return name
 
     @field_validator("leaks")
     @classmethod
@@ -249,7 +256,10 @@ class DatasetSection(FrozenModel):
         if set(fractions) - set(SPLITS) or any(v < 0 for v in fractions.values()):
             raise ValueError(f"must have shares of 0 or more for {', '.join(SPLITS)} only")
         if abs(sum(fractions.values()) - 1.0) > 1e-9:
-            raise ValueError(f"must sum to 1, not {sum(fractions.values()):g}")
+            raise ValueError(
+                f"must sum to 1, not {sum(fractions.values()):g}; state all of {', '.join(SPLITS)}, since a split that "
+                "is not stated has no share"
+            )
         return fractions
 
 

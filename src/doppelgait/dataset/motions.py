@@ -318,7 +318,10 @@ def _list_segments(
     """
     root = folder / spec.path
     if not root.is_dir():
-        raise ConfigError(f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}")
+        raise ConfigError(
+            f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}; name the folder "
+            "that contains it with --motion-folder"
+        )
     files = sorted(path for path in root.rglob(spec.pattern) if path.is_file())
     found: list[tuple[dict[str, Any], Motion]] = []
     refused: dict[str, str] = {}
