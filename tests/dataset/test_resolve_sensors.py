@@ -191,5 +191,5 @@ def test_verify_checks_the_files_of_an_older_dataset_without_its_radar_file(sens
 def test_the_viewer_simulates_with_stored_values_and_opens_no_radar_file(sensor: Path) -> None:
     config = plan_of("my-sensor.toml")
     check_files(plan_dataset(config, folder=sensor.parent).config, 0, None)
-    with pytest.raises(DatasetError, match=r"'my-sensor.toml', which is no part of the dataset"):
+    with pytest.raises(DatasetError, match=r"'my-sensor.toml', which is not part of the dataset"):
         check_files(config, 0, None)
