@@ -37,7 +37,7 @@ from doppelgait.core.worker import collect_garbage_rarely
 class _Commands(TyperGroup):
     """Commands with errors of options in plain words."""
 
-    def invoke(self, ctx: typer.Context) -> Any:
+    def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
