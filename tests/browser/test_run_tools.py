@@ -244,22 +244,35 @@ def test_a_panel_without_content_gives_its_space_away(page: Any, url: str) -> No
     assert page.locator("#canvas-range-doppler").bounding_box()["width"] > 0.45 * width
 
 
-def test_space_plays_unless_a_text_field_has_the_focus(page: Any, url: str) -> None:
+def test_space_plays_unless_a_control_that_uses_it_has_the_focus(page: Any, url: str) -> None:
+    def plays() -> bool:
+        return bool(page.get_attribute("#play", "aria-pressed") == "true")
+
     opened(page, url)
-    for focused in ("#map", "#help", "#loop", "#scrub", "#parts input[value=main-line]"):
+    for focused in ("#scrub", "#canvas-scene-overlay"):
         page.focus(focused)
         page.keyboard.press("Space")
-        assert page.get_attribute("#play", "aria-pressed") == "true", focused
+        assert plays(), focused
         page.keyboard.press("Space")
-        assert page.get_attribute("#play", "aria-pressed") == "false", focused
-    assert not page.is_visible("#help-dialog")
-    assert page.is_checked("#loop")
+        assert not plays(), focused
+    for box in ("#loop", "#parts input[value=main-line]"):
+        ticked = page.is_checked(box)
+        page.focus(box)
+        page.keyboard.press("Space")
+        assert page.is_checked(box) != ticked, box
+        assert not plays(), box
     page.focus("#loop")
     page.keyboard.press("Enter")
-    assert not page.is_checked("#loop"), "Enter switches a box"
-    page.focus("#cpi_s")
+    assert page.is_checked("#loop"), "Enter switches a box, too"
+    for field in ("#cpi_s", "#map"):
+        page.focus(field)
+        page.keyboard.press("Space")
+        page.keyboard.press("Escape")
+        assert not plays(), field
+    page.focus("#help")
     page.keyboard.press("Space")
-    assert page.get_attribute("#play", "aria-pressed") == "false"
+    assert page.is_visible("#help-dialog")
+    assert not plays()
 
 
 def test_warnings_are_shown_once_and_move_nothing(page: Any, url: str) -> None:

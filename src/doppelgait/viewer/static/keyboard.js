@@ -4,7 +4,7 @@ import { SPEEDS } from "./clock.js";
 import { element } from "./ui.js";
 
 const KEYS = [
-  ["space", "play or pause, unless a text field has the focus (Enter presses a button or box)"],
+  ["space", "play or pause, unless a control that uses it has the focus (check box, button, list, text field)"],
   ["← →", "one step back or on (with shift: ten)"],
   ["Home End", "start, end"],
   ["+ −", "faster, slower"],
@@ -20,7 +20,7 @@ const KEYS = [
   ["m, Esc", "measure between two points; end"],
 ];
 const TYPING = "input:not([type=checkbox]), select, textarea, [contenteditable]";
-const TEXT = "input:not([type=checkbox], [type=range]), textarea, [contenteditable]";
+const USES_SPACE = "button, select, summary, input:not([type=range]), textarea, [contenteditable]";
 
 /** Listen for the keys of a clock and `further` ones; `moveTarget(±1)` chooses another target. Gives a function that ends it. */
 export function listenToKeys(clock, moveTarget, further = {}) {
@@ -39,21 +39,11 @@ export function listenToKeys(clock, moveTarget, further = {}) {
     ...further,
   };
   document.addEventListener("keydown", pressed);
-  document.addEventListener("keyup", released);
-  return () => {
-    document.removeEventListener("keydown", pressed);
-    document.removeEventListener("keyup", released);
-  };
-
-  /** Browsers press a button when the space bar is released. */
-  function released(event) {
-    if (event.key === " " && !event.target.closest?.(`${TEXT}, dialog`)) event.preventDefault();
-  }
+  return () => document.removeEventListener("keydown", pressed);
 
   function pressed(event) {
     const target = event.target;
-    // space plays wherever the focus is, but in a text field; Enter presses the button or box that has it
-    const others = event.key === " " ? TEXT : TYPING;
+    const others = event.key === " " ? USES_SPACE : TYPING;
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest?.(`${others}, dialog`)) return;
     if (event.key === "Enter" && target.matches?.("[type=checkbox]")) target.click();
     const action = actions[event.key];
