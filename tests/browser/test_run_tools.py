@@ -44,6 +44,11 @@ def change(page: Any, control: str, value: str) -> None:
     page.wait_for_selector(READY)
 
 
+def mark(page: Any, selector: str) -> str:
+    """Text that the style sheet adds after an element; "none" without."""
+    return str(page.evaluate(f"getComputedStyle(document.querySelector('{selector}'), '::after').content"))
+
+
 def test_the_analysis_is_changed_by_controls(page: Any, url: str, walk: Path) -> None:
     opened(page, url)
     numbers = {name: page.input_value(f"#{name}") for name in ("cpi_s", "window_steepness", "hop")}
@@ -91,7 +96,37 @@ def test_an_error_stands_in_one_line_next_to_its_control(page: Any, url: str) ->
     control = page.locator("#cpi_s").bounding_box()
     assert abs(line["y"] + line["height"] / 2 - control["y"] - control["height"] / 2) < 6, "not next to its control"
     assert look(page, "signature") == before, "the pictures stay"
+    assert "(earlier settings)" in mark(page, ".panel-signature h2"), "and are not marked"
     assert height < 100
+
+
+def test_a_gate_beyond_the_frame_is_refused_or_shortened_with_words(page: Any, url: str) -> None:
+    opened(page, url)
+    page.select_option("#gate", "own")
+    page.fill("#gate-from", "2")
+    change(page, "gate-to", "90")
+    until(lambda: "gate 2 to 90 m extends beyond the recorded frame: 2.00 to" in text(page, "#notes"), "no note")
+    assert mark(page, ".panel-signature h2") == "none"
+    change(page, "gate-from", "50")
+    until(lambda: text(page, "#fault-gate") != "", "not refused")
+    assert text(page, "#fault-gate").endswith("take ranges inside")
+    size = page.evaluate("(n => [n.scrollWidth, n.clientWidth])(document.getElementById('fault-gate'))")
+    assert size[0] <= size[1], "the message is not shown as a whole"
+    for panel in ("signature", "cadence", "features"):
+        assert "(earlier settings)" in mark(page, f".panel-{panel} h2"), panel
+    assert "gate of the earlier settings" in mark(page, ".panel-range-time h2")
+    page.click("#standard")
+    until(lambda: mark(page, ".panel-signature h2") == "none", "still marked")
+
+
+def test_the_readout_is_shown_as_a_whole(page: Any, url: str) -> None:
+    page.set_viewport_size({"width": 1400, "height": 900})
+    opened(page, url)
+    for name in ("range-time", "signature", "range-doppler", "cadence"):
+        read_at(page, name, 0.5, 0.6)
+        width = page.evaluate(f"(n => [n.scrollWidth, n.clientWidth])(document.getElementById('hover-{name}'))")
+        assert text(page, f"#hover-{name}") != "", name
+        assert width[0] <= width[1], (name, width)
 
 
 def test_the_signature_is_that_of_the_whole_track_with_its_segments(page: Any, url: str) -> None:
@@ -203,6 +238,14 @@ def test_the_picture_and_the_table_are_saved(page: Any, url: str, walk: Path) ->
     width = int.from_bytes(picture[16:20], "big")
     assert width >= 2 * page.locator(".panels").bounding_box()["width"] - 2
     assert len(picture) > 100_000
+    height = int.from_bytes(picture[20:24], "big")
+    assert height >= 2 * (page.locator(".panels").bounding_box()["height"] + 20), "no line with the recording's name"
+    page.focus("#save-picture")
+    read_at(page, "range-time", 0.5, 0.5)
+    with page.expect_download() as saved:
+        page.keyboard.press("Enter")
+    with_mouse = Path(saved.value.path()).read_bytes()
+    assert with_mouse == picture, "the cross at the mouse is in the picture"
     with page.expect_download() as saved:
         page.click("#save-table")
     rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))
@@ -365,7 +408,7 @@ def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, ser
     for name in ("range-time", "signature"):
         bars = page.locator(f".panel-{name} .colour-bar").all_text_contents()
         assert len(bars) == 2
-        assert bars[0] == bars[1], "the colours have other levels"
+        assert bars[0] != bars[1], "the levels are those of the other recording"
         own, other = (page.locator(f"#canvas-{one}").bounding_box() for one in (name, f"other-{name}"))
         assert (own["x"], own["width"]) == (other["x"], other["width"])
     assert page.get_attribute("#scrub", "max") == "3.5"
@@ -376,7 +419,9 @@ def test_two_recordings_are_compared_on_one_time_line(page: Any, walk: Path, ser
     until(lambda: text(page, "#hover-other-signature") != "", "the second picture is not read")
     times = [float(re.search(r"([\d.]+) s", one).group(1)) for one in (shown, text(page, "#hover-other-signature"))]
     assert times[0] == pytest.approx(times[1], abs=0.02), "the pictures have other times"
-    assert page.locator(".panel-features h2").all_text_contents()[1].startswith("longer.h5: ")
+    headings = page.locator(".panel h2").all_text_contents()
+    assert len(headings) == 9
+    assert all(one.startswith(("walk.h5: ", "longer.h5: ")) for one in headings), headings
     with page.expect_download() as saved:
         page.click("#save-table")
     rows = list(csv.DictReader(io.StringIO(Path(saved.value.path()).read_text("utf-8"))))

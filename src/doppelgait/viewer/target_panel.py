@@ -65,7 +65,19 @@ def make_targets_payload(
     views = targets if segment is None else select_segment(targets, *segment)
     shown = [_describe_target(number, view, done.method, arrays) for number, view in enumerate(views)]
     reason = None if shown else NO_TARGET
-    return pack({**facts, "targets": shown, "reason": reason, "notes": notes}, arrays)
+    return pack({**facts, "targets": shown, "reason": reason, "notes": [*_note_limits(gate, views), *notes]}, arrays)
+
+
+def _note_limits(gate: GateChoice | None, views: Sequence[TargetView]) -> list[str]:
+    """Return a note on the range that is used of a fixed gate that extends beyond the recorded frame."""
+    limits = views[0].gate_limits if views else None
+    if not isinstance(gate, tuple) or limits is None or limits.source != "given":
+        return []
+    used_m = float(limits.low_m.min()), float(limits.high_m.max())
+    if np.allclose(used_m, gate, rtol=0.0, atol=1e-6):
+        return []
+    frame = "extends beyond the recorded frame"
+    return [f"gate {gate[0]:g} to {gate[1]:g} m {frame}: {used_m[0]:.2f} to {used_m[1]:.2f} m is used"]
 
 
 def select_segment(targets: Sequence[TargetView], number: int, segment: int) -> list[TargetView]:

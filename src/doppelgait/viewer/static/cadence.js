@@ -14,8 +14,8 @@ const FROM_LINE = "from main line"; // what the Doppler axis counts from where t
 const NAMES = { f_mu: "f", "2nd": "2f", "3rd": "3f" };
 
 export function makeCadence(page) {
-  const { session, band } = page;
-  const panel = makePanel("cadence", TITLE);
+  const { session, band, before } = page;
+  const panel = makePanel("cadence", before + TITLE);
   const below = makeBelow(panel);
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
@@ -55,7 +55,7 @@ export function makeCadence(page) {
       arrays,
       own: target.aligned ? ownBand(target, arrays) : null,
     };
-    panel.heading.textContent = shown?.own ? `${TITLE} about the main line` : TITLE;
+    panel.heading.textContent = before + (shown?.own ? `${TITLE} about the main line` : TITLE);
     redraw();
   }
 

@@ -1,29 +1,10 @@
-// A second recording below the first: the same time line, Doppler band and colour scales, and its features.
+// A second recording below the first: the same time line and Doppler band, and its features; its colours have levels of their own.
 
 import { getPayload, isAborted } from "./api.js";
 import { makeFeatures } from "./features.js";
 import { occupied } from "./picture.js";
 import { makeRangeTime } from "./range_time.js";
 import { makeSignature } from "./signature.js";
-
-/** Levels that pictures of one kind have in common; `changed()` is called when a picture changes them. */
-export function makeScales(changed) {
-  const known = {}; // levels by kind and panel
-  return { put, of };
-
-  function put(kind, id, image) {
-    known[kind] = { ...known[kind], [id]: image?.shown_db };
-    if (Object.keys(known[kind]).length > 1) changed();
-  }
-
-  /** A picture with the common levels: the highest upper end, and the widest range below it. */
-  function of(kind, image) {
-    const all = Object.values(known[kind] ?? {}).filter(Boolean);
-    if (!image || all.length < 2) return image;
-    const high = Math.max(...all.map((one) => one[1]));
-    return { ...image, shown_db: [high - Math.max(...all.map((one) => one[1] - one[0])), high] };
-  }
-}
 
 /** Panels of the second recording; `changed()` is called when its times or its band are known. */
 export function makeCompare(page, changed) {

@@ -18,7 +18,7 @@ export function quantity(name) {
   return stem && suffix in UNITS ? [words(stem), UNITS[suffix]] : [words(name), ""];
 }
 
-export function makeFeatures({ session }, { id = "features", before = "" } = {}) {
+export function makeFeatures({ session, before: own }, { id = "features", before = own } = {}) {
   const panel = makePanel(id, `${before}Features`, "features");
   panel.body.className = "feature-body";
   return { node: panel.node, show, say: panel.say };

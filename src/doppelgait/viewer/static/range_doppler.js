@@ -22,7 +22,7 @@ function ownLevels(image, codes) {
 
 export function makeRangeDoppler(page) {
   const { session, clock, widest, zoom } = page;
-  const panel = makePanel("range-doppler", "Range-Doppler");
+  const panel = makePanel("range-doppler", `${page.before}Range-Doppler`);
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
   const tonesOf = makeTones(session);

@@ -31,8 +31,8 @@ export function gateAt(target, arrays, time) {
   return [arrays[low][n], arrays[high][n]];
 }
 
-export function makeRangeTime(page, { id = "range-time", before = "" } = {}) {
-  const { session, clock, zoom, scales } = page;
+export function makeRangeTime(page, { id = "range-time", before = page.before } = {}) {
+  const { session, clock, zoom } = page;
   const panel = makePanel(id, `${before}Range against time`, "range-time");
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
@@ -59,7 +59,6 @@ export function makeRangeTime(page, { id = "range-time", before = "" } = {}) {
   function show({ facts, arrays }) {
     const image = facts.range_time;
     shown = image && { image, codes: arrays[image.array], facts, arrays };
-    scales.put("range-time", id, image);
     panel.say(image ? null : facts.reason || "No range-time map: this radar has one range bin.");
     redraw();
   }
@@ -75,7 +74,7 @@ export function makeRangeTime(page, { id = "range-time", before = "" } = {}) {
   }
 
   function redraw() {
-    const image = scales.of("range-time", shown?.image);
+    const image = shown?.image;
     bar(image ?? null);
     if (image) paint(picture, shown.codes, [image.x.n, image.y.n], tonesOf(image));
     chart.redraw();

@@ -3,7 +3,7 @@
 import { getPayload, isAborted } from "./api.js";
 import { makeCadence } from "./cadence.js";
 import { makeClock } from "./clock.js";
-import { makeCompare, makeScales } from "./compare.js";
+import { makeCompare } from "./compare.js";
 import { ANALYSIS, makeControls } from "./controls.js";
 import { makeFeatures } from "./features.js";
 import { listenToKeys } from "./keyboard.js";
@@ -31,13 +31,14 @@ export function showRun(container, reference, session) {
   const clock = makeClock();
   const zoom = makeZoom(clock);
   const measure = makeMeasure(() => [tick, panels.cadence.tick].forEach((draw) => draw()));
-  const scales = makeScales(() => redraw());
-  const page = { session, clock, zoom, measure, scales, band: () => band(), widest: () => widest() };
+  const compared = session.other && session.kind === "recording" && !reference.try;
+  const before = compared ? `${session.name}: ` : ""; // with two recordings every panel names its own
+  const page = { session, clock, zoom, measure, before, band: () => band(), widest: () => widest() };
   const panels = {
     rangeTime: makeRangeTime(page), signature: makeSignature(page), scene: makeScene(page),
     rangeDoppler: makeRangeDoppler(page), cadence: makeCadence(page), features: makeFeatures(page),
   };
-  const compare = session.other && session.kind === "recording" && !reference.try ? makeCompare(page, compared) : null;
+  const compare = compared ? makeCompare(page, showBoth) : null;
   const transport = makeTransport(clock);
   const controls = makeControls(session);
   const status = makeStatus();
@@ -45,7 +46,7 @@ export function showRun(container, reference, session) {
   const notes = makeNotes();
   const line = element("div", { class: "notes-line" }, notes.node, status.node);
   const saving = [
-    element("button", { id: "save-picture", type: "button", title: "The panels as a PNG file", onclick: () => savePicture(shownPanels, fileName()) }, "save picture"),
+    element("button", { id: "save-picture", type: "button", title: "The panels as a PNG file", onclick: () => savePicture(shownPanels, fileName(), title()) }, "save picture"),
     element("button", { id: "save-table", type: "button", title: "Features of all targets as a CSV file", onclick: () => saveTable(runs(), session, fileName()) }, "save table"),
   ];
   controls.node.append(measure.button, ...saving);
@@ -133,11 +134,15 @@ export function showRun(container, reference, session) {
     try {
       const answer = await getPayload("api/targets", { ...named(), segment: state.get("segment") });
       if (mine !== job) return false;
-      if (answer.facts.failed && controls.fault(answer.facts.reason) && targets.targets.length) return false;
+      const refused = answer.facts.failed && controls.fault(answer.facts.reason) && targets.targets.length > 0;
+      node.classList.toggle("outdated", refused);
+      if (refused) return false;
       showTargets(answer);
       return true;
     } catch (error) {
-      if (!isAborted(error) && mine === job && !controls.fault(error.message)) withoutTargets(error.message);
+      if (isAborted(error) || mine !== job) return false;
+      if (controls.fault(error.message)) node.classList.toggle("outdated", targets.targets.length > 0);
+      else withoutTargets(error.message);
       return false;
     }
   }
@@ -152,7 +157,7 @@ export function showRun(container, reference, session) {
   }
 
   /** The second recording is there: time and Doppler of both. */
-  function compared() {
+  function showBoth() {
     if (recorded?.duration_s) fitTime();
     redraw();
   }
@@ -242,6 +247,11 @@ export function showRun(container, reference, session) {
   /** Name of saved files: that of the recording without what a file name may not hold. */
   function fileName() {
     return (recorded?.name ?? "doppelgait").replace(/[^\w.-]+/g, "_");
+  }
+
+  /** Line above the saved picture: the recordings in it. */
+  function title() {
+    return runs().map(({ name }) => name).filter(Boolean).join(", ");
   }
 
   /** What the saved table holds. */

@@ -5,19 +5,27 @@ import { shownSegment } from "./ui.js";
 
 const TEXTS = "h2, .colour-bar span, th, td, .flags li, .empty, .parts label:has(:checked)";
 
-/** Draw the panels of a page with their canvases and texts, and save that. */
-export async function savePicture(panels, name) {
+const TITLE_PX = 26; // height of the line with the names of the recordings
+
+/** Draw the panels of a page with their canvases and texts below a title, and save that; the mouse leaves no mark in it. */
+export async function savePicture(panels, name, title) {
+  for (const overlay of panels.querySelectorAll(".overlay")) overlay.dispatchEvent(new PointerEvent("pointerleave"));
+  await new Promise(requestAnimationFrame); // the overlays are drawn again before
   const ratio = Math.max(window.devicePixelRatio || 1, 2);
   const outer = panels.getBoundingClientRect();
   const canvas = Object.assign(document.createElement("canvas"), {
-    width: Math.ceil(outer.width * ratio), height: Math.ceil(outer.height * ratio),
+    width: Math.ceil(outer.width * ratio), height: Math.ceil((outer.height + TITLE_PX) * ratio),
   });
   const context = canvas.getContext("2d");
   context.scale(ratio, ratio);
-  context.translate(-outer.left, -outer.top);
+  context.translate(-outer.left, TITLE_PX - outer.top);
   const page = getComputedStyle(document.body);
   context.fillStyle = page.backgroundColor;
-  context.fillRect(outer.left, outer.top, outer.width, outer.height);
+  context.fillRect(outer.left, outer.top - TITLE_PX, outer.width, outer.height + TITLE_PX);
+  context.fillStyle = page.color;
+  context.font = `600 14px ${page.fontFamily}`;
+  context.textBaseline = "middle";
+  context.fillText(title, outer.left + 8, outer.top - TITLE_PX / 2);
   for (const panel of panels.querySelectorAll(".panel")) {
     const { left, top, width, height } = panel.getBoundingClientRect();
     context.fillStyle = getComputedStyle(panel).backgroundColor;
@@ -41,12 +49,21 @@ function drawText(context, node) {
   const style = getComputedStyle(node);
   const fromRight = style.textAlign === "right";
   context.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
-  const swatch = node.querySelector(".swatch"); // the legend of a line has its colour
-  context.fillStyle = swatch ? getComputedStyle(swatch).backgroundColor : style.color;
+  const swatch = node.querySelector(".swatch");
+  if (swatch) drawSwatch(context, swatch);
+  context.fillStyle = style.color;
   context.textAlign = fromRight ? "right" : "left";
   context.textBaseline = "middle";
   const edge = (side) => Number.parseFloat(style[`padding${side}`]) || 0;
-  context.fillText(words, fromRight ? right - edge("Right") : left + edge("Left"), (top + bottom) / 2);
+  const start = swatch ? swatch.getBoundingClientRect().right + 3 : left + edge("Left");
+  context.fillText(words, fromRight ? right - edge("Right") : start, (top + bottom) / 2);
+}
+
+/** Colour of a line before its name; the words have the colour of the other texts, which can be read on the panel. */
+function drawSwatch(context, node) {
+  const { left, top, width, height } = node.getBoundingClientRect();
+  context.fillStyle = getComputedStyle(node).backgroundColor;
+  context.fillRect(left, top, width, height);
 }
 
 /** Features of all targets that are shown, one row each. */

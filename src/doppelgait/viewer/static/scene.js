@@ -19,8 +19,8 @@ const VIEWS = {
   radar: { title: "from the radar", degrees: 180, pitch: 0.12 },
 };
 
-export function makeScene({ session, clock }) {
-  const panel = makePanel("scene", "Scene");
+export function makeScene({ session, clock, before }) {
+  const panel = makePanel("scene", `${before}Scene`);
   const camera = makeCamera();
   let scene = null; // {radar, azimuth, tilt, bodies, arrays, reach, floor}
   let targets = null;

@@ -14,8 +14,8 @@ const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
 const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target
 const EXTRAS = [["main-line", "main line", MAIN_LINE], ["segments", "segments", SEGMENT_COLOUR]];
 
-export function makeSignature(page, { id = "signature", before = "" } = {}) {
-  const { session, clock, band, zoom, scales } = page;
+export function makeSignature(page, { id = "signature", before = page.before } = {}) {
+  const { session, clock, band, zoom } = page;
   const panel = makePanel(id, `${before}Micro-Doppler signature`, "signature");
   const parts = element("fieldset", { id: "parts", class: "parts" }, element("legend", {}, "Lines over the signature"));
   const picture = element("canvas");
@@ -51,7 +51,6 @@ export function makeSignature(page, { id = "signature", before = "" } = {}) {
   function show(target, arrays) {
     shown = target && { image: target.signature, codes: arrays[target.signature.array], target, arrays };
     panel.heading.textContent = before + title(target);
-    scales.put("signature", id, target?.signature);
     redraw();
   }
 
@@ -64,7 +63,7 @@ export function makeSignature(page, { id = "signature", before = "" } = {}) {
   }
 
   function redraw() {
-    const image = scales.of("signature", shown?.image);
+    const image = shown?.image;
     bar(image ?? null);
     if (image) paint(picture, shown.codes, [image.x.n, image.y.n], tonesOf(image));
     chart.redraw();
