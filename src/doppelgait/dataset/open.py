@@ -207,9 +207,9 @@ class Dataset:
         return map(self.example, range(len(self)))
 
     @overload
-    def __getitem__(self, key: Literal["train", "validation", "test"]) -> Dataset: ...
+    def __getitem__(self, key: Literal["train", "validation", "test"]) -> Dataset: ...  # type: ignore[overload-overlap]
     @overload
-    def __getitem__(self, key: str) -> Any: ...
+    def __getitem__(self, key: str) -> Example: ...
     def __getitem__(self, key: str) -> Dataset | Example:
         """Return a split's examples, or an id's example.
 

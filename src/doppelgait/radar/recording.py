@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,11 @@ from doppelgait.core.notebook import plot, show_html, show_text
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.parameters import Radar
+
+if TYPE_CHECKING:  # pyright takes a cached property for no property: functions of viz would reject a recording
+    from builtins import property as cached_property
+else:
+    from functools import cached_property
 
 NAN = float("nan")
 
