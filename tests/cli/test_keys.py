@@ -103,9 +103,30 @@ def test_the_rows_are_the_fields_of_the_model() -> None:
 
 
 @pytest.mark.parametrize(
+    ("topic", "heading", "key"),
+    [
+        ("dataset.seed", "dataset", "seed"),
+        ("dataset.split.strategy", "dataset.split", "strategy"),
+        ("radar.prf_hz", "Radar", "prf_hz"),
+        ("motion.human.speed_mps", "motion.human", "speed_mps"),
+        ("tracking.detector.pfa", "tracking.detector", "pfa"),
+    ],
+)
+def test_a_key_of_a_table_is_printed_alone(topic: str, heading: str, key: str) -> None:
+    lines = run(topic).splitlines()
+    assert lines[0].startswith(f"{heading}: ")
+    assert lines[1].startswith(f"  {key}: ")
+    assert all(line.startswith("      ") for line in lines[2:])
+
+
+@pytest.mark.parametrize(
     ("topic", "message"),
     [
-        ("radra", r"^keys radra: is not a topic; topics are scene, motion, .*impairment.*motion\.human$"),
+        (
+            "radra",
+            r"^keys radra: is not a topic; topics are scene, .*motion\.human, and TABLE\.KEY.* dataset\.seed$",
+        ),
+        ("radar.prf", r"^keys radar\.prf: is not a topic; topics are scene"),
         ("motion.horse", r"^keys motion\.horse: no motion 'horse' with keys; known are boulic, .*human"),
     ],
 )

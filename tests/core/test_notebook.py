@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import re
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -14,6 +15,8 @@ from matplotlib.figure import Figure
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import Dataset
+from doppelgait.viz.objects import plot_dataset
+from doppelgait.viz.style import make_axes
 
 SCENE = dg.Scene([dg.Target("boulic", label="human", range_m=4.0, aspect_deg=20.0)], duration_s=2.0)
 
@@ -34,7 +37,7 @@ def shown(recording: dg.Recording) -> dict[str, object]:
         "Radar": recording.radar,
         "Motion": dg.motion.boulic_walk(duration_s=2.0),
         "Model": dg.classify.open_model("x4"),
-        "Dataset": Dataset(Path("walks"), {"dataset_id": "0123"}, rows, None),  # type: ignore[arg-type]
+        "Dataset": Dataset(Path("walks"), {"id": "0123"}, rows, None),  # type: ignore[arg-type]
     }
 
 
@@ -64,6 +67,16 @@ def test_html_has_a_table_and_a_small_picture(name: str, shown: dict[str, object
     assert 1000 < len(picture) < 100_000
     assert html.count("<tr>") >= 2
     assert "http" not in html
+
+
+def test_a_dataset_has_its_identity_and_a_legend_that_covers_no_bar(shown: dict[str, object]) -> None:
+    dataset: Any = shown["Dataset"]
+    assert dataset.description["id"] in dataset._repr_html_()
+    figure, axes = make_axes(width_in=5.2, height_in=3.2)
+    plot_dataset(dataset, ax=axes)
+    figure.canvas.draw()
+    legend = axes.get_legend().get_window_extent()
+    assert not [bar for bar in axes.patches if bar.get_width() and bar.get_window_extent().overlaps(legend)]
 
 
 def test_html_of_facts_is_escaped() -> None:

@@ -16,7 +16,6 @@ from doppelgait.classify.alarm import format_day, format_episodes
 from doppelgait.classify.evaluation import Evaluation
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
 from doppelgait.viz.style import (
-    ACCENT,
     BLUE,
     SERIES_COLOURS,
     SHARE_COLOURS,
@@ -155,7 +154,7 @@ def plot_roc(document: Document, label: str) -> Figure:
         curve = model["roc"][label]
         if curve["auc"] is not None:
             axes.plot(curve["false"], curve["true"], lw=1.8, label=f"{name}, AUC {curve['auc']:.3f}", **looks[name])
-    axes.axhline(0.95, color=ACCENT, lw=0.8, label="95 % detected")
+    axes.axhline(0.95, color="black", lw=0.8, ls=":", label="95 % detected")
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.03))
     draw_grid(axes)
     name_axes(

@@ -13,7 +13,8 @@ from doppelgait.cli.output import print_json, print_table
 
 def keys(
     topic: Annotated[
-        str | None, typer.Argument(help="Topic such as radar, or GROUP.NAME such as motion.human.")
+        str | None,
+        typer.Argument(help="Topic such as radar, GROUP.NAME such as motion.human, or TABLE.KEY such as dataset.seed."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -23,14 +24,21 @@ def keys(
 
     Example: doppelgait keys motion.human
 
+    Example: doppelgait keys radar.prf_hz
+
     Example: doppelgait keys radar --json
     """
-    from doppelgait.core.keys import list_keys, summary_of
+    from doppelgait.core.keys import Key, summary_of
+    from doppelgait.core.keys import list_keys as list_all
 
     if topic is None:
         _print_topics(as_json=as_json)
         return
-    found = _find(topic)
+    found, only = _find(topic)
+
+    def list_keys(model: Any) -> list[Key]:
+        return [key for key in list_all(model) if only in ("", key.key)]
+
     if as_json:
         tables = [{"table": name, "keys": [key._asdict() for key in list_keys(model)]} for name, model in found]
         print_json([_plain(table) for table in tables])
@@ -88,12 +96,29 @@ SHORT = {"motion_model": "motion"}
 """Names of plug-in groups in a scene file, where they differ from the group."""
 
 
-def _find(topic: str) -> list[tuple[str, Any]]:
-    from doppelgait.cli.topics import TOPICS, models_of
+def _find(topic: str) -> tuple[list[tuple[str, Any]], str]:
+    """Find the tables of a topic, and the key of TABLE.KEY."""
+    from doppelgait.core.errors import ConfigError
+
+    try:
+        return _find_tables(topic), ""
+    except ConfigError as unknown:
+        table, _, key = topic.rpartition(".")
+        try:
+            found = [(name, model) for name, model in _find_tables(table) if key in model.model_fields]
+        except ConfigError:
+            raise unknown from None
+        if not found:
+            raise unknown
+        return found, key
+
+
+def _find_tables(topic: str) -> list[tuple[str, Any]]:
+    from doppelgait.cli.topics import TABLES, TOPICS, models_of
     from doppelgait.core.errors import ConfigError
     from doppelgait.core.plugins import list_plugin_groups
 
-    if topic in TOPICS:
+    if topic in TOPICS or topic in TABLES:
         return models_of(topic)
     groups = {SHORT.get(name, name): group for name, group in list_plugin_groups().items()}
     group, _, name = topic.partition(".")
@@ -106,7 +131,7 @@ def _find(topic: str) -> list[tuple[str, Any]]:
     if heading is None:
         raise ConfigError(
             f"keys {topic}: is not a topic; topics are {', '.join([*TOPICS, *(g for g in known if g not in TOPICS)])}, "
-            "and GROUP.NAME, for example motion.human"
+            "GROUP.NAME, for example motion.human, and TABLE.KEY, for example dataset.seed"
         )
     return [heading]
 

@@ -18,6 +18,19 @@ TOPICS = {
 }
 """Titles of the topics; each topic is a page of the documentation."""
 
+TABLES = {
+    "dataset": "doppelgait.dataset.config:DatasetSection",
+    "dataset.split": "doppelgait.dataset.config:SplitSection",
+    "classes": "doppelgait.dataset.config:ClassSection",
+    "sources": "doppelgait.dataset.config:SourceSection",
+    "target": "doppelgait.scene.scene:Target",
+    "targets": "doppelgait.scene.scene:Target",
+    "noise": "doppelgait.pipeline.conditions:Noise",
+    "tracking": "doppelgait.pipeline:Tracking",
+    "tracking.detector": "doppelgait.processing.detect.config:Detector",
+}
+"""Model of every table of a file that has another name than its topic."""
+
 
 def models_of(topic: str) -> list[tuple[str, type[BaseModel]]]:
     """Return headings and models of a topic."""
@@ -25,7 +38,7 @@ def models_of(topic: str) -> list[tuple[str, type[BaseModel]]]:
         "scene": _scene_models, "motion": _motion_models, "radar": _radar_models, "surroundings": _list_models,
         "analysis": _analysis_models, "plan": _plan_models, "files": _file_models,
     }  # fmt: skip
-    return made[topic]()
+    return made[topic]() if topic in made else [(topic, _get(TABLES[topic]))]
 
 
 def _get(place: str) -> Any:

@@ -131,7 +131,8 @@ def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dic
         raise DatasetError(f"features: {names!r} is not allowed; it must be 'six', 'extended' or a list of columns")
     for name in names:
         if name not in index:
-            raise DatasetError(f"features: no column {name!r}{suggest_names(name, map(str, index.columns))}")
+            hint = suggest_names(name, map(str, index.columns))
+            raise DatasetError(f"features: no column {name!r}{hint}; dataset.index.columns lists all")
     return {name: name for name in names}
 
 

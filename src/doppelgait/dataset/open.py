@@ -197,7 +197,7 @@ class Dataset:
             "rows": str(len(self)),
             "classes": count("label"),
             "splits": count("split"),
-            "id": str(self.description.get("dataset_id", "")),
+            "id": str(self.description.get("id", "")),
         }
 
     def __len__(self) -> int:
@@ -225,7 +225,8 @@ class Dataset:
             return self._select_rows((self.index["split"] == key).to_numpy(dtype=bool))
         found = np.flatnonzero((self.index["id"] == key).to_numpy(dtype=bool)) if isinstance(key, str) else np.empty(0)
         if found.size == 0:
-            hint = suggest_names(str(key), self.index["id"])
+            splits = ", ".join(split for split in SPLITS if (self.index["split"] == split).any())
+            hint = f"; the splits are {splits or 'none'}{suggest_names(str(key), self.index['id'])}"
             raise DatasetError(f"{self.directory}: {key!r} is neither a split nor the id of an example here{hint}")
         return self.example(int(found[0]))
 

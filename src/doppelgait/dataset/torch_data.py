@@ -18,7 +18,7 @@ try:
     from torch.utils.data import Dataset as MapDataset
     from torch.utils.data import IterableDataset, get_worker_info
 except ImportError:
-    raise DatasetError("torch is not installed; install it, or use batches() without it") from None
+    raise DatasetError("torch is not installed: pip install 'doppelgait[torch]', or use batches() without it") from None
 
 if TYPE_CHECKING:
     from doppelgait.dataset.example import Example

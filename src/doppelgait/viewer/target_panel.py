@@ -69,7 +69,7 @@ def make_targets_payload(
 
 
 def _note_limits(gate: GateChoice | None, views: Sequence[TargetView]) -> list[str]:
-    """Return a note on the range that is used of a fixed gate that extends beyond the recorded frame."""
+    """Note the range used of a gate beyond the frame."""
     limits = views[0].gate_limits if views else None
     if not isinstance(gate, tuple) or limits is None or limits.source != "given":
         return []

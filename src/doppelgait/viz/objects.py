@@ -172,7 +172,7 @@ def plot_counts(
         left = left + n_rows
     name_axes(ax, title=title, x="rows", y="")
     ax.margins(y=0.6 if len(counts) == 1 else 0.05)
-    ax.legend(fontsize=8)
+    ax.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)  # covers no bar
     return ax
 
 

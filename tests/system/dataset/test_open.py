@@ -252,6 +252,7 @@ def test_named_columns(dataset):
     ("names", "message"),
     [
         (["truth_aspct_deg"], "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
+        (["x"], "no column 'x'.*; dataset.index.columns lists all"),
         (["label"], "label: holds .* values, which are not features"),
         ("seven", "'seven' is not allowed; it must be 'six', 'extended' or a list"),
         ([], "is not allowed"),
@@ -305,7 +306,7 @@ def test_wrong_query_is_one_error(dataset, query, message):
     ("key", "message"),
     [
         ("validation", "no split 'validation'; there are test, train"),
-        ("humn-000001", "neither a split nor the id of an example here; near in spelling: human-000001"),
+        ("humn-000001", "neither .* here; the splits are train, test; near in spelling: human-000001"),
         (3, "neither a split nor the id"),
     ],
 )
@@ -472,7 +473,7 @@ def test_a_forked_process_leaves_open_files_to_its_parent(dataset):
 def test_without_torch_one_error(dataset, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "doppelgait.dataset.torch_data", raising=False)
-    with pytest.raises(DatasetError, match="torch is not installed"):
+    with pytest.raises(DatasetError, match=r"torch is not installed: pip install 'doppelgait\[torch\]'"):
         dataset.torch()
     with pytest.raises(DatasetError, match="torch is not installed"):
         dataset.torch_iterable(seed=1)
