@@ -2,6 +2,8 @@
 
 The data come from motion capture or gait models. Everything here is imported on first use, so that ``import
 doppelgait`` and ``doppelgait --help`` stay fast.
+
+Labels such as E-18 in docstrings are the equations of docs/theory.md.
 """
 
 from importlib import import_module

@@ -117,7 +117,8 @@ class Result:
     standard_deviation : mapping
         Standard deviations of the features of the set F and of the gait frequency, None where unknown.
     arrays : mapping
-        Values of the properties with the same names; a result from a table row may have none.
+        Arrays by name, which :attr:`signature`, :attr:`cadence_map` and the other properties return. A result from a
+        table row may have none.
     gate_limits : Gate, optional
         Gate of the target, for a tracked target over the whole track; None in a result from a table row.
     segments : tuple of Result

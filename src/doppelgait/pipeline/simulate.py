@@ -79,7 +79,8 @@ def simulate(
         Random streams, for example ``dg.rng(2018)``; the recording is then that of ``seed = 2018`` in a scene file.
         Without random streams the recording is noise-free, and random effects are not allowed.
     conditions : Conditions, optional
-        Receiver noise, environment and impairments; by default thermal noise (E-18) and, for a preset or file, its
+        Receiver noise, environment and impairments; by default thermal noise (equation E-18 of
+        docs/theory.md) and, for a preset or file, its
         environment and impairments. Receiver noise is added before the impairments; an impairment ``thermal_noise``
         replaces it.
     snr_db : float, optional

@@ -40,7 +40,7 @@ class Analysis(FrozenModel):
     cpi_s : float
         Coherent processing interval T_d.
     window_steepness : float
-        sigma_w of the Gaussian window (E-23).
+        sigma_w of the Gaussian window (E-23; labels of this form are the equations of docs/theory.md).
     doppler_bins : int, optional
         Transform length K; by default the smallest 2^a, 3 2^a or 5 2^a that is at least M.
     hop : int, optional

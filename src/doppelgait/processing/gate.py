@@ -45,7 +45,7 @@ class TrueTrack(Protocol):
 class Gate:
     """Limits in range and Doppler around a target (E-26).
 
-    The range extent is constant.
+    The range extent is constant. E-26 is an equation of docs/theory.md.
 
     Parameters
     ----------
