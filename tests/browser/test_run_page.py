@@ -279,7 +279,8 @@ def test_fits_a_narrow_window(page: Any, url: str) -> None:
 
 SEGMENTS = [[0.0, 1.0], [1.2, 2.4]]
 FLAGS = {
-    "harmonic_ratio_2:no_peak_6_db_above_its_surroundings": "harmonic ratio 2: no peak 6 dB above its surroundings",
+    "harmonic_ratio_2:no_peak_6_db_above_its_surroundings": "second harmonic ratio: "
+    "no peak 6 dB above its surroundings",
     "torso_velocity_mps:uncertain_by_more_than_25_per_cent": "torso velocity: uncertain by more than 25 per cent",
     "gait_frequency_hz:uncertain_by_more_than_25_per_cent": "gait frequency: uncertain by more than 25 per cent",
     "step_length_m,limb_torso_ratio:need_a_gait_frequency": "step length, limb torso ratio: need a gait frequency",
@@ -395,7 +396,7 @@ def test_a_real_recording_says_what_it_does_not_have(page: Any, serve: Callable[
     folder = shared / "data/radar/x4_baseband_iq_novelda/xethru_recording_20170913_150437_baseband_recording"
     opened(page, serve(folder, "--set", "cpi_s=1"))  # 17 frames a second: a longer interval
     assert look(page, "range-time")[1] > 20
-    assert "only simulated recordings" in text(page, ".panel-scene .empty")
+    assert "only for simulated recordings" in text(page, ".panel-scene .empty")
     assert text(page, ".panel-signature .empty") == ""  # somebody who breathes for the first 12 s
     assert page.locator("#gate option[value=truth]").count() == 0
     before = look(page, "range-time-overlay")

@@ -109,7 +109,7 @@ def test_a_gate_beyond_the_frame_is_refused_or_shortened_with_words(page: Any, u
     assert mark(page, ".panel-signature h2") == "none"
     change(page, "gate-from", "50")
     until(lambda: text(page, "#fault-gate") != "", "not refused")
-    assert text(page, "#fault-gate").endswith("take ranges inside")
+    assert text(page, "#fault-gate").endswith("use ranges inside")
     size = page.evaluate("(n => [n.scrollWidth, n.clientWidth])(document.getElementById('fault-gate'))")
     assert size[0] <= size[1], "the message is not shown as a whole"
     for panel in ("signature", "cadence", "features"):
