@@ -10,7 +10,7 @@ from figure_faults import faults
 
 
 @pytest.fixture(scope="module")
-def figures():
+def analysed():
     radar = dg.Radar.preset("x4", range_stop_m=8.0)
     walk, trot = (
         dg.motion.human_gait(speed_mps=1.3, duration_s=2.5),
@@ -18,13 +18,25 @@ def figures():
     )
     scene = dg.Scene([dg.Target(walk, label="human", range_m=5.0), dg.Target(trot, label="dog", range_m=3.5)])
     recording = dg.simulate(scene, radar, rng=dg.rng(2), snr_db=20)
-    return dict(_make_figures(recording, dg.analyze(recording, gate="truth"), dg.Analysis().resolved(None)))
+    return recording, dg.analyze(recording, gate="truth")
+
+
+@pytest.fixture(scope="module")
+def figures(analysed):
+    return dict(_make_figures(*analysed, dg.Analysis().resolved(None)))
 
 
 def test_every_figure_is_named_by_the_vocabulary(figures):
     kinds = {name.removeprefix("0-human-").removeprefix("1-dog-") for name in figures}
     assert kinds >= {"range-time", "overview", "range-doppler", "signature", "cadence-velocity", "cadence-spectrum"}
     assert not [name for name in figures if "step-doppler" in name]
+
+
+def test_a_frame_rate_too_low_for_doppler_leaves_out_one_figure(analysed, figures, capsys):
+    """A still person is found by breathing at 17 frames/s, where 0.1 s hold one pulse."""
+    kinds = {name for name, _ in _make_figures(*analysed, dg.Analysis(cpi_s=0.001).resolved(None))}
+    assert set(figures) - kinds == {"0-human-range-doppler", "1-dog-range-doppler"}
+    assert "note: no figure 0-human-range-doppler: cpi_s = 0.001" in capsys.readouterr().err
 
 
 def test_no_figure_has_faults(figures):

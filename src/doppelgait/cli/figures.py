@@ -8,7 +8,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from doppelgait import viz
-from doppelgait.core.errors import OutputError
+from doppelgait.cli.output import print_message
+from doppelgait.core.errors import AnalysisError, OutputError
 from doppelgait.pipeline import Result
 from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import Recording
@@ -19,7 +20,8 @@ def save_figures(
 ) -> Iterator[Path]:
     """Plot every figure into a folder.
 
-    Each path is yielded as soon as its file is written.
+    Each path is yielded as soon as its file is written. The range-Doppler map is left out, with a note, where a
+    processing interval has too few pulses.
 
     Raises
     ------
@@ -53,8 +55,12 @@ def _make_figures(recording: Recording, results: Sequence[Result], analysis: Ana
             viz.overview(recording, result, title=names[number]),
         )
         middle = result.signature.sizes["time"] // 2
-        cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
-        yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
+        try:
+            cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
+        except AnalysisError as error:  # a still person is found by breathing, at frame rates too low for Doppler
+            print_message(f"note: no figure {prefix}-range-doppler: {error}")
+        else:
+            yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
         yield f"{prefix}-signature", viz.signature(result.signature)
         yield (
             f"{prefix}-signature-normalised",
