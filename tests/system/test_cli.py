@@ -226,6 +226,15 @@ def test_a_radar_preset_replaces_the_whole_radar_of_the_scene(tmp_path):
         assert json.loads(file.attrs["radar"])["prf_hz"] == 1000.0
 
 
+def test_the_file_of_a_radar_option_is_relative_to_the_working_folder(tmp_path):
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "s.toml").write_text(SCENE)
+    (tmp_path / "r.toml").write_text('preset = "x4"\nprf_hz = 700.0\n')
+    run("simulate", "scenes/s.toml", "-o", "x.h5", "--radar", "r.toml", cwd=tmp_path)
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert json.loads(file.attrs["radar"])["prf_hz"] == 700.0
+
+
 def test_help_says_where_paths_start():
     assert "Paths are relative to the scene file" in run("simulate", "--help").stdout
 
@@ -253,6 +262,7 @@ def test_a_unit_that_is_guessed_is_said_once(shared, tmp_path):
     [
         (["simulate", "file.toml", "-o", "x.h5", "--speed", "2"], r"--speed 2.0: a recording \(a.c3d\)"),
         (["simulate", "scene.toml", "-o", "x.h5", "--radar", "x9"], "'x9'; known are.*x4"),
+        (["simulate", "scene.toml", "-o", "x.h5", "--radar", "r.toml"], "error: --radar: .*r.toml: cannot be read"),
         (["simulate", "scene.toml", "-o", "x.h5", "--set", "radar.range_stop_m=1e6"], "range bins"),
         (["analyze", "rec.h5", "--gate", "truth", "--set", "hop=100000"], "1 columns?, at least 8.*lower hop"),
         (["analyze", "rec.h5", "--gate", "truth", "--set", "cpi_s=0.001"], "cpi_s = 0.001 .*at least 5"),

@@ -116,7 +116,8 @@ def simulate(
     ] = None,
     label: Annotated[str | None, typer.Option("--label", help="Class of the first target.")] = None,
     radar: Annotated[
-        str | None, typer.Option("--radar", help="Radar preset that replaces the scene's radar; x4 by default.")
+        str | None,
+        typer.Option("--radar", help="Radar preset or .toml file that replaces the scene's radar; x4 by default."),
     ] = None,
     speed: Annotated[float | None, typer.Option("--speed", help="Speed of a model, m/s.")] = None,
     height: Annotated[float | None, typer.Option("--height", help="Stature or withers height, m.")] = None,
@@ -194,10 +195,14 @@ def put_options(
 ) -> None:
     """Merge command-line options into a scene table.
 
-    A radar preset replaces the scene's whole radar.
+    A radar preset replaces the scene's whole radar. A relative path of a radar file is resolved against the
+    working folder.
     """
+    from doppelgait.pipeline import parse_radar
+
     if radar is not None:
-        table["radar"] = {"preset": radar}
+        parse_radar(radar, where="--radar")  # errors name the option, not the scene file
+        table["radar"] = {"preset": str(Path(radar).resolve()) if radar.lower().endswith(".toml") else radar}
     if duration is not None:
         table["duration_s"] = duration
     if seed is not None:
