@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import doppelgait as dg
+from doppelgait.core import notebook
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import Dataset
 from doppelgait.viz.objects import plot_dataset
@@ -77,6 +78,35 @@ def test_a_dataset_has_its_identity_and_a_legend_that_covers_no_bar(shown: dict[
     figure.canvas.draw()
     legend = axes.get_legend().get_window_extent()
     assert not [bar for bar in axes.patches if bar.get_width() and bar.get_window_extent().overlaps(legend)]
+
+
+def test_a_scene_shows_its_targets_where_they_are_placed(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = []
+    monkeypatch.setattr(notebook, "_picture", lambda name, value: shown.append(value) or "")
+    walk = dg.motion.boulic_walk(speed_mps=2.0, duration_s=5.0)
+    scene = dg.Scene([dg.Target(walk, label="human"), dg.Target("boulic", vary={}), dg.Target(walk, range_m=4.0)])
+    scene._repr_html_()
+    assert [target.range_m for target in shown[0].targets] == pytest.approx([7.0, 5.1, 4.0], abs=0.2)
+    middle = dg.scene.place(dg.Scene([dg.Target(walk)])).targets[0].motion
+    frame = middle.n_frames // 2
+    assert middle.position_m[frame, :, 0].mean() == pytest.approx(shown[0].targets[0].range_m, abs=0.1)
+    missing = dg.Scene([dg.Target("missing.c3d")])
+    missing._repr_html_()
+    assert shown[1] is missing
+
+
+def test_a_scene_states_its_duration() -> None:
+    walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=8.0)
+    for targets, words in (
+        (["boulic"], "duration 5 s"),
+        ([walk], "duration 8 s"),
+        ([walk, "boulic"], "duration 8 s"),
+        ([walk, "missing.c3d"], "duration that of the shortest motion"),
+    ):
+        scene = dg.Scene([dg.Target(motion) for motion in targets])
+        assert words in repr(scene)
+        if "missing" not in str(targets[-1]):
+            assert dg.scene.place(scene).observation_s == float(words.split()[1])
 
 
 def test_html_of_facts_is_escaped() -> None:

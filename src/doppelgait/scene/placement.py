@@ -17,19 +17,18 @@ import numpy as np
 
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, warn_caller
+from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.rng import Streams
 from doppelgait.motion.follow import follow
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import place as place_motion
 from doppelgait.motion.retime import scale_to_height, travel_speed_mps
 from doppelgait.motion.vary import vary
-from doppelgait.scene.scene import Scene, Target
+from doppelgait.scene.scene import DEFAULT_DURATION_S, Scene, Target
 
 BACKGROUND = -1
 """Target number of scatterers that belong to no target."""
 
-DEFAULT_DURATION_S = 5.0
 KEPT_BYTES = 128 * 2**20
 """Maximum size of the cache of motions, bytes: about three hundred segments of motion capture."""
 
@@ -198,8 +197,8 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
     if target.start_position_m is not None and target.heading_deg is not None:
         return place_motion(motion, position_m=target.start_position_m, heading_deg=target.heading_deg, at_s=0.0)
     range_m = target.range_m
-    if range_m is None:  # the closest approach is 2 m
-        range_m = max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
+    if range_m is None:
+        range_m = _choose_range_m(motion, observation_s)
     bearing = math.radians(target.bearing_deg)
     x, y, _ = scene.radar_position_m
     middle_m = (x + range_m * math.cos(bearing), y + range_m * math.sin(bearing))
@@ -253,6 +252,36 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
         if number not in made:
             made[number] = varied(number, make(number, target.motion, seconds))
     return [made[number] for number in range(len(scene.targets))]
+
+
+def _choose_range_m(motion: Motion, observation_s: float) -> float:
+    """Return the range at mid-observation of a target without one.
+
+    It is 5 m, or more where the closest approach would be below 2 m.
+    """
+    return max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
+
+
+def state_ranges(scene: Scene) -> Scene:
+    """Return a scene that states where :func:`place` puts its targets.
+
+    Variations of the motion are left out: they need random numbers. The scene is unchanged if it cannot be placed.
+    """
+    if all(target.range_m is not None or target.start_position_m is not None for target in scene.targets):
+        return scene
+    plain = tuple(target.model_copy(update={"vary": None}) for target in scene.targets)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)
+            placed = place(scene.model_copy(update={"targets": plain}))
+    except DoppelgaitError:
+        return scene
+    stated = []
+    for target, found in zip(scene.targets, placed.targets, strict=True):
+        if target.range_m is None and target.start_position_m is None:
+            target = target.model_copy(update={"range_m": _choose_range_m(found.motion, placed.observation_s)})
+        stated.append(target)
+    return scene.model_copy(update={"targets": tuple(stated)})
 
 
 def build_motion(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -17,6 +18,9 @@ from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode
 from doppelgait.motion.vary import Variation
 from doppelgait.scene.rcs import RCS, RcsSpec
+
+DEFAULT_DURATION_S = 5.0
+"""Observation time of a scene in which all motions are models."""
 
 
 def _parse_motion(value: Any) -> Any:
@@ -295,14 +299,31 @@ class Scene(FrozenModel):
         return show_text("Scene", self._shown())
 
     def _repr_html_(self) -> str:
-        return show_html("Scene", self._shown(), "scene", self)
+        placement = import_module("doppelgait.scene.placement")  # by name: it is built on this module
+        return show_html("Scene", self._shown(), "scene", placement.state_ranges(self))
 
     def _shown(self) -> dict[str, str]:
         return {
             "targets": "; ".join(target.describe() for target in self.targets) or "none",
-            "duration": "" if self.duration_s is None else f"{self.duration_s:g} s",
+            "duration": self._describe_duration(),
             "radar at": ", ".join(f"{value:g}" for value in self.radar_position_m) + " m",
         }
+
+    def _describe_duration(self) -> str:
+        """Return the observation time in words.
+
+        No motion is made or read for it.
+        """
+        if self.duration_s is not None:
+            return f"{self.duration_s:g} s"
+        if any(
+            target.path is not None or target.vary is not None or target.scaling == "froude"
+            or (not isinstance(target.motion, Motion) and target.motion["kind"] == "file")
+            for target in self.targets
+        ):  # fmt: skip
+            return "that of the shortest motion"
+        lasts_s = (target.motion.duration_s for target in self.targets if isinstance(target.motion, Motion))
+        return f"{min(lasts_s, default=DEFAULT_DURATION_S):g} s"
 
     @property
     def observed_targets(self) -> tuple[Target, ...]:
