@@ -19,7 +19,7 @@ from doppelgait.core.config import (
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.core.plugins import list_plugin_groups
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.pipeline import Run, parse_radar, parse_run
+from doppelgait.pipeline import Noise, Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, list_preset_names
 from doppelgait.scene import Scene, Target
@@ -146,6 +146,17 @@ def test_all_faults_come_in_one_message(scene_file):
     message = fault(scene_file("cpi_s = 0.1", "cpi_s = -1\nhop = 0"), "noise.snr_db=999", "seed=-1")
     for key in ("analysis.cpi_s", "analysis.hop", "noise.snr_db", "seed"):
         assert key in message
+
+
+def test_noise_has_one_level(scene_file):
+    message = fault(scene_file('kind = "snr"', 'kind = "thermal"'))
+    assert "noise (line" in message
+    assert "kind = 'thermal' and snr_db = 15 both set the noise level: leave snr_db out" in message
+    with pytest.raises(ConfigError, match="kind = 'thermal' and snr_db = 3 both set"):
+        Noise(snr_db=3)
+    for noise in (Noise(), Noise(kind="snr"), Noise(kind="snr", snr_db=3), Noise(kind="none")):
+        assert Noise.model_validate_json(noise.model_dump_json()) == noise
+    assert Noise(kind="none", snr_db=3).kind == "none"  # --set noise.kind=none turns off the noise of a file
 
 
 @pytest.mark.parametrize("value", ['"900"', "true"])

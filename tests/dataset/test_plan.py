@@ -228,6 +228,7 @@ def test_identity_follows_the_motion_files(tmp_path):
         ({"target": {"label": "human"}}, "belongs in"),
         ({"scene": {"gravity": 1}}, r"scene.gravity: unknown key; allowed are .*duration_s"),
         ({"noise": {"kind": "loud"}}, "noise.kind"),
+        ({"noise": {"kind": "thermal", "snr_db": 3}}, r"noise: kind = 'thermal' and snr_db = 3 both set"),
         ({"analysis": {"hops": 1}}, "analysis.hops"),
         ({"target": {"range_m": -1}}, ": target.range_m: -1"),
         ({"target": {"range_mm": 3}}, ": target.range_mm: unknown key"),
@@ -237,6 +238,13 @@ def test_identity_follows_the_motion_files(tmp_path):
 def test_wrong_plans_are_refused_with_the_key(changes, says):
     with pytest.raises(ConfigError, match=says):
         examples_of(plan(**changes))
+
+
+def test_a_plan_may_vary_the_kind_of_noise():
+    noise = {"kind": {"choice": ["snr", "thermal"]}, "snr_db": {"uniform": [3.0, 9.0]}}
+    found = [example.run.noise for example in examples_of(plan(noise=noise))]
+    assert {one.kind for one in found} == {"snr", "thermal"}
+    assert all(3.0 <= one.snr_db <= 9.0 for one in found if one.kind == "snr")
 
 
 @pytest.mark.parametrize("wrap", [lambda value: value, lambda value: {"choice": [value]}], ids=["plain", "drawn"])

@@ -223,7 +223,7 @@ def _run_spec(
         **scene,
         "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
         "radar": draw(load_radar_files(plan.radar), "radar"),
-        "noise": draw(plan.noise, "noise"),
+        "noise": _resolve_noise(plan, draw),
         **{key: _sample_list(plan, draw, key) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),
         "seed": plan.dataset.seed,
@@ -246,6 +246,17 @@ def _run_spec(
     if run.analysis.method == "liland2018":
         raise ConfigError(ORACLE_REFUSED)
     return run
+
+
+def _resolve_noise(plan: PlanConfig, draw: Draw) -> dict[str, Any]:
+    """Sample the receiver noise of an example.
+
+    Where the plan varies the kind, ``snr_db`` applies only to the examples of kind ``snr``.
+    """
+    noise: dict[str, Any] = draw(plan.noise, "noise")
+    if isinstance(plan.noise.get("kind"), Mapping) and noise.get("kind") != "snr":
+        return {key: value for key, value in noise.items() if key != "snr_db"}
+    return noise
 
 
 def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.radar.impairments import Impairments
@@ -20,7 +20,12 @@ class Noise(FrozenModel):
         ``thermal``: from the radar's noise figure and bandwidth (equation E-18 of docs/theory.md), unless the list
         of impairments has an entry ``thermal_noise``. ``snr``: the level at which the SNR is ``snr_db``.
     snr_db : float
-        SNR_frame to set: time mean of the strongest bin's power over the noise power.
+        SNR_frame to set: time mean of the strongest bin's power over the noise power; not with ``thermal``.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is not allowed, or ``snr_db`` is set with ``thermal``.
 
     Examples
     --------
@@ -31,6 +36,19 @@ class Noise(FrozenModel):
 
     kind: Literal["thermal", "snr", "none"] = "thermal"
     snr_db: float = Field(default=20.0, ge=-100, le=200)
+
+    @model_validator(mode="after")
+    def _has_one_level(self) -> Self:
+        if self.kind == "thermal" and "snr_db" in self.model_fields_set:
+            raise ValueError(
+                f"kind = 'thermal' and snr_db = {self.snr_db:g} both set the noise level: leave snr_db out, or take "
+                "kind = 'snr'"
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _serialise(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in plain(self).items() if name != "snr_db" or self.kind != "thermal"}
 
 
 class Conditions(FrozenModel):

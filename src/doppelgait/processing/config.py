@@ -29,9 +29,9 @@ class Analysis(FrozenModel):
     Parameters
     ----------
     method : {"standard", "liland2018"}
-        ``liland2018`` uses the choices of the report: hop 1, K = M, zero padding at the ends, columns divided by
-        their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and the Doppler gate
-        from the truth. Parameters that contradict these choices are rejected.
+        ``liland2018`` uses the choices of the report: zero padding at the ends, columns divided by their maximum, the
+        cadence spectrum's highest peak, gate span by class, sharp gate edges and the Doppler gate from the truth.
+        Parameters that contradict these choices are rejected. By default ``hop`` is then 1 and ``doppler_bins`` M.
     clutter : {"auto", "none", "mean", "median", "exponential", "mti"}
         Removal of static clutter before the analysis (:func:`doppelgait.processing.remove_clutter`). ``auto`` is
         ``median`` for tracking, which needs clutter removal, and ``none`` for any other gate.
