@@ -24,6 +24,7 @@ _LAZY = {
     "open_dataset": "doppelgait.dataset",
     "Conditions": "doppelgait.pipeline",
     "Gate": "doppelgait.processing",
+    "Noise": "doppelgait.pipeline",
     "Result": "doppelgait.pipeline",
     "Run": "doppelgait.pipeline",
     "Streams": "doppelgait.core.rng",

@@ -6,6 +6,7 @@ from importlib import import_module
 import pytest
 from pydantic import Field, model_validator
 
+import doppelgait as dg
 from checkout import ROOT
 from doppelgait.core.config import (
     FrozenModel,
@@ -156,6 +157,9 @@ def test_noise_has_one_level(scene_file):
         Noise(snr_db=3)
     for noise in (Noise(), Noise(kind="snr"), Noise(kind="snr", snr_db=3), Noise(kind="none")):
         assert Noise.model_validate_json(noise.model_dump_json()) == noise
+    with pytest.raises(ConfigError, match=r"or Noise\(\.\.\.\) in Python"):
+        dg.Conditions(noise=3)
+    assert dg.Noise is Noise
     assert Noise(kind="none", snr_db=3).kind == "none"  # --set noise.kind=none turns off the noise of a file
 
 

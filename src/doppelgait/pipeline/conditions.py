@@ -29,8 +29,8 @@ class Noise(FrozenModel):
 
     Examples
     --------
-    >>> from doppelgait.pipeline import Noise
-    >>> Noise(kind="snr", snr_db=10.0).snr_db
+    >>> import doppelgait as dg
+    >>> dg.Noise(kind="snr", snr_db=10.0).snr_db
     10.0
     """
 
