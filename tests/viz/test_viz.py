@@ -444,6 +444,21 @@ def test_step_doppler_is_amplitude_in_db_over_cadence() -> None:
     np.testing.assert_allclose(metres, hertz * WAVELENGTH_M / 2)
 
 
+@pytest.mark.parametrize(
+    ("harmonics_hz", "doubtful", "label", "marks"),
+    [
+        ([None, None], True, "gait frequency, 2.00 Hz ?", ["1"]),
+        ([None, 5.9], False, "gait frequency, 2.00 Hz, and its harmonic 3", ["1", "3"]),
+        ([4.1, 5.9], True, "gait frequency, 2.00 Hz ?, and its harmonics 2 and 3", ["1", "2", "3"]),
+    ],
+)
+def test_the_cadence_map_marks_only_harmonics_that_were_found(harmonics_hz, doubtful, label, marks):
+    figure = viz.cadence_map(make_cadence_map(), gait_frequency_hz=2.0, harmonics_hz=harmonics_hz, doubtful=doubtful)
+    axes = figure.axes[0]
+    assert labels_of(axes) == [label]
+    assert [text.get_text() for text in axes.texts] == marks
+
+
 def test_cadence_axis_reaches_the_third_harmonic() -> None:
     assert viz.cadence_spectrum(make_spectrum(), gait_frequency_hz=4.0).axes[0].get_xlim()[1] == pytest.approx(14.4)
     assert viz.cadence_spectrum(make_spectrum()).axes[0].get_xlim()[1] == pytest.approx(8.0)

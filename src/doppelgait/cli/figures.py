@@ -66,21 +66,23 @@ def _make_figures(recording: Recording, results: Sequence[Result], analysis: Ana
             f"{prefix}-signature-normalised",
             viz.signature_normalisation(result.signature, normalised=result.normalised_signature),
         )
+        ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
+        harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
+        doubtful = "gait_frequency_hz" in result.doubtful
         yield (
             f"{prefix}-cadence-velocity",
-            viz.cadence_map(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz),
+            viz.cadence_map(
+                result.cadence_map, gait_frequency_hz=f_mu_hz, harmonics_hz=harmonics_hz, doubtful=doubtful
+            ),
         )
-        ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
         yield (
             f"{prefix}-cadence-spectrum",
             viz.cadence_spectrum(
                 result.cadence_spectrum,
                 gait_frequency_hz=f_mu_hz,
-                harmonics_hz=[]
-                if f_mu_hz is None
-                else [None if ratio is None else ratio * f_mu_hz for ratio in ratios],
+                harmonics_hz=harmonics_hz,
                 amplitude=as_reported,
-                doubtful="gait_frequency_hz" in result.doubtful,
+                doubtful=doubtful,
             ),
         )
         yield (

@@ -297,8 +297,10 @@ def cadence_map(
     cadence_map: xr.DataArray,
     *,
     gait_frequency_hz: float | None = None,
+    harmonics_hz: Sequence[float | None] | None = None,
     max_cadence_hz: float | None = None,
     db_range: float | None = None,
+    doubtful: bool = False,
     title: str = "Cadence-velocity diagram",
     ax: Axes | None = None,
 ) -> Figure:
@@ -310,10 +312,15 @@ def cadence_map(
         Magnitudes D.
     gait_frequency_hz : float, optional
         f_mu, marked above the map with its second and third harmonic.
+    harmonics_hz : sequence of float or None, optional
+        Measured second and third harmonic, None for a harmonic that was not found; by default multiples of the gait
+        frequency.
     max_cadence_hz : float, optional
         Right end of the cadence axis; by default 8 to 20 Hz, to show three harmonics.
     db_range : float, optional
         Dynamic range below the strongest cell in dB; by default down to the noise, at most 40 dB.
+    doubtful : bool
+        True if the gait frequency has low confidence; it is then shown with a question mark.
     title : str
     ax : Axes, optional
         Axes for the plot; by default those of a new figure.
@@ -344,8 +351,9 @@ def cadence_map(
     """
     figure, axes = make_axes(ax)
     image = plot_cadence_map(
-        axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=max_cadence_hz, db_range=db_range
-    )
+        axes, cadence_map, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
+        max_cadence_hz=max_cadence_hz, db_range=db_range, doubtful=doubtful,
+    )  # fmt: skip
     name_axes(axes, title=title, x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
     add_velocity_axis(axes, wavelength_m(cadence_map))
     add_colour_bar(image, axes, quantity="magnitude")
@@ -376,7 +384,9 @@ def plot_cadence_map(
     gait_frequency_hz: float | None,
     max_cadence_hz: float | None,
     db_range: float | None,
+    harmonics_hz: Sequence[float | None] | None = None,
     doppler_hz: tuple[float, float] | None = None,
+    doubtful: bool = False,
 ) -> ScalarMappable:
     """Plot the map of :func:`cadence_map` on existing axes."""
     shown = crop_cadence(check_array(cadence_map, CADENCE_MAP), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
@@ -391,15 +401,22 @@ def plot_cadence_map(
     limits_hz = doppler_hz or doppler_limits_hz(shown**2)
     axes.set(xlim=(0.0, float(shown.coords["cadence"].values[-1])), ylim=limits_hz)
     if gait_frequency_hz is not None:
-        label = f"gait frequency, {gait_frequency_hz:.2f} Hz, and its harmonics 2 and 3"
-        for number in (1, 2, 3):
-            cadence_hz = number * gait_frequency_hz
-            if cadence_hz < axes.get_xlim()[1]:
-                axes.axvline(cadence_hz, ymin=0.94, color=LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
-                axes.annotate(
-                    str(number), (cadence_hz, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0],
-                    fontsize=9, ha="center", va="top",
-                )  # fmt: skip
+        higher_hz = (2.0 * gait_frequency_hz, 3.0 * gait_frequency_hz) if harmonics_hz is None else harmonics_hz
+        marked_hz = {
+            number: value
+            for number, value in enumerate((gait_frequency_hz, *higher_hz), start=1)
+            if value is not None and np.isfinite(value) and value < axes.get_xlim()[1]
+        }
+        numbers = [str(number) for number in marked_hz if number > 1]
+        label = f"gait frequency, {gait_frequency_hz:.2f} Hz" + " ?" * doubtful
+        if numbers:
+            label += f", and its harmonic{'s' * (len(numbers) > 1)} {' and '.join(numbers)}"
+        for number, value in marked_hz.items():
+            axes.axvline(value, ymin=0.94, color=LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
+            axes.annotate(
+                str(number), (value, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0],
+                fontsize=9, ha="center", va="top",
+            )  # fmt: skip
     return image
 
 
