@@ -271,6 +271,8 @@ def test_arguments_of_another_type_are_one_clear_error():
     assert analyze(made, gate="1.2:6.8")[0].features == analyze(made, gate=[1.2, 6.8])[0].features
     with pytest.raises(ConfigError, match=r"gate: 'trak' is not allowed; it must be track, truth or FROM:TO in m"):
         analyze(made, gate="trak")
+    with pytest.raises(ConfigError, match=r"for example 1\.2:2\.8, or \(1\.2, 2\.8\) in Python"):
+        analyze(made, gate="trut")
     with pytest.raises(ConfigError, match=r"recording: int is not allowed; give a path, or doppelgait.radar.read_rec"):
         analyze(3)
     with pytest.raises(ConfigError, match=r"analysis: dict is not allowed"):

@@ -218,15 +218,16 @@ def test_a_file_starts_from_a_preset_or_a_file_and_changes_values(tmp_path):
     ("text", "message"),
     [
         ('preset = "x44"', r"mine\.toml: preset \(line 1\): unknown radar preset 'x44'; known are"),
-        ('prf_hz = 3\npreset = "mine.toml"', r"preset \(line 2\): .*the file is based on itself"),
+        ('prf_hz = 3\npreset = "mine.toml"', r"preset \(line 2\): the file is based on itself"),
         ("preset = 4", r"preset \(line 1\): its value: int is not allowed; name a preset or a file"),
         ('preset = "x4"\nprf = 3', r"mine\.toml\): prf: unknown key; allowed are .*prf_hz"),
     ],
 )
 def test_faults_of_a_file_that_starts_from_another(tmp_path, text, message):
     (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(ConfigError, match=message) as caught:
         Radar.preset(tmp_path / "mine.toml")
+    assert str(caught.value).count("(line") <= 1
 
 
 def test_the_command_prints_a_radar_file_that_reads_back(tmp_path):

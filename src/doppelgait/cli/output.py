@@ -19,8 +19,10 @@ import typer
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 
-ASKS = re.compile(r"\bgive (?!a |one )|name it,|(?=\b[a-z_]+ must be given)")
+ASKS = re.compile(r"\bgive (?!a |one )|; set (?=[a-z]+_)|name it,|(?=\b[a-z_]+ must be given)")
 """Start of the text in a reader's error that names missing options: ``give subsweep=0 to 3``, ``give carrier_hz``."""
+EXPLAINED = re.compile(r" \((?!and )[^()]*\)")
+"""Remark on the value of an option; it may name other quantities."""
 PROGRESS_DELAY_S = 1.0
 """Minimum duration, s, of work for which progress is shown."""
 WANTED = re.compile(r"\b(?P<name>[a-z][a-z_]*) ?= ?(?P<value>'[^']*'|\.\.\.|\w+)|\b(?P<bare>[a-z]+(?:_[a-z]+)+)")
@@ -61,10 +63,11 @@ def explain_reader_options() -> Iterator[None]:
     try:
         yield
     except RecordingError as error:
-        text = str(error)
-        asks = ASKS.search(text)
+        text = re.sub(r"(?<=\w)\.$", "", str(error))
+        plain = EXPLAINED.sub("", text)
+        asks = ASKS.search(plain)
         wanted: dict[str, None] = {}
-        for match in WANTED.finditer(text, asks.end()) if asks else ():
+        for match in WANTED.finditer(plain, asks.end()) if asks else ():
             value = (match["value"] or "...").strip("'")
             wanted[f"--option {match['name'] or match['bare']}={value}"] = None
         if not wanted:

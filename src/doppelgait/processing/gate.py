@@ -238,7 +238,9 @@ class Gate:
         try:
             low_m, high_m = (float(part) for part in parts)
         except (TypeError, ValueError):
-            raise ConfigError(f"{said}must be {', '.join(names)} or FROM:TO in m, for example 1.2:2.8") from None
+            raise ConfigError(
+                f"{said}must be {', '.join(names)} or FROM:TO in m, for example 1.2:2.8, or (1.2, 2.8) in Python"
+            ) from None
         if not (-math.inf < low_m < high_m < math.inf and low_m >= lowest_m):
             lowest = "" if lowest_m == -math.inf else f", {lowest_m:g} or more"
             raise ConfigError(f"{said}must be two rising ranges in m{lowest}, for example 1.2:2.8")

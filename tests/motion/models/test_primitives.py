@@ -2,7 +2,17 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models import MOTION_MODELS, breathing_person, moving_point, pendulum, rotor
+from doppelgait.motion.models import (
+    MOTION_MODELS,
+    boulic_walk,
+    breathing_person,
+    fan,
+    human_gait,
+    moving_point,
+    pendulum,
+    quadruped_gait,
+    rotor,
+)
 
 
 def test_a_point_moves_at_constant_velocity():
@@ -96,3 +106,12 @@ def test_they_are_registered_and_each_name_alone_gives_a_motion(kind, make):
     np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
     assert motion.facts.kind == motion.facts.source == kind
     assert motion.positions.sel(space="z").values.min() >= 0
+
+
+@pytest.mark.parametrize("make", [boulic_walk, human_gait, quadruped_gait, moving_point, pendulum, rotor, fan])
+def test_an_unknown_parameter_is_refused_with_those_of_the_function(make):
+    with pytest.raises(ConfigError, match=rf"{make.__name__}: speed: unknown parameter; allowed are ") as caught:
+        make(speed=1.0)
+    allowed = str(caught.value).split("allowed are ")[1].split(", ")
+    assert {"duration_s", "rng", "rate_hz"} <= set(allowed)
+    assert "kind" not in allowed

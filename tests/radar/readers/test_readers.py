@@ -272,7 +272,7 @@ def test_one_of_several_matrices_is_picked_by_name(tmp_path):
     frames = rf_frames([1.5, 1.5])
     content = matlab_content(frames, Data_Matrix=None, Data_Matrix_1=frames, Data_Matrix_2=2 * frames)
     savemat(tmp_path / "two.mat", content)
-    with pytest.raises(RecordingError, match=r"holds Data_Matrix_1 and Data_Matrix_2.*matrix='Data_Matrix_1'"):
+    with pytest.raises(RecordingError, match=r"holds Data_Matrix_1 and Data_Matrix_2; give matrix='Data_Matrix_1'"):
         read_recording(tmp_path / "two.mat")
     first, second = (read_recording(tmp_path / "two.mat", matrix=f"Data_Matrix_{n}").baseband.values for n in (1, 2))
     np.testing.assert_allclose(second, 2 * first, rtol=1e-6, atol=1e-30)

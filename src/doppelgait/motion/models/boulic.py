@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.human_body import LENGTHS, POINTS, compute_figure_points
-from doppelgait.motion.models.registry import generate
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Curve,
     fit_periodic_pchip,
@@ -334,7 +334,7 @@ def boulic_walk(
     >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
     (1.76, 1.75)
     """
-    return generate(validate(BoulicConfig, parameters, where="boulic_walk"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(BoulicConfig, parameters, where="boulic_walk"), duration_s=duration_s, rng=rng)
 
 
 @plugin("motion_model", parameters=BoulicConfig)

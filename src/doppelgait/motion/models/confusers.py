@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import rotor
-from doppelgait.motion.models.registry import generate
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_xyz
 from doppelgait.motion.motion import Motion, make_motion
 
@@ -196,7 +196,7 @@ def robot_vacuum(
     >>> round(float(path[-1, 0] - path[0, 0]), 2)  # path along x in 2 s, m
     0.6
     """
-    return generate(validate(VacuumConfig, parameters, where="robot_vacuum"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(VacuumConfig, parameters, where="robot_vacuum"), duration_s=duration_s, rng=rng)
 
 
 def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
@@ -236,7 +236,7 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
     >>> depth.round(2)  # space that a point of the cloth moves in, m
     array([0.09, 0.  , 0.  ])
     """
-    return generate(validate(CurtainConfig, parameters, where="curtain"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(CurtainConfig, parameters, where="curtain"), duration_s=duration_s, rng=rng)
 
 
 def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
@@ -277,7 +277,7 @@ def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = 
     >>> motion.rate_hz, motion.facts.gait_frequency_hz  # the blades pass 45 times per second
     (1000.0, 45.0)
     """
-    return generate(validate(FanConfig, parameters, where="fan"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(FanConfig, parameters, where="fan"), duration_s=duration_s, rng=rng)
 
 
 @plugin("motion_model", parameters=VacuumConfig)

@@ -12,12 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.human_body import LENGTHS, POINTS
 from doppelgait.motion.models.quadruped_limbs import solve_two_links
-from doppelgait.motion.models.registry import generate
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     footfall_times_s,
     make_stride_clock,
@@ -117,7 +117,7 @@ def crawling_person(
     >>> round(float(head.mean()), 1), round(motion.facts.gait_frequency_hz, 1)  # height in m, cycles per second
     (0.7, 1.6)
     """
-    return generate(validate(CrawlConfig, parameters, where="crawling_person"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(CrawlConfig, parameters, where="crawling_person"), duration_s=duration_s, rng=rng)
 
 
 @plugin("motion_model", parameters=CrawlConfig)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import (
@@ -46,7 +46,7 @@ from doppelgait.motion.models.human_body import (
 )
 from doppelgait.motion.models.human_curves import join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
-from doppelgait.motion.models.registry import generate
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Curve,
     fit_cubic_spline,
@@ -344,7 +344,7 @@ def human_gait(
     >>> round(motion.facts.gait_frequency_hz, 2), round(motion.facts.height_m, 2)  # steps per second, stature
     (1.76, 1.75)
     """
-    return generate(validate(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
 
 
 @plugin("motion_model", parameters=HumanConfig)

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.registry import generate
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import sample_times_s, stack_xyz
 from doppelgait.motion.motion import Motion, make_motion
 
@@ -174,7 +174,7 @@ def moving_point(
     >>> (motion.position_m[-1, 0] - motion.position_m[0, 0]).round(2)  # displacement in 2 s, m
     array([2., 0., 0.])
     """
-    return generate(validate(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
 
 
 def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
@@ -213,7 +213,7 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
     >>> round(motion.facts.gait_frequency_hz, 2)
     1.0
     """
-    return generate(validate(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
 
 
 def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
@@ -253,7 +253,7 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
     >>> motion.markers, round(motion.facts.gait_frequency_hz, 2)  # blades passing per second
     (['hub', 'blade_1', 'blade_2'], 4.0)
     """
-    return generate(validate(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
+    return generate(parse_parameters(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
 
 
 def breathing_person(
@@ -289,7 +289,9 @@ def breathing_person(
     >>> round(motion.facts.gait_frequency_hz, 2)  # breaths per second
     0.25
     """
-    return generate(validate(BreathingConfig, parameters, where="breathing_person"), duration_s=duration_s, rng=rng)
+    return generate(
+        parse_parameters(BreathingConfig, parameters, where="breathing_person"), duration_s=duration_s, rng=rng
+    )
 
 
 @plugin("motion_model", parameters=PointConfig)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
@@ -36,7 +36,7 @@ from doppelgait.motion.models.quadruped_gaits import (
     stride_length_m,
 )
 from doppelgait.motion.models.quadruped_limbs import Carriage, FootfallCourse, compute_all_points, make_regular_course
-from doppelgait.motion.models.registry import generate
+from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (
     Curve,
     fit_cubic_spline,
@@ -240,7 +240,9 @@ def quadruped_gait(
     >>> motion.facts.species, motion.facts.gait, round(motion.facts.stride_frequency_hz, 2)
     ('dog', 'trot', 1.9)
     """
-    return generate(validate(QuadrupedConfig, parameters, where="quadruped_gait"), duration_s=duration_s, rng=rng)
+    return generate(
+        parse_parameters(QuadrupedConfig, parameters, where="quadruped_gait"), duration_s=duration_s, rng=rng
+    )
 
 
 @plugin("motion_model", parameters=QuadrupedConfig)

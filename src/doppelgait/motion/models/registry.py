@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from doppelgait.core.config import FrozenModel
+from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group
 from doppelgait.core.rng import Streams
 from doppelgait.motion.motion import Motion
 
+Parameters = TypeVar("Parameters", bound=FrozenModel)
 Generate = Callable[[Any, float, np.random.Generator | None], Motion]
 """Type of ``generate(parameters, duration_s, rng) -> motion``; ``rng`` may be None if nothing is random."""
 
@@ -32,6 +33,18 @@ def get_parameters(kind: str) -> type[FrozenModel]:
     if found is None:
         raise ConfigError(f"motion model {kind!r} is registered without parameters; it needs a model of them")
     return found
+
+
+def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, where: str) -> Parameters:
+    """Check the keyword arguments of a model's function.
+
+    Unlike a scene file, the function has a duration and no ``kind``.
+    """
+    for name in parameters:
+        if name not in model.model_fields:
+            allowed = sorted({*model.model_fields, "duration_s", "rng"} - {"kind"})
+            raise ConfigError(f"{where}: {name}: unknown parameter; allowed are {', '.join(allowed)}")
+    return validate(model, parameters, where=where)
 
 
 def generate(

@@ -128,10 +128,10 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     name = table["preset"]
     try:
         check_type(name, str, "its value", "name a preset or a file that ends in .toml")
-        if path.resolve() in above:
+        within, chain = name.lower().endswith(".toml"), (*above, path.resolve())
+        if within and (path.parent / name).resolve() in chain:
             raise ConfigError("the file is based on itself")
-        within = name.lower().endswith(".toml")
-        start = _read_file(path.parent / name, (*above, path.resolve())) if within else read_preset(name)
+        start = _read_file(path.parent / name, chain) if within else read_preset(name)
     except ConfigError as error:
         raise ConfigError(f"{path}: preset{format_line_note(text, ['preset'])}: {error}") from None
     return _change(dict(start), changes)

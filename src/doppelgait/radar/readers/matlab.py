@@ -379,7 +379,7 @@ def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
         held = (
             f"holds {' and '.join(found)}" if found else f"has no {MATRIX}; it holds {', '.join(shapes) or 'nothing'}"
         )
-        raise RecordingError(f"{path}: {held}. Name the matrix of RF frames: matrix='{(found or ['NAME'])[0]}'")
+        raise RecordingError(f"{path}: {held}; give matrix='{(found or ['NAME'])[0]}' for the RF frames")
     name = wanted if wanted is not None else found[0]
     if (size := int(np.prod(shapes[name], dtype=object))) > MAX_VALUES:
         raise RecordingError(f"{path}: {name} has {size:,} values; up to {MAX_VALUES:,} are read. Save a part of it.")
