@@ -30,7 +30,7 @@ from doppelgait.pipeline import run_simulation
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateName
 from doppelgait.radar.recording import Recording
-from doppelgait.scene.placement import DEFAULT_DURATION_S
+from doppelgait.scene.scene import DEFAULT_DURATION_S
 from doppelgait.viewer.payload import remove_folders
 from doppelgait.viewer.run import Run, TargetView, compute_harmonics
 from doppelgait.viewer.settings import Settings
