@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import doppelgait as dg
-from doppelgait.core import notebook
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import Dataset
 from doppelgait.viz.objects import plot_dataset
@@ -82,7 +81,7 @@ def test_a_dataset_has_its_identity_and_a_legend_that_covers_no_bar(shown: dict[
 
 def test_a_scene_shows_its_targets_where_they_are_placed(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = []
-    monkeypatch.setattr(notebook, "_picture", lambda name, value: shown.append(value) or "")
+    monkeypatch.setattr("doppelgait.scene.scene.show_html", lambda *facts: shown.append(facts[-1]))
     walk = dg.motion.boulic_walk(speed_mps=2.0, duration_s=5.0)
     scene = dg.Scene([dg.Target(walk, label="human"), dg.Target("boulic", vary={}), dg.Target(walk, range_m=4.0)])
     scene._repr_html_()
