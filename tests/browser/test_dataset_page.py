@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
     plan = PlanConfig.model_validate({
         "dataset": {"name": "browsed", "examples_per_class": N_EACH, "fractions": {"train": 0.7, "test": 0.3}},
         "scene": {"duration_s": 0.8},
-        "target": {"range_m": {"uniform": [3.0, 4.0]}},
+        "target": {"range_m": {"uniform": [3.0, 4.0]}, "rcs": {"total_m2": {"log_uniform": [0.1, 1.6]}}},
         "noise": {"kind": "snr", "snr_db": {"uniform": [5.0, 20.0]}},
         "classes": [{"label": "human", "motion": WALK}, {"label": "dog", "motion": TROT}],
     })  # fmt: skip

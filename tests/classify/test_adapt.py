@@ -98,7 +98,7 @@ def test_a_long_recording_counts_once(model):
 def test_a_class_that_is_missing_moves_nothing(model):
     rows, values = own_rows(6)
     human = rows.labels == 0
-    with pytest.raises(DatasetError, match="own recordings show no dog; give some of every class"):
+    with pytest.raises(DatasetError, match="own recordings contain no dog; add some of every class"):
         adapt(model, values[human], rows.labels[human], ids(rows)[human])
 
 

@@ -130,7 +130,7 @@ def test_after_a_gap_longer_than_a_window_windows_begin_anew(walk):
 @pytest.mark.parametrize("rate", [0.5, 2.0])
 def test_frames_of_another_rate_are_said(walk, rate, monkeypatch):
     monkeypatch.setattr(live_module, "analyze_window", lambda *_: [])
-    with pytest.warns(DoppelgaitWarning, match="prf_hz = 700 does not fit their times"):
+    with pytest.warns(DoppelgaitWarning, match="prf_hz = 700 does not match their times"):
         list(stream(zip(walk.slow_time_s / rate, walk.samples.matrix, strict=True)))
 
 

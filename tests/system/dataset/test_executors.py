@@ -121,7 +121,7 @@ def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobod
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypatch):
     monkeypatch.setattr("doppelgait.dataset.executors.MAX_LOSSES", 1 if executor == "dask" else 2)
-    with pytest.raises(DatasetError, match=r"died .*what was built"):
+    with pytest.raises(DatasetError, match=r"died .*finished shards are kept"):
         list(run_shards(killed_always, shards(2), executor=executor, workers=2))
 
 

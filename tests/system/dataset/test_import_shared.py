@@ -132,4 +132,4 @@ def test_a_recording_cut_short_is_a_failure_among_the_others(radar_folder, tmp_p
     assert (report.n_recordings, report.n_rows, report.n_failed) == (9, 7, 2)
     reasons = [failure["reason"] for failure in report.failures]
     assert "211109_3_2_IM.txt: no such file" in reasons[0]
-    assert "they must be equally many" in reasons[1]
+    assert "the numbers must be equal" in reasons[1]

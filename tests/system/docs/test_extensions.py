@@ -113,7 +113,7 @@ def test_a_constant_has_the_words_below_its_assignment():
 
     from doppelgait.scene import TYPICAL_RCS_M2
 
-    assert words_of_constant("TYPICAL_RCS_M2", TYPICAL_RCS_M2)[0].startswith("Mean total of a person")
+    assert words_of_constant("TYPICAL_RCS_M2", TYPICAL_RCS_M2)[0].startswith("Mean total cross section of a person")
 
 
 def check_links():
