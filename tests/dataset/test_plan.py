@@ -27,6 +27,7 @@ from doppelgait.dataset.verify.plan_checks import (
     warn_of_default_rcs,
     warn_of_equal_bodies,
     warn_of_leaks,
+    warn_of_unused_snr,
 )
 
 
@@ -228,10 +229,14 @@ def test_identity_follows_the_motion_files(tmp_path):
         ({"target": {"label": "human"}}, "belongs in"),
         ({"scene": {"gravity": 1}}, r"scene.gravity: unknown key; allowed are .*duration_s"),
         ({"noise": {"kind": "loud"}}, "noise.kind"),
-        ({"noise": {"kind": "thermal", "snr_db": 3}}, r"noise: kind = 'thermal' and snr_db = 3 both set"),
         ({"analysis": {"hops": 1}}, "analysis.hops"),
         ({"target": {"range_m": -1}}, ": target.range_m: -1"),
         ({"target": {"range_mm": 3}}, ": target.range_mm: unknown key"),
+        (
+            {"companions": [{"label": "dog", "motion": {"kind": "boulic"}, "range_mm": 3}]},
+            ": companions: range_mm: unknown key",
+        ),
+        ({"background": [{"motion": {"kind": "fan"}, "range_mm": 3}]}, ": background: range_mm: unknown key"),
         ({"typo": 1}, "typo.*unknown key"),
     ],
 )
@@ -245,6 +250,19 @@ def test_a_plan_may_vary_the_kind_of_noise():
     found = [example.run.noise for example in examples_of(plan(noise=noise))]
     assert {one.kind for one in found} == {"snr", "thermal"}
     assert all(3.0 <= one.snr_db <= 9.0 for one in found if one.kind == "snr")
+
+
+def test_an_snr_is_unused_with_thermal_noise_and_warned_of():
+    """``--set noise.kind=thermal`` cannot remove the key, and older datasets have both."""
+    thermal = plan(noise={"kind": "thermal", "snr_db": {"uniform": [3.0, 9.0]}})
+    assert {example.run.noise.kind for example in examples_of(thermal)} == {"thermal"}
+    with pytest.warns(DoppelgaitWarning, match=r"noise.snr_db: is not used with noise.kind = 'thermal'"):
+        warn_of_unused_snr(thermal.noise)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_unused_snr({"kind": "snr", "snr_db": 3.0})
+        warn_of_unused_snr({"kind": {"choice": ["snr", "thermal"]}, "snr_db": 3.0})
+        warn_of_unused_snr({"kind": "thermal"})
 
 
 @pytest.mark.parametrize("wrap", [lambda value: value, lambda value: {"choice": [value]}], ids=["plain", "drawn"])

@@ -80,7 +80,12 @@ def plan_command(
     from doppelgait.dataset.finish import compute_dataset_id
     from doppelgait.dataset.plan import check_examples, plan_dataset, sample_examples, spread_count
     from doppelgait.dataset.summary import summarise, write_specs
-    from doppelgait.dataset.verify.plan_checks import refuse_leaks, warn_of_default_rcs, warn_of_equal_bodies
+    from doppelgait.dataset.verify.plan_checks import (
+        refuse_leaks,
+        warn_of_default_rcs,
+        warn_of_equal_bodies,
+        warn_of_unused_snr,
+    )
 
     loaded, folder = _load(plan, changes, motion_folder)
     with report_progress("reading motion files", quiet=as_json) as on_progress:
@@ -91,6 +96,7 @@ def plan_command(
     refuse_leaks(examples, np.random.default_rng(0), leaks=leaks)
     warn_of_default_rcs(examples, np.random.default_rng(0), folder=folder, leaks=leaks)
     warn_of_equal_bodies(examples)
+    warn_of_unused_snr(loaded.noise)
     with report_progress("checking ranges and speeds", quiet=as_json) as on_progress:
         feasibility = assess(
             sample_examples(planned, FEASIBILITY_LOOKED_AT), folder, gate=loaded.dataset.gate, on_progress=on_progress,

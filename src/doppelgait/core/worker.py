@@ -101,7 +101,7 @@ def prepare_worker() -> None:
     """Prepare a new worker process; this is its first call.
 
     The worker ignores Ctrl-C, which the main process handles, and pandas is loaded without Arrow: Arrow takes 66 MB and
-    is needed only to write tables. If the main script imports pandas or ``doppelgait.datasets`` at its top, workers
+    is needed only to write tables. If the main script imports pandas or ``doppelgait.dataset`` at its top, workers
     import it before this call, and Arrow is loaded.
     """
     collect_garbage_rarely()

@@ -45,7 +45,9 @@ class Features:
 
     Parameters
     ----------
-    X : ndarray of float64, shape (n, n_features) Features, NaN if undetermined. y : ndarray of str, shape (n,)
+    X : ndarray of float64, shape (n, n_features)
+        Features, NaN if undetermined.
+    y : ndarray of str, shape (n,)
         Labels.
     groups : ndarray of str, shape (n,)
         Group of each row. Rows of a group share a subject or a scene: keep each group in one fold.

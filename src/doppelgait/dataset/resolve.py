@@ -235,11 +235,13 @@ def _run_spec(
         own = f"classes.{find_class(plan, number)[0]}."
 
         def name_key(found: re.Match[str]) -> str:
-            if found[1] == "motion":
+            if found[1] != "0":
+                return f"{'companions' if int(found[1]) < len(targets) else 'background'}: {found[2]}"
+            if found[2] == "motion":
                 return f"{own}motion"
-            return f"{own if found[1] in section.target else ''}target.{found[1]}"
+            return f"{own if found[2] in section.target else ''}target.{found[2]}"
 
-        raise ConfigError(re.sub(r"\btargets\.0\.(\w+)", name_key, str(error))) from None
+        raise ConfigError(re.sub(r"\btargets\.(\d+)\.(\w+)", name_key, str(error))) from None
     # check for forbidden values here, where every distribution is resolved
     if run.auto_prf and "radar.prf_hz" not in plan.dataset.leaks:
         raise ConfigError(AUTO_PRF_REFUSED)
@@ -249,14 +251,9 @@ def _run_spec(
 
 
 def _resolve_noise(plan: PlanConfig, draw: Draw) -> dict[str, Any]:
-    """Sample the receiver noise of an example.
-
-    Where the plan varies the kind, ``snr_db`` applies only to the examples of kind ``snr``.
-    """
+    """Sample the receiver noise of an example; kind ``snr`` alone uses ``snr_db``."""
     noise: dict[str, Any] = draw(plan.noise, "noise")
-    if isinstance(plan.noise.get("kind"), Mapping) and noise.get("kind") != "snr":
-        return {key: value for key, value in noise.items() if key != "snr_db"}
-    return noise
+    return {key: value for key, value in noise.items() if key != "snr_db" or noise.get("kind") == "snr"}
 
 
 def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:

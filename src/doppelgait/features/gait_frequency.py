@@ -6,10 +6,11 @@ grid: the autocorrelation of the rows at 1, 1/2, 3/2 and 1/3 period, and the sha
 halfway between them. The log posterior is a weighted sum of these terms and of a weak prior.
 
 The weights are maximum-likelihood estimates on half of the models and half of the recordings
-(``studies/gait_frequency.py --fit``). The sign of each weight is fixed: autocorrelation and power at the harmonics
-support a frequency, power halfway between them contradicts it. Weights with free signs fit the examples better, but
-they double the frequency of any motion that is more regular than the examples. Limb rows that contain only noise have
-constant terms and do not influence the decision.
+(``studies/gait_frequency.py --fit``). The signs of some weights are constrained: a high autocorrelation at the period
+and power at the harmonics can only support a frequency, power halfway between the harmonics and autocorrelation at half
+and one and a half periods can only contradict it. Weights with free signs fit the examples better, but they double the
+frequency of any motion that is more regular than the examples. Limb rows that contain only noise have constant terms
+and do not influence the decision.
 """
 
 from __future__ import annotations

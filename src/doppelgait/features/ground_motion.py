@@ -188,7 +188,7 @@ def estimate_segment_motion(
 
     Returns
     -------
-    GroundMotion
+    SegmentMotion
 
     Raises
     ------

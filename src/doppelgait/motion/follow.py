@@ -300,7 +300,7 @@ def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
 def _stop_phase_s(gait: Gait, at_m: float) -> float:
     """Find the time of the slowest feet near a distance.
 
-    It differs from the distance by at most a quarter stride.
+    At this time the body is at most a quarter stride from that distance.
     """
     source, facts = gait.motion.facts.source, gait.motion.facts
     feet = [n for n, part in enumerate(gait.motion.parts) if part in FOOT_PARTS]

@@ -41,7 +41,7 @@ class Noise(FrozenModel):
     def _has_one_level(self) -> Self:
         if self.kind == "thermal" and "snr_db" in self.model_fields_set:
             raise ValueError(
-                f"kind = 'thermal' and snr_db = {self.snr_db:g} both set the noise level: leave snr_db out, or take "
+                f"kind = 'thermal' and snr_db = {self.snr_db:g} both set the noise level: leave snr_db out, or use "
                 "kind = 'snr'"
             )
         return self

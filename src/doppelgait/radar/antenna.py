@@ -46,8 +46,8 @@ class Antenna(FrozenModel):
     hpbw_elevation_deg : float
         ``cosine``: full half-power beam width in elevation, 1 to 179 degrees.
     floor_db : float
-        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB, which is the minimum of the pattern. The
-        default of -20 dB is assumed.
+        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB. This level is the minimum of the
+        pattern. The default of -20 dB is assumed.
     angle_deg : list of float
         ``table``: angles of the two cuts, rising, -180 to 180 degrees. Gains are interpolated in dB between them, and
         behind the antenna from the last angle to the first.

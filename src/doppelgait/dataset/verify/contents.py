@@ -207,7 +207,7 @@ def read_plan(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None
     try:
         return plan_dataset(validate(PlanConfig, description["config"], where="dataset.json"), folder=folder), ""
     except DoppelgaitError as error:
-        return None, f"no plan: {error}; state the folder of the plan's files with --motion-folder"
+        return None, f"no plan: {error}; if the plan's files are elsewhere, state their folder with --motion-folder"
 
 
 def convert_to_plain(values: pd.Series | None) -> list[Any]:

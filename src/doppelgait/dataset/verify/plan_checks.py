@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -122,3 +123,10 @@ def warn_of_equal_bodies(examples: Sequence[ExampleSpec]) -> None:
             f"class {', '.join(equal)}: every example has the same motion parameters, so that training and test data "
             "have the same body; sample them, for example speed_mps = { uniform = [0.8, 1.6] }"
         )
+
+
+def warn_of_unused_snr(noise: Mapping[str, Any]) -> None:
+    """Warn if a plan states an SNR that its noise ignores."""
+    kind = noise.get("kind", "thermal")
+    if "snr_db" in noise and kind in ("thermal", "none"):
+        warn_caller(f"noise.snr_db: is not used with noise.kind = {kind!r}; set noise.kind = 'snr' to use it")

@@ -337,8 +337,8 @@ def sample_person(
       then (7 a - 5)/2 kg, with 12 % (assumed). The speed is that of an adult at the same Froude number.
     - Gait, measured on the recorded walkers of the model, lognormal within 3 deviations: walk ratio with 16 % (stride
       frequency at equal dimensionless speed with 8 %), ripple of the trunk with 20 %, swing of the arms with 40 %.
-      Normal: peak of the swing with 0.24 (peak speed of the ankle with 6 %), asymmetry of the arms 0.15 +- 0.28, of the
-      trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
+      Normal: peak of the swing with 0.24 (peak speed of the ankle with 6 %), asymmetry (left - right) of the arms 0.15
+      +- 0.28, of the trunk 0.4 (walkers 0.2, runners 0.5), lean with 3 degrees (assumed).
     - Steps, measured on 66 steps in 17 clips of walkers without complaints (``studies/step_variation.py``): the
       standard deviation of their times is lognormal about 0.025 with 30 % (assumed, since people do not differ
       significantly), that of their lengths about 0.014 with 70 %, at most 0.09. The asymmetry is normal with 0.02 in

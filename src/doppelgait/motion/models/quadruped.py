@@ -111,8 +111,8 @@ class QuadrupedConfig(FrozenModel):
     tail_deg : float
         Mean elevation of the tail, -80 to 80 degrees.
     tail_frequency_hz : float
-        Frequency of the sideways swing of the tail, 0 to 5 Hz. The whole motion is periodic only if this frequency is a
-        multiple of the stride frequency.
+        Frequency of the sideways swing of the tail, 0 to 5 Hz. The motion repeats every stride only if this frequency
+        is a multiple of the stride frequency.
     tail_sweep_deg : float
         Maximum sideways angle of the tail to both sides, 0 to 60 degrees.
     rate_hz : float

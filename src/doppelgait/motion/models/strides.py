@@ -173,8 +173,9 @@ def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 STRIDE_CORRELATION = 0.5
 """Lag-one correlation of successive stride times (assumed)."""
 PACE_CORRELATION = 0.95
-"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). Steps themselves are independent:
-recorded ones have a correlation of 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in length."""
+"""Lag-one correlation of a walker's speed, which drifts over 20 steps (assumed). In the model, the steps
+themselves are independent; recorded ones have a correlation of 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in
+length."""
 LARGEST_DEVIATION = 3.0
 """Maximum deviation of stride times in standard deviations, so that time always increases."""
 _MARGIN = 2

@@ -180,7 +180,7 @@ def make_delay_nodes(
 class IqImbalance(FrozenModel):
     r"""Quadrature channel of unequal gain and phase.
 
-    Its phase differs from the in-phase channel by an angle other than 90 degrees.
+    Its phase differs from the in-phase channel by an angle close to 90 degrees, not exactly 90.
 
     .. math:: y' = \mathrm{Re}\,y + j g\,\mathrm{Im}(y e^{j \varphi}) = \alpha y + \beta y^*, \qquad
         \alpha = \frac{1 + g e^{j \varphi}}{2}, \quad \beta = \frac{1 - g e^{-j \varphi}}{2}

@@ -134,7 +134,9 @@ export function showRun(container, reference, session) {
     try {
       const answer = await getPayload("api/targets", { ...named(), segment: state.get("segment") });
       if (mine !== job) return false;
-      const refused = answer.facts.failed && controls.fault(answer.facts.reason) && targets.targets.length > 0;
+      const refused = Boolean(
+        answer.facts.failed && controls.fault(answer.facts.reason) && targets.targets.length > 0,
+      );
       node.classList.toggle("outdated", refused);
       if (refused) return false;
       showTargets(answer);
@@ -142,7 +144,10 @@ export function showRun(container, reference, session) {
     } catch (error) {
       if (isAborted(error) || mine !== job) return false;
       if (controls.fault(error.message)) node.classList.toggle("outdated", targets.targets.length > 0);
-      else withoutTargets(error.message);
+      else {
+        node.classList.remove("outdated");
+        withoutTargets(error.message);
+      }
       return false;
     }
   }
