@@ -58,6 +58,7 @@ def test_the_analysis_is_changed_by_controls(page: Any, url: str, walk: Path) ->
     change(page, "cpi_s", "0.2")
     until(lambda: look(page, "range-doppler") != before["range-doppler"], "the interval does not change the maps")
     assert look(page, "signature") != before["signature"]
+    assert "(earlier settings)" not in mark(page, ".panel-signature h2")
     assert look(page, "range-time") == before["range-time"]
     assert not [one for one in page.requested if "api/recording" in one], "range against time needs no interval"
     (expected,) = analyze(read_recording(walk), gate="track", analysis=Analysis(cpi_s=0.2))
@@ -66,7 +67,8 @@ def test_the_analysis_is_changed_by_controls(page: Any, url: str, walk: Path) ->
         shown = look(page, "signature")
         change(page, name, value)
         until(lambda: look(page, "signature") != shown, f"{name} changes nothing")  # noqa: B023
-    assert all(part in address(page) for part in ("cpi_s=0.2", "hop=20", "window_steepness=0.2"))
+    wanted = ("cpi_s=0.2", "hop=20", "window_steepness=0.2")
+    until(lambda: all(part in address(page) for part in wanted), "the address does not state the analysis")
     page.click("#standard")
     page.wait_for_selector(READY)
     until(lambda: page.input_value("#cpi_s") == "0.1", "the analysis is not as it was at first")
