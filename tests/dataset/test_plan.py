@@ -724,6 +724,15 @@ def test_cross_sections_by_body_mass_are_a_warning_that_names_the_key(tmp_path):
     assert "'target.rcs' in dataset.leaks" in message
     assert len(warned({"rcs": {"fluctuation": "swerling1"}})) == 1
     assert not warned({"rcs": {"total_m2": {"log_uniform": [0.1, 1.6]}}})
+    rare = plan(
+        dataset={"name": "x", "examples_per_class": 300},
+        classes=[
+            {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.4]}}},
+            {"label": "dog", "motion": {"kind": "quadruped"}, "examples": 12},
+        ],
+    )
+    with pytest.warns(DoppelgaitWarning, match="rcs_total_m2"):
+        warn_of_default_rcs(examples_of(rare), np.random.default_rng(0), folder=tmp_path)
     assert not warned({}, leaks=["target.rcs"])
 
 

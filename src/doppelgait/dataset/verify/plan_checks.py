@@ -87,20 +87,28 @@ def warn_of_default_rcs(
     """
     if "target.rcs" in leaks:
         return
-    records = []
-    for example in examples[:: -(-len(examples) // MOST_PLACED) or 1]:
-        if all(target.background or target.rcs.total_m2 is not None for target in example.run.scene.targets):
-            continue
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoppelgaitWarning)  # the build adds the warnings to the example
-                observed = place(example.run.scene, example.run.streams, folder=folder).observed
-        except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
-            continue
-        for row, one in zip(example.rows, observed, strict=True):
-            if row.source != "none":
-                rcs_m2 = total_rcs_m2(one.target.rcs, one.motion.facts.mass_kg)
-                records.append({"label": row.label, "group": example.group, "rcs_total_m2": rcs_m2})
+    records, unstated = [], False
+    labels = {example.label for example in examples}
+    for label in sorted(labels):  # of every class: a rare one needs as many
+        members = [example for example in examples if example.label == label]
+        for example in members[:: -(-len(members) * len(labels) // MOST_PLACED)]:
+            specs = [target.rcs for target in example.run.scene.targets if not target.background]
+            masses_kg = [0.0] * len(specs)
+            if any(spec.total_m2 is None for spec in specs):
+                unstated = True
+                try:
+                    with warnings.catch_warnings():
+                        warnings.simplefilter("ignore", DoppelgaitWarning)  # the build adds the warnings to the example
+                        observed = place(example.run.scene, example.run.streams, folder=folder).observed
+                except DoppelgaitError:  # the build leaves the example out, too, and reports the reason
+                    continue
+                masses_kg = [one.motion.facts.mass_kg for one in observed]
+            for row, spec, mass_kg in zip(example.rows, specs, masses_kg, strict=True):
+                if row.source != "none":
+                    rcs_m2 = total_rcs_m2(spec, mass_kg)
+                    records.append({"label": row.label, "group": example.group, "rcs_total_m2": rcs_m2})
+    if not unstated:
+        return
     table = pd.DataFrame(records, columns=["label", "group", "rcs_total_m2"])
     if table["label"].nunique() < 2 or table["rcs_total_m2"].nunique() < 2:
         return
