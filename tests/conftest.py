@@ -14,6 +14,7 @@ import scipy.linalg  # noqa: F401  brings the second BLAS, which only then can b
 from threadpoolctl import threadpool_limits
 
 from checkout import SHARED
+from doppelgait.core import interrupt
 
 PROCESS_ROOMS = ("system", "browser", "fuzz")
 PROCESS_EVENTS = frozenset({"subprocess.Popen", "os.fork", "os.posix_spawn", "os.system"})
@@ -63,6 +64,12 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     """What is collected lives to the end: the garbage collector need not look through it again and again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(autouse=True)
+def _no_signal_has_arrived() -> None:
+    """Commands answer a signal with status 130, also one that an earlier test of this process sent to itself."""
+    interrupt._mark.came = False
 
 
 @pytest.fixture
