@@ -6,6 +6,7 @@ import gc
 import os
 import platform
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import h5py  # noqa: F401  asks the system for the processor with a process, once, when it is imported
@@ -67,8 +68,9 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _no_signal_has_arrived() -> None:
+def _forget_signals() -> Iterator[None]:
     """Commands answer a signal with status 130, also one that an earlier test of this process sent to itself."""
+    yield
     interrupt._mark.came = False
 
 
