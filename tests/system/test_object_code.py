@@ -96,3 +96,27 @@ def test_what_a_user_compiles_before_changes_nothing(plain, tmp_path):
     before = "import numba; numba.njit(lambda x: x + 1)(1)"
     assert run(before, NUMBA_CACHE_DIR=str(tmp_path)) == [plain[0], True]
     assert not list(tmp_path.rglob("*.nbi")), "kernels were compiled again"
+
+
+SIMULATE = """
+scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=0.5)
+dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(1))
+"""
+FAR_APART = {
+    "4 GiB of untouched pages": "import numpy as np, doppelgait as dg\npages = np.zeros(2**29)",
+    "a hole of 160 kB below 2.5 GB": (
+        "import numpy as np, doppelgait as dg\nwave = np.random.default_rng(0).normal(size=20_000)\n"
+        "table = np.zeros((2_500, 125_000))\nwave = wave * 2.0"
+    ),
+    "torch first": "import torch\nimport doppelgait as dg",
+}
+
+
+@pytest.mark.parametrize("memory", FAR_APART)
+def test_code_and_data_stay_within_reach_of_each_other(memory):
+    """Sections of object code that lie more than 2 GB apart end the process (SIGABRT)."""
+    if memory == "torch first":
+        pytest.importorskip("torch")
+    program = [sys.executable, "-c", FAR_APART[memory] + SIMULATE]
+    done = processes.run(program, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

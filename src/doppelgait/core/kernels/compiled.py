@@ -243,7 +243,7 @@ def _object_code() -> tuple[dict[str, Any], Any] | None:
         return None
     header, _, packed = path.read_bytes().partition(b"\n")
     engine = llvm.create_mcjit_compiler(
-        llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine()
+        llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine(), use_lmm=True
     )
     engine.add_object_file(llvm.ObjectFileRef.from_data(zlib.decompress(packed)))
     engine.finalize_object()
