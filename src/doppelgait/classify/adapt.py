@@ -33,30 +33,7 @@ twenty recordings dominate. The number of rows of a recording has no effect on i
 
 def adapt(model: Model, values: Inputs, labels: IntArray, recordings: npt.NDArray[np.str_]) -> Model:
     """Adapt a model's probabilities to labelled recordings.
-
-    The result is p' = softmax(slope log p + shift) with maximum posterior probability. Recordings have equal weight
-    within a class, and classes have equal weight. Slope and shift have a normal prior about 1 and 0. The rest of the
-    model is unchanged. For two classes the ranking of targets stays the same.
-
-    Parameters
-    ----------
-    model : Model
-    values : ndarray
-        Inputs of the rows of own recordings, as for :meth:`doppelgait.classify.model.Model.probability`.
-    labels : ndarray of int, shape (n,)
-        Numbers of the model's classes.
-    recordings : ndarray of str, shape (n,)
-        Recording of every row.
-
-    Returns
-    -------
-    Model
-        The same one where there are no rows.
-
-    Raises
-    ------
-    DatasetError
-        If a class has no row: the size of the shift is then unknown.
+    The result is p' = softmax(slope log p + shift) with maximum posterior probability.
     """
     from scipy.optimize import minimize
 
@@ -88,26 +65,7 @@ def adapt_unlabelled(
     model: Model, values: Inputs, recordings: npt.NDArray[np.str_], shares: npt.ArrayLike | None = None
 ) -> Model:
     """Adapt a model's probabilities to recordings without labels.
-
-    p' = softmax(log p + shift), so that the mean of p' over the recordings approaches the shares of the classes: the
-    shift minimises n times the cross-entropy of the mean against the shares, with the normal prior of :func:`adapt`.
-    Each of the n recordings has the same weight for any number of rows. Without the shares, a wrong model cannot be
-    distinguished from rare classes. Wrong shares give a wrong decision threshold.
-
-    Parameters
-    ----------
-    model : Model
-    values : ndarray
-        Inputs of the rows of own recordings.
-    recordings : ndarray of str
-        Recording of every row.
-    shares : array_like, shape (n_classes,), optional
-        Shares of the classes among the recordings, with sum 1; equal by default.
-
-    Returns
-    -------
-    Model
-        The same one where there are no rows.
+    Each of the n recordings has the same weight for any number of rows. Shapes: shares (n_classes,).
     """
     from scipy.optimize import minimize
 
@@ -136,9 +94,7 @@ def _weight_recordings(recordings: npt.NDArray[np.str_]) -> FloatArray:
 
 def _shift_calibration(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
     """Apply slope and shift after a model's calibration.
-
-    The alarm threshold is adjusted, so that the same targets trigger. For more than two classes no such threshold
-    exists, and the alarm is dropped.
+    The alarm threshold is adjusted, so that the same targets trigger.
     """
     before, facts = model.calibration, model.facts
     moved = slope * before.shift + np.concatenate([[0.0], shift])
@@ -163,14 +119,7 @@ def list_row_recordings(rows: Rows) -> npt.NDArray[np.str_]:
 
 
 def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
-    """Sample n recordings of each class to adapt to.
-
-    Returns
-    -------
-    tuple of ndarray of int, or None
-        Rows of those recordings, and the rows of all targets outside them, which may be scored. None if a class has too
-        few recordings, or no target remains.
-    """
+    """Sample n recordings of each class to adapt to."""
     names = list_row_recordings(rows)
     own: list[int] = []
     for number in range(len(rows.classes)):
@@ -193,18 +142,7 @@ def score_adaptation(
     model: Model, rows: Rows, values: Inputs, rng: np.random.Generator, *, counts: Sequence[int] = COUNTS,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Score a model against the number of own recordings.
-
-    Every count is sampled :data:`REPEATS` times. Only targets without a sampled recording are scored, so that the
-    scored targets depend on the count. The gain is the difference to ``before``, the score of the unadapted model on
-    the same targets.
-
-    Returns
-    -------
-    list of dict
-        By count: ``n``; mean ``balanced_accuracy``, with ``low`` and ``high`` between which 80 % of the draws lie;
-        ``before``; ``unlabelled``, where the same recordings are used without their labels; ``movers``, how many are
-        scored on average; ``reliability`` and ``expected_calibration_error`` of all draws together. A count that leaves
-        no target to score is left out.
+    Every count is sampled :data:`REPEATS` times.
     """
     curve, recordings, count = [], list_row_recordings(rows), len(rows.classes)
     for n in counts:
@@ -239,9 +177,7 @@ def adapt_to_rows(
     model: Model, rows: Rows, values: Inputs, rng: np.random.Generator
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
     """Adapt a model to labelled rows.
-
-    The function also returns the learning curve and remarks. Rows without a decision of the model are not used and not
-    scored.
+    The function also returns the learning curve and remarks.
     """
     used, notes = _select_decidable(model, rows, values)
     part, inputs = take_rows(rows, used), values[used]
@@ -275,7 +211,6 @@ def adapt_to_nameless_rows(
 
 def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
     """Return the rows that the model decides on.
-
     A remark describes the others.
     """
     blocked = blocked_rows(rows, np.arange(len(rows)), values, model)

@@ -92,13 +92,7 @@ class Day(FrozenModel):
 @dataclass(frozen=True)
 class Episode:
     """Scores and triggers of the alarm in one recording.
-
-    Parameters
-    ----------
-    label : str
-        Kind of episode.
-    times_s, scores : ndarray, shape (n,)
-        End times of the windows, and the alarm's scores at these times.
+    Shapes: times_s, scores (n,).
     """
 
     label: str
@@ -113,7 +107,6 @@ class Episode:
 
 def read_day(path: str | Path | None = None) -> Day:
     """Read a day from a TOML file.
-
     By default it is the built-in ``home-alarm-day``.
     """
     file = BUILT_IN if path is None else Path(path)
@@ -125,22 +118,7 @@ def run_day(
     day: Day, model: Model, *, window_s: float | None = None, hop_s: float | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Episode]:  # fmt: skip
-    """Simulate a day and classify it in windows.
-
-    Parameters
-    ----------
-    day : Day
-    model : Model
-    window_s, hop_s : float, optional
-        As for :func:`doppelgait.classify.classify_over_time`.
-    on_progress : callable, optional
-        Called with (recordings done, recordings).
-
-    Raises
-    ------
-    ConfigError
-        If the model has no alarm, or a scene is wrong.
-    """
+    """Simulate a day and classify it in windows."""
     alarm = model.facts.alarm
     if alarm is None:
         raise ConfigError(
@@ -184,10 +162,7 @@ def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
 
 def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
     """Return window end times and the alarm's scores.
-
-    A score is the maximum over the tracks, or 0 without a track. The score of a track is its fused probability in the
-    last window with evidence. Before the first such window it is the probability of the window alone, unless the model
-    has no alarm for the radar. The track's ``alarm`` compares the same value with the threshold.
+    A score is the maximum over the tracks, or 0 without a track.
     """
     kept: dict[int, float] = {}
     times, scores = [], []
@@ -204,17 +179,7 @@ def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm:
 
 
 def score_day(day: Day, episodes: Sequence[Episode], model: Model) -> dict[str, Any]:
-    """Score the alarm over a day, by threshold.
-
-    Returns
-    -------
-    dict
-        ``day``, ``alarm`` and ``thresholds``. Each threshold has ``threshold``; ``model``, True for the threshold of
-        the model; ``false_per_day`` and ``false_per_animal_hour``, each with ``low`` and ``high`` of 95 %; ``entries``
-        and ``missed``, with exact ``missed_low`` and ``missed_high`` of the share; ``seconds_to_detect``, within which
-        half and 90 % of all entries were detected, from the start of the recording, each None where fewer ever were, or
-        None without entries; ``by_episode``.
-    """
+    """Score the alarm over a day, by threshold."""
     own = model.facts.alarm_threshold
     chosen = sorted({*THRESHOLDS, *(() if own is None else (own,))})
     return {
@@ -270,19 +235,8 @@ def _score_at_threshold(day: Day, episodes: Sequence[Episode], threshold: float)
 
 def estimate_weighted_count(counts: Sequence[int], weights: Sequence[float], share: float = 0.95) -> dict[str, float]:
     """Return a weighted sum of counts with its interval.
-
     The interval is the gamma approximation of Fay and Feuer (Statistics in Medicine 16, 1997), exact for counts of 0
-    and 1 and equal weights. A recording with several triggers is one event of that size (a compound Poisson sum),
-    because one body caused them. The width of the interval depends on the number of recordings.
-
-    Parameters
-    ----------
-    counts : sequence of int
-        Of every recording.
-    weights : sequence of float
-        Above 0.
-    share : float
-        Of the interval.
+    and 1 and equal weights.
     """
     from scipy.stats import gamma
 
@@ -320,7 +274,6 @@ def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
 
 def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format recordings that triggered,, by kind.
-
     There is a column per threshold.
     """
     rows = []

@@ -44,22 +44,7 @@ ALARM_CLASS = "human"
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Rows for training and testing.
-
-    Parameters
-    ----------
-    datasets : tuple of Dataset
-        The dataset, and the other one for testing if there is one.
-    index : DataFrame
-        Rows of the datasets, concatenated.
-    origin, place : ndarray of int, shape (n,)
-        Number of the dataset of a row, and its number there.
-    classes : tuple of str
-    labels : ndarray of int, shape (n,)
-        Numbers of the classes.
-    groups : ndarray of str, shape (n,)
-        Targets, or scenes that targets share.
-    alarm : str
-        Class of the alarm; there is no alarm if the classes do not include it.
+    Shapes: origin, place (n,); labels (n,); groups (n,).
     """
 
     datasets: tuple[Dataset, ...]
@@ -78,15 +63,7 @@ class Rows:
 @dataclass(frozen=True, eq=False)
 class Table:
     """Inputs of a model, one row each.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, d) or (n,)
-        Features, NaN if unknown; or levels of signatures, None if absent.
-    names : tuple of str
-        Names of the features; empty for signatures.
-    note : str
-        Remark for the report; often empty.
+    Shapes: values (n, d).
     """
 
     values: Inputs
@@ -96,13 +73,7 @@ class Table:
 
 def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
     """Collect dataset rows for training and testing.
-
     The test rows may be from another dataset.
-
-    Raises
-    ------
-    DatasetError
-        If there are fewer than two classes, the other dataset has further ones, or it is the same dataset.
     """
     datasets = (dataset,) if other is None else (dataset, other)
     if other is not None and other.description.get("id") == dataset.description.get("id"):
@@ -140,24 +111,7 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
 def collect_inputs(
     rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None
 ) -> Table:
-    """Collect the inputs of a model.
-
-    Parameters
-    ----------
-    rows : Rows
-    features : {"six", "extended", "speed", "nuisance", "nothing", "signature", "extended+signature"}
-        ``nuisance``: the parameters of the leakage test of ``dataset verify``, which must not predict the class.
-    patch : Patch, optional
-        Of ``signature``.
-    motion_folder : Path, optional
-        Folder of the plan's motion files, which ``nuisance`` needs to sample the plan again; the working folder by
-        default.
-
-    Raises
-    ------
-    DatasetError
-        If a dataset lacks the features or keeps no signatures.
-    """
+    """Collect the inputs of a model."""
     if features == "signature":
         for part in rows.datasets:
             part.check_fields(["signature"])
@@ -193,19 +147,7 @@ def collect_inputs(
 
 def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
     """Convert feature values to the inputs of a model.
-
-    Parameters
-    ----------
-    columns : mapping
-        Values (n,) by feature name.
-    wavelength_m : ndarray, shape (n,)
-        Wavelength of the carrier; NaN if unknown.
-
-    Returns
-    -------
-    dict
-        Unknown and infinite values are NaN; the torso's velocity is its magnitude, ``torso_speed_mps``, and Doppler
-        bandwidths are spans of radial velocities, such as ``doppler_bandwidth_mps``.
+    Shapes: wavelength_m (n,).
     """
     found = {}
     for name, column in columns.items():
@@ -236,10 +178,7 @@ def wavelengths_m(rows: Rows) -> FloatArray:
 
 def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
     """Collect the nuisance parameters of all rows.
-
-    The parameters are the sampled values of the plan and the values of the index. Without a plan or its motion files
-    only the index is used, and a note is added. For two datasets the common parameters are used. Texts become numbers.
-    Constant parameters are left out; if a class is an empty room, levels of echoes are left out, too.
+    The parameters are the sampled values of the plan and the values of the index.
     """
     parts, notes = [], []
     for dataset in rows.datasets:

@@ -95,15 +95,7 @@ class Decision:
 
 @dataclass(frozen=True, eq=False)
 class TargetInputs:
-    """Features and signature of one target, as the classifier uses them.
-
-    Parameters
-    ----------
-    columns : mapping
-        As in the index of a dataset.
-    signature : DataArray (time, doppler)
-        With the attribute ``wavelength_m``, or the coordinate ``velocity`` along ``doppler``.
-    """
+    """Features and signature of one target, as the classifier uses them."""
 
     columns: Mapping[str, Any]
     signature: xr.DataArray
@@ -186,13 +178,7 @@ def classify(
 
 def choose_model(source: Recording | Sequence[Result]) -> Model:
     """Return the shipped model for a recording's radar.
-
     Results are accepted instead of a recording.
-
-    Raises
-    ------
-    ConfigError
-        If none fits.
     """
     if isinstance(source, Recording):
         return load_model_for_radar(source.radar)
@@ -208,13 +194,7 @@ def read_training_analysis(model: Model) -> Analysis:
 
 
 def decide(seen: TargetInputs, model: Model, number: int) -> Decision:
-    """Decide the class of one target.
-
-    Raises
-    ------
-    AnalysisError
-        If an input of the model is missing.
-    """
+    """Decide the class of one target."""
     outside: list[str] = []
     network = model.learned
     if isinstance(network, Ensemble):
@@ -282,7 +262,6 @@ SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_
 
 def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
     """Warn where the analysis differs from the training data's.
-
     Clutter removal may differ: it depends on the room.
     """
     expected = read_training_analysis(model).model_dump(mode="json")

@@ -48,19 +48,7 @@ def simulate_like(
     seed: int = 0,
 ) -> list[Recording]:  # fmt: skip
     """Simulate a recording like each real one.
-
     It has the same pulses and range bins.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    preset : str or Path
-        Sensor model; its distributions are sampled anew for every recording.
-    plan : PlanConfig, optional
-        Plan of the scenes: alternating classes, targets, environment. An empty room by default.
-    folder : Path, optional
-        Folder that relative paths of the plan start from.
-    seed : int
     """
     found = []
     for number, real in enumerate(recordings):
@@ -94,23 +82,7 @@ def simulate_like(
 
 def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np.complex128]:
     """Split a recording into windows of pulses.
-
-    Parameters
-    ----------
-    recording : Recording
-    most : int
-        Number of pulses in a window of a continuous recording; fewer if the recording has less than four times this
-        number.
-
-    Returns
-    -------
-    ndarray, shape (window, pulse, range)
-        Windows; a burst is a window. Remaining pulses are left out.
-
-    Raises
-    ------
-    AnalysisError
-        If the recording has fewer than two windows of 8 pulses.
+    Shapes: returns (window, pulse, range).
     """
     pulses = recording.n_pulses
     window = int(recording.facts.get("burst_pulses", min(most, pulses // 4)))
@@ -123,11 +95,7 @@ def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np
 
 
 def measure_windows(recording: Recording) -> list[Statistics]:
-    """Return the statistics of windows for the classifier.
-
-    Levels and their spread over range, shape of the Doppler spectrum, correlation between bins, circularity and
-    asymmetry of I and Q, spread of the size, share of values at the largest and of repeated pulses.
-    """
+    """Return the statistics of windows for the classifier."""
     windows, samples = split_windows(recording), recording.samples.matrix
     chosen = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), MOST_WINDOWS)).astype(int))
     parts = windows[chosen]
@@ -177,23 +145,7 @@ def _db(power: Any) -> float:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Real against simulated recordings.
-
-    Parameters
-    ----------
-    auc, auc_of_shape : (float, float, float)
-        AUC of a boosting classifier on all statistics, and on those that do not depend on the scale of the file; with
-        the 95 % bootstrap interval over what is held out. 0.5: not separated.
-    auc_linear : float
-        AUC of logistic regression on all statistics.
-    distances : dict
-        By statistic: Wasserstein distance over the pooled standard deviation, and AUC of it alone (0.5 to 1).
-    n_real, n_synthetic : int
-        Recordings.
-    held_out : str
-        ``recordings``; with fewer than four of a kind ``parts of recordings``: the classifier is then trained on
-        other parts of the recordings that it is tested on, which raises the AUC and narrows its interval.
-    """
+    """Real against simulated recordings."""
 
     auc: tuple[float, float, float]
     auc_of_shape: tuple[float, float, float]
@@ -206,19 +158,7 @@ class Comparison:
 
 def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording], *, seed: int = 0) -> Comparison:
     """Separate real from simulated windows by a trained classifier.
-
     The test uses unseen recordings or unseen parts of recordings (:attr:`Comparison.held_out`).
-
-    Parameters
-    ----------
-    real, synthetic : sequence of Recording
-        Recordings of the same kind of scenes, as far as known.
-    seed : int
-
-    Raises
-    ------
-    AnalysisError
-        If nothing can be compared.
     """
     from scipy.stats import wasserstein_distance
 
@@ -286,20 +226,7 @@ def _score_held_out(
 
 def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
     """Return a picture of a recording for display.
-
     Level over time and range, dB without the mean echo; over time and Doppler for fewer than eight bins.
-
-    Returns
-    -------
-    level_db : ndarray, shape (time, range or Doppler)
-    axis : ndarray
-        Range, m, or Doppler, Hz.
-    label : str
-
-    Raises
-    ------
-    AnalysisError
-        If a recording of fewer than eight bins is too short for two windows (:func:`split_windows`).
     """
     if recording.n_range_bins >= 8 and "burst_pulses" not in recording.facts:
         samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
@@ -316,7 +243,6 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
     """Tabulate AUC, what was held out, and distances.
-
     The first row is the statistic with the maximum distance in the last model.
     """
     last = list(found.values())[-1]

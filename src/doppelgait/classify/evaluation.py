@@ -51,19 +51,7 @@ UNLABELLED = "unlabelled"
 def make_document(
     rows: Rows, folds: Sequence[Fold], answers: Mapping[str, Answers], notes: Sequence[str], *, seed: int
 ) -> dict[str, Any]:
-    """Collect all models' scores for JSON, None for unknown.
-
-    Parameters
-    ----------
-    rows : Rows
-    folds : sequence of Fold
-    answers : mapping
-        Answers of every model by name, for the same rows.
-    notes : sequence of str
-        Remarks on the rows and on omitted models or scores.
-    seed : int
-        Of the bootstrap.
-    """
+    """Collect all models' scores for JSON, None for unknown."""
     tested = next(iter(answers.values()))
     said = list(notes) + [
         f"no target of class {name} is tested"
@@ -375,7 +363,6 @@ def _collect_test_rows(
 
 def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
     """Return the class of the alarm, if named or needed.
-
     A class that is named or needed must exist.
     """
     if alarm_class is not None and alarm_class not in rows.classes:
@@ -388,7 +375,6 @@ def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) ->
 
 def _describe_missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
     """Describe model functions that lack a class or rows.
-
     The rows are the held-out rows.
     """
     said, fewest = [], min(fold.held.size for fold in folds)
@@ -416,7 +402,6 @@ def _score_further(
     shares: Mapping[str, float] | None,
 ) -> tuple[dict[str, Any], Model, list[str]]:  # fmt: skip
     """Score adaptation, then abstention on unknown kinds, with remarks.
-
     The returned model is adapted to all tested rows, or to the rows without labels.
     """
     found: dict[str, Any] = {}
@@ -467,7 +452,6 @@ def _load_tables(
     rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
 ) -> tuple[dict[str, Table], list[str]]:
     """Load the inputs of the baselines and of every model.
-
     Unavailable ones are skipped unless they are named in ``models``.
     """
     from doppelgait.classify.network import NO_TORCH, is_torch_installed

@@ -82,10 +82,7 @@ def standardise(values: Inputs, learned: Columns) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class Constant:
     """Constant probabilities.
-
-    Parameters
-    ----------
-    log_share : ndarray, shape (n_classes,)
+    Shapes: log_share (n_classes,).
     """
 
     log_share: FloatArray
@@ -130,22 +127,7 @@ class Linear:
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """Support vector machines with the kernel exp(-distance²).
-
-    Unknown features are treated as in :class:`Linear`. The signed distances from the boundaries serve as scores; only
-    the calibration makes probabilities of them.
-
-    Parameters
-    ----------
-    median : ndarray, shape (d,)
-    told : ndarray of int, shape (m,)
-    mean, scale : ndarray, shape (d + m,)
-        The width of the kernel is part of the scale.
-    floor : ndarray, shape (d,)
-    support : ndarray, shape (n_support, d + m)
-        Columns of the support vectors.
-    weight : ndarray, shape (n_scores, n_support)
-        One score for two classes, else one per class against all others.
-    bias : ndarray, shape (n_scores,)
+    Unknown features are treated as in :class:`Linear`.
     """
 
     median: FloatArray
@@ -174,22 +156,7 @@ class Kernel:
 @dataclass(frozen=True, eq=False)
 class Trees:
     """Boosted decision trees, all nodes in one list.
-
     Children follow their parent.
-
-    Parameters
-    ----------
-    feature : ndarray of int, shape (n_nodes,)
-        Feature of a node; -1 in a leaf.
-    threshold, value : ndarray, shape (n_nodes,)
-        Largest value that goes left; score that a leaf adds.
-    unknown_left : ndarray of int, shape (n_nodes,)
-        1 where an unknown feature goes left.
-    left, right : ndarray of int, shape (n_nodes,)
-    root : ndarray of int, shape (n_rounds, n_scores)
-        First node of every tree; one score for two classes, else one per class.
-    start : ndarray, shape (n_scores,)
-        Scores before the first tree.
     """
 
     feature: IntArray
@@ -218,19 +185,7 @@ class Trees:
 @dataclass(frozen=True, eq=False)
 class Network:
     """Convolutional network.
-
     Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the image; a linear layer.
-
-    The prediction is the mean log-probability of images that cover a signature and of their mirror images in velocity,
-    so approaching and receding targets are equivalent.
-
-    Parameters
-    ----------
-    kernels : tuple of ndarray of float32, shape (n_out, n_in, 3, 3)
-    scales, biases : tuple of ndarray of float32, shape (n_out,)
-    weight : ndarray of float32, shape (n_classes, n_last)
-    bias : ndarray of float32, shape (n_classes,)
-    patch : Patch
     """
 
     kernels: tuple[Levels, ...]
@@ -242,7 +197,6 @@ class Network:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes).
-
         All classes are equal where there is no signature.
         """
         n_classes = self.bias.size
@@ -277,17 +231,7 @@ class Network:
 @dataclass(frozen=True, eq=False)
 class Ensemble:
     """Weighted mean of models' calibrated log-odds.
-
     Averaging reduces the errors of models that err for different reasons.
-
-    Parameters
-    ----------
-    members : tuple of Learned
-    weights : ndarray, shape (m,)
-        Above 0, of sum 1.
-    slopes : ndarray, shape (m,)
-    shifts : ndarray, shape (m, n_classes)
-        Calibration of every member.
     """
 
     members: tuple[Learned, ...]
@@ -297,7 +241,6 @@ class Ensemble:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes).
-
         Of features (n, d), or, where a network is among the members, of features and levels (n, d + 1).
         """
         total = np.zeros((len(values), self.shifts.shape[1]))

@@ -47,27 +47,7 @@ MANY = 0.2
 
 @dataclass
 class LiveCounts:
-    """Frames and windows of a stream, by outcome.
-
-    Parameters
-    ----------
-    frames : int
-        Received frames.
-    filled : int
-        Missing frames, filled with the previous frame.
-    malformed : int
-        Frames of another length or with values that are not finite; left out.
-    late : int
-        Frames received after a later frame; left out.
-    jumps : int
-        Gaps longer than a window, after which the windows restart, and backward jumps of the clock, which are ignored.
-    windows : int
-        Analysed windows.
-    skipped : int
-        Hops left out because the analysis was behind.
-    failed : int
-        Windows that could not be analysed.
-    """
+    """Frames and windows of a stream, by outcome."""
 
     frames: int = 0
     filled: int = 0
@@ -169,14 +149,7 @@ class _Ring:
 
 
 class Live:
-    """Decisions of a stream, an iterator; made by :func:`live`.
-
-    Attributes
-    ----------
-    counts : LiveCounts
-        Up to now.
-    window_s, hop_s : float
-    """
+    """Decisions of a stream, an iterator; made by :func:`live`."""
 
     def __init__(
         self, ring: _Ring, frames: Iterable[tuple[float, npt.ArrayLike]], tracks: Tracks, analysis: Analysis,
@@ -212,7 +185,6 @@ class Live:
 
     def windows(self) -> Iterator[tuple[Window, list[TrackDecision], list[Result]]]:
         """Yield every window with decisions and results.
-
         There is one of each per target, and windows without targets are included.
         """
         try:

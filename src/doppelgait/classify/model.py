@@ -30,15 +30,7 @@ STEEPEST = 20.0
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Calibration p = softmax(slope log q + shift).
-
-    Parameters
-    ----------
-    slope : float
-        Above 0.
-    shift : ndarray, shape (n_classes,)
-        The first is 0.
-    n_rows : int
-        Number of fitted rows; 0 if the calibration changes nothing.
+    Shapes: shift (n_classes,).
     """
 
     slope: float
@@ -56,21 +48,9 @@ def row_weights(labels: IntArray, n_classes: int) -> FloatArray:
 
 
 def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
-    """Fit a calibration to held-out rows.
-
-    For two classes it is Platt's sigmoid of the log odds, with his targets (n + 1) / (n + 2) instead of 1 so that
-    classes without an error do not become certain; for more, temperature scaling with corrected biases (Alexandari et
-    al. 2020). Every class has the same weight: the probabilities hold for equally frequent classes.
-
-    Parameters
-    ----------
-    log_probability : ndarray, shape (n, n_classes)
-    labels : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    Calibration
-        One that changes nothing if a class has fewer than 5 rows.
+    """Fit a calibration to held-out rows, every class with the same weight.
+    Two classes: Platt's sigmoid with targets (n + 1) / (n + 2); more: temperature scaling with corrected biases
+    (Alexandari et al. 2020). Shapes: log_probability (n, n_classes); labels (n,).
     """
     from scipy.optimize import minimize
 
@@ -96,7 +76,6 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
 
 def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
     """Return the highest threshold for a share of positive rows.
-
     NaN without positive rows.
     """
     found = np.sort(probability[positive])[::-1]
@@ -114,7 +93,6 @@ Conditions = Mapping[str, tuple[float, float]]
 
 def read_wavelength_m(signature: xr.DataArray) -> float:
     """Return the wavelength of a signature in m, or NaN.
-
     The wavelength is the attribute, or follows from the axes by v = f wavelength / 2.
     """
     if "wavelength_m" in signature.attrs:
@@ -146,7 +124,6 @@ def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> d
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
     """Return every row's conditions, NaN for unknown.
-
     The observation time is that of the analysis.
     """
     observed_s = _read_column(rows.index, "quality_observation_s")
@@ -171,7 +148,6 @@ def find_training_conditions(found: Mapping[str, FloatArray], train: IntArray) -
 
 def mark_outside(values: FloatArray, name: str, trained: Conditions) -> npt.NDArray[np.bool_]:
     """Mark values of a condition outside the training range.
-
     The tolerance is included. Unknown values are never outside.
     """
     if name not in trained:
@@ -210,7 +186,6 @@ def summarise_outside_conditions(
     found: Mapping[str, FloatArray], train: IntArray, test: IntArray
 ) -> dict[str, dict[str, Any]]:
     """Summarise the tested rows outside the training range by condition.
-
     Number of rows, training span and their own span.
     """
     trained, said = find_training_conditions(found, train), {}

@@ -199,7 +199,6 @@ def load_model(path: str | Path) -> Model:
 
 def _read_arrays(path: Path) -> tuple[str, Arrays]:
     """Read the text and all arrays of a file.
-
     Objects are refused, and so are arrays that would fill the memory.
     """
     with zipfile.ZipFile(path) as archive:
@@ -220,7 +219,6 @@ def _read_arrays(path: Path) -> tuple[str, Arrays]:
 
 def _check_model(model: Model) -> None:
     """Check that all parts of a model fit together.
-
     Every prediction is then possible and terminates.
     """
     from doppelgait.features.extended import list_features

@@ -144,7 +144,6 @@ def train_network(
 
 def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
     """Build the untrained network.
-
     Convolutions that halve the image, their mean, one linear layer.
     """
     nn, layers, n_in = torch.nn, [], 1
@@ -164,9 +163,7 @@ def _drop_missing(part: LabelledRows) -> LabelledRows:
 @contextmanager
 def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
     """Seed torch and make it deterministic, then restore its settings.
-
-    One thread is used. Two threads are 1.4 times as fast on two idle processors, but 50 times slower on busy
-    processors, where they wait for each other.
+    One thread is used.
     """
     threads = torch.get_num_threads()
     with torch.random.fork_rng(), torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
@@ -207,11 +204,7 @@ def _train_epoch(
 
 
 def augment(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training, width: float = 1.0) -> Levels:
-    """Augment every signature to a random image (n, n_velocity, n_time).
-
-    A random section, mirrored or not, stretched in velocity, with changed gain and noise floor; ``width``, 0 to 1, is
-    the share of the limits of these three.
-    """
+    """Augment every signature to a random image (n, n_velocity, n_time)."""
     pictures = []
     for whole in values:
         spare = whole.shape[1] - spec.n_time
@@ -230,7 +223,6 @@ def augment(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Tra
 
 def stretch_pictures(pictures: Levels, factors: FloatArray) -> Levels:
     """Stretch images in velocity about zero, one factor each.
-
     Rows are interpolated linearly. Outside the first and last row the value is 0, the noise floor.
     """
     n_rows = pictures.shape[1]
@@ -247,7 +239,6 @@ def _compute_validation_loss(
     torch: Any, model: Any, device: Any, held: LabelledRows, n_classes: int, spec: Patch
 ) -> float:
     """Return the class-balanced log loss of the held-out signatures.
-
     The loss is computed for the middle of each signature.
     """
     model.eval()
@@ -264,7 +255,6 @@ def _compute_validation_loss(
 
 def _to_arrays(state: Mapping[str, Any], spec: Patch) -> Network:
     """Convert the network to plain arrays.
-
     Batch normalisation becomes one scale and one bias.
     """
     arrays = {name: values.cpu().contiguous().numpy() for name, values in state.items()}

@@ -28,22 +28,8 @@ counts as one with a fifth of the usual spread."""
 @dataclass(frozen=True, eq=False)
 class Novelty:
     """Distance of features from the nearest class, and its ranks.
-
     Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C about them (Lee et
     al. 2018), of the columns that logistic regression sees (:class:`doppelgait.classify.learned.Linear`).
-
-    Parameters
-    ----------
-    median : ndarray, shape (d,)
-    told : ndarray of int, shape (m,)
-    mean, scale : ndarray, shape (d + m,)
-    floor : ndarray, shape (d,)
-    centre : ndarray, shape (n_classes, d + m)
-        Class means.
-    whitening : ndarray, shape (d + m, d + m)
-        W with W W' = C⁻¹.
-    held : ndarray, shape (n,)
-        Distances of held-out rows in ascending order, or 500 quantiles of them; empty if no rows were held out.
     """
 
     median: FloatArray
@@ -62,11 +48,7 @@ class Novelty:
         return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
 
     def rank(self, values: Inputs) -> FloatArray:
-        """Return the share of held-out rows at least as far.
-
-        (k + 1) / (n + 1) with k of n rows as far, a conformal p-value: uniform between 0 and 1 for rows like those, and
-        1 where none were held out.
-        """
+        """Return the share of held-out rows at least as far."""
         farther = self.held.size - np.searchsorted(self.held, self.distance(values), side="left")
         return np.asarray((farther + 1.0) / (self.held.size + 1.0))
 
@@ -76,15 +58,7 @@ def learn_novelty(
     train: LabelledRows,
     held: LabelledRows,
 ) -> Novelty:
-    """Fit the distribution of training rows about their class means.
-
-    Parameters
-    ----------
-    standard : tuple
-        Median, told, mean, scale and floor of the columns of the training rows, then those columns.
-    train, held : Part
-        Features, and class numbers; the held-out rows only give the ranks.
-    """
+    """Fit the distribution of training rows about their class means."""
     median, told, mean, scale, floor, columns = standard
     classes, labels = np.unique(train.labels, return_inverse=True)
     centre = np.array([columns[labels == number].mean(axis=0) for number in range(classes.size)])

@@ -17,13 +17,7 @@ from doppelgait.dataset.open import Dataset
 
 def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
     """Collect the rows of classes outside the training data.
-
     Their class numbers have no meaning.
-
-    Raises
-    ------
-    DatasetError
-        If the models are trained on every class of the dataset.
     """
     index = dataset.index[~dataset.index["label"].isin(known.classes)]
     if index.empty:
@@ -40,7 +34,6 @@ def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
 
 def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:
     """Mark rows without a decision whatever the probability, shape (n,).
-
     The cause is a blocking flag, or features, conditions or a distance outside the training data.
     """
     texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
@@ -53,23 +46,7 @@ def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Mo
 
 
 def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
-    """Score the abstention from every unknown kind.
-
-    Parameters
-    ----------
-    model : Model
-    tested : ndarray
-        Inputs of the tested rows of the known classes, as of :func:`doppelgait.classify.data.collect_inputs`.
-    unknown : Rows
-        Of :func:`unknown_rows`.
-
-    Returns
-    -------
-    dict
-        By label: ``n``; ``auc`` of the distance from the training data and ``auc_of_probability`` of the lack of
-        certainty (0.5: no better than chance; None for a model that measures no distance); ``decided``, the share of
-        decisions for each class.
-    """
+    """Score the abstention from every unknown kind."""
     table = collect_inputs(unknown, model.facts.features)
     known_rank, known_sure = _score_novelty(model, tested)
     rank, sure = _score_novelty(model, table.values)

@@ -167,7 +167,6 @@ def plot_roc(document: Document, label: str) -> Figure:
 
 def plot_reliability(document: Document) -> Figure:
     """Plot accuracy against confidence of all models but the baselines.
-
     The size of a dot is its share of the rows.
     """
     looks = _choose_line_styles(document)
@@ -287,14 +286,7 @@ pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; } .note { color: #a0
 
 
 def check_folder(folder: Path) -> Path:
-    """Check the folder of a report without creating anything.
-
-    Raises
-    ------
-    ConfigError
-        If the parent folder does not exist, the path is a file, or the folder contains files that are not from an
-        earlier report.
-    """
+    """Check the folder of a report without creating anything."""
     check_out(folder, listing=LISTING, file_format=FORMAT, command="evaluate")
     return folder
 
@@ -504,7 +496,6 @@ def _format_over_seeds(values: Sequence[float | None] | None) -> str:
 
 def format_alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     """Format the alarm rates of every class, by model.
-
     The alarm detects 95 % of its class; empty where there is no such class.
     """
     rows = []

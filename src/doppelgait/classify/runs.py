@@ -56,14 +56,7 @@ def run_all(
     rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], *, seed: int, n_seeds: int,
     on_progress: Callable[[int, int], None] | None,
 ) -> tuple[dict[str, Run], dict[str, list[Run]]]:  # fmt: skip
-    """Train and test all models, with every seed.
-
-    Returns
-    -------
-    tuple of dict
-        By name: the scored run of the first seed (an ensemble combines the members of all seeds), and the runs of every
-        seed (of the first seed for baselines).
-    """
+    """Train and test all models, with every seed."""
     # train all models for one seed after another, and the baselines once
     jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
     by_seed: dict[str, list[Run]] = {name: [] for name in tables}
@@ -87,7 +80,6 @@ def run_model(
     members: Sequence[Sequence[Sequence[Model]]] = (),
 ) -> Run:  # fmt: skip
     """Train on every fold and predict its test rows.
-
     An ensemble combines its ``members``, which are trained on the same folds, by kind, seed and fold.
     """
     models, parts, losses, importance = [], [], [], []
@@ -123,21 +115,7 @@ def learn(
     rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
 ) -> Model:
     """Train a model on a fold and calibrate it.
-
     The held-out rows give the calibration and the threshold of the alarm.
-
-    Parameters
-    ----------
-    rows : Rows
-    table : Table
-        Inputs of the model.
-    name : str
-        Name of a model or a baseline.
-    fold : Fold
-        Its test rows are not used.
-    seed : int
-    members : sequence of sequences of Model
-        Trained members of an ensemble, by kind and seed.
     """
     kind, n_classes = find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
@@ -189,7 +167,6 @@ def learn(
 
 def _compute_importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
     """Compute the log-loss rise when features are shuffled.
-
     Mean of 5 shuffles among the test rows; largest first.
     """
     values, labels = table.values[fold.test], rows.labels[fold.test]

@@ -50,7 +50,6 @@ def compute_recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArra
 
 def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
     """Return the mean recall of all classes.
-
     The result is NaN if a class is absent, because the recall of a single class is not an accuracy.
     """
     return float(compute_recalls(labels, right, n_classes).mean())
@@ -58,7 +57,6 @@ def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
 
 def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
     """Return a share's exact interval (Clopper and Pearson 1934).
-
     ``hits`` among n trials; (0, 1) without trials.
     """
     from scipy.stats import beta
@@ -71,7 +69,6 @@ def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tup
 
 def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
     """Return a share's exact interval, a trial per target.
-
     The interval is valid even if all rows of a target are equal.
     """
     count = np.unique(groups).size
@@ -81,12 +78,7 @@ def wilson_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple
 def balanced_interval(
     labels: IntArray, right: Bools, groups: Groups, n_classes: int, rng: np.random.Generator
 ) -> Interval:
-    """Return the interval of the balanced accuracy.
-
-    With 20 targets or more in every present class and both hits and errors there: percentiles of a bootstrap over
-    targets, separately for each class (or set of classes). Otherwise, where a bootstrap would be too narrow: the mean
-    of exact intervals of the recalls at the level that holds for all of them together.
-    """
+    """Return the interval of the balanced accuracy."""
     present = np.unique(labels)
     if not present.size:
         return Interval(0.0, 1.0, "exact")
@@ -108,12 +100,7 @@ def balanced_interval(
 
 def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
     """Sample bootstrap weights of rows by group.
-
-    Groups are sampled among those with the same classes.
-
-    Returns
-    -------
-    ndarray, shape (count, n)
+    Groups are sampled among those with the same classes. Shapes: returns (count, n).
     """
     names, member = np.unique(groups, return_inverse=True)
     n_classes = int(labels.max()) + 1
@@ -129,7 +116,6 @@ def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *,
 
 def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) -> float:
     """Return the area under the ROC curve.
-
     The probability that a positive row scores higher than a negative one, ties counting half; NaN with one kind.
     """
     weight = np.ones(scores.size) if weights is None else weights
@@ -147,7 +133,6 @@ def auc_interval(
     scores: FloatArray, positive: Bools, groups: Groups, rng: np.random.Generator
 ) -> tuple[float, float] | None:
     """Return the AUC's bootstrap interval over targets, or None.
-
     None where a kind has fewer than 20 targets or nothing overlaps.
     """
     few = min(np.unique(groups[positive]).size, np.unique(groups[~positive]).size) < FEW_GROUPS
@@ -160,7 +145,6 @@ def auc_interval(
 
 def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
     """Return false and true positive rates.
-
     They run from (0, 0) to (1, 1), one per threshold.
     """
     order = np.argsort(-scores, kind="stable")
@@ -172,7 +156,6 @@ def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
 
 def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> float:
     """Return the Brier score, from 0 to 1.
-
     The mean of half the squared errors summed over classes.
     """
     wrong = probability.copy()
@@ -182,7 +165,6 @@ def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> flo
 
 def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
     """Return confidence and accuracy in bins of confidence.
-
     15 even bins from the lowest possible confidence to 1; no empty ones.
     """
     edges = np.linspace(lowest, 1.0, CALIBRATION_BINS + 1)
@@ -201,7 +183,6 @@ def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, l
 
 def expected_calibration_error(bins: list[dict[str, float]]) -> float:
     """Return the expected calibration error over bins of :func:`bin_reliability`.
-
     Mean distance of confidence and accuracy, weighted by the share of rows.
     """
     return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
@@ -218,21 +199,7 @@ NOT_ALL = "not all classes are tested"
 @dataclass(frozen=True, eq=False)
 class Answers:
     """Predictions of a model for test rows.
-
-    Parameters
-    ----------
-    index : DataFrame
-        The rows tested.
-    labels : ndarray of int, shape (n,)
-    groups : ndarray of str, shape (n,)
-    classes : tuple of str
-    probability : ndarray, shape (n, n_classes)
-    threshold : ndarray, shape (n,)
-        Of the alarm class, set on held-out rows; NaN where there was none.
-    decided : ndarray of bool, shape (n,)
-        Rows with a decision.
-    alarm : str
-        Class of the alarm.
+    Shapes: labels (n,); groups (n,); probability (n, n_classes); threshold (n,); decided (n,).
     """
 
     index: pd.DataFrame
@@ -257,14 +224,7 @@ class Answers:
 
 def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
     """Compute every overall score of a model, for JSON.
-
     Intervals are of 95 %.
-
-    Parameters
-    ----------
-    answers : Answers
-    seed : int
-        Of the bootstrap.
     """
     n_classes = len(answers.classes)
     weights = row_weights(answers.labels, n_classes)
@@ -314,7 +274,6 @@ def _score_balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any
 
 def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
     """Return the accuracy of some rows with its exact interval.
-
     Every target is one trial.
     """
     low, high = wilson_interval(answers.right[chosen], answers.groups[chosen])
@@ -330,10 +289,7 @@ def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
 
 def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
     """Compute alarm rates at 95 % detection, or None.
-
-    None where there is no such class or no threshold.
-
-    ``held``: with the threshold of the held-out rows, as in use. ``curve``: from the ROC curve of the test rows.
+    None where there is no such class or no threshold. ``held``: with the threshold of the held-out rows, as in use.
     """
     if answers.alarm not in answers.classes:
         return None
@@ -366,16 +322,7 @@ def _compute_alarm_rates(answers: Answers, triggers: Bools) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition of which accuracy is plotted.
-
-    Parameters
-    ----------
-    name, words : str
-    columns : tuple of str
-        Columns of the index that hold it, the best first.
-    step : float
-        Width of a bin.
-    """
+    """A condition of which accuracy is plotted."""
 
     name: str
     words: str
@@ -396,7 +343,6 @@ CONDITIONS = (
 
 def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
     """Return a condition's best known column and values.
-
     The column must be known for half of the rows or more. Angles are from 0 to 90 degrees.
     """
     for column in condition.columns:
@@ -414,7 +360,6 @@ def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[st
 
 def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
     """Return even bin edges, 12 bins at most.
-
     Edges are at multiples of the step, which is doubled until the bins contain all known values.
     """
     known = values[np.isfinite(values)]
@@ -429,7 +374,6 @@ def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
 
 def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
     """Return balanced accuracy and recalls in bins of a condition.
-
     Balanced accuracy only in bins with rows of all classes.
     """
     found = []

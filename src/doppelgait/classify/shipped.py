@@ -41,28 +41,7 @@ def read_model_cards() -> dict[str, dict[str, Any]]:
 
 @cache
 def load_shipped_model(name: str) -> Model:
-    """Load a model that comes with the package.
-
-    Parameters
-    ----------
-    name : str
-        Of :func:`read_model_cards`.
-
-    Raises
-    ------
-    ConfigError
-        If no shipped model has this name.
-
-    See Also
-    --------
-    open_model : load a file or an included model.
-
-    Examples
-    --------
-    >>> from doppelgait.classify import load_shipped_model
-    >>> load_shipped_model("x4").facts.classes
-    ('human', 'animal')
-    """
+    """Load a model that comes with the package."""
     if name not in read_model_cards():
         raise ConfigError(
             f"model {name!r} is not shipped with doppelgait; shipped models are {', '.join(read_model_cards())}"

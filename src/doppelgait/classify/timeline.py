@@ -125,7 +125,6 @@ class TrackDecision:
 
 class Span(NamedTuple):
     """Time with an unchanged decision about a track.
-
     ``probability`` is the last one; ``reason`` the commonest of its windows.
     """
 
@@ -138,16 +137,7 @@ class Span(NamedTuple):
 
 
 def check_window(window_s: float | None, hop_s: float | None, model: Model | None = None) -> tuple[float, float]:
-    """Return window and hop, with defaults for what is None.
-
-    By default a window is 1.5 times the shortest observation of the model's training data (4 s without one) and the hop
-    a quarter of it.
-
-    Raises
-    ------
-    ConfigError
-        If one is not above 0, or the hop is longer than the window.
-    """
+    """Return window and hop, with defaults for what is None."""
     if window_s is None:
         conditions = {} if model is None else model.facts.conditions
         window_s = (
@@ -160,13 +150,7 @@ def check_window(window_s: float | None, hop_s: float | None, model: Model | Non
 
 
 def cut_windows(recording: Recording, window_s: float, hop_s: float) -> Iterator[Window]:
-    """Split a recording into windows that start every hop.
-
-    Raises
-    ------
-    AnalysisError
-        If the recording is shorter than a window.
-    """
+    """Split a recording into windows that start every hop."""
     first_s = float(recording.slow_time_s[0])
     for part in cut(recording, window_s=window_s, step_s=hop_s):
         assert isinstance(part.recording, Recording)
@@ -212,7 +196,6 @@ class Path(NamedTuple):
 
     def approach_mps(self, *, at_end: bool) -> float:
         """Return the radial speed at one end.
-
         It is taken over half a second.
         """
         part = slice(-6, None) if at_end else slice(None, 6)
@@ -221,7 +204,6 @@ class Path(NamedTuple):
 
     def measure_distance_m(self, later: Path) -> float:
         """Return the distance to a later path, m.
-
         It is inf beyond the limit.
         """
         common = later.time_s[(later.time_s >= self.time_s[0]) & (later.time_s <= self.time_s[-1])]
@@ -282,7 +264,6 @@ class _ClassEvidence:
 
     def hand_over(self, time_s: float) -> None:
         """Predict the belief after a time.
-
         This is p -> 1/K + (p - 1/K) exp(-r K/(K-1) dt).
         """
         n = self.probability.size
@@ -300,12 +281,7 @@ class _ClassEvidence:
 
 class Tracks:
     """Decisions on the tracks of a recording or stream.
-
     Memory does not grow: lost tracks are forgotten.
-
-    Parameters
-    ----------
-    model : Model
     """
 
     def __init__(self, model: Model) -> None:

@@ -34,7 +34,6 @@ class Trainer(Protocol):
 
     def __call__(self, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
         """Train on ``train``.
-
         The rows in ``held``, of other targets, only decide when to stop.
         """
 
@@ -66,7 +65,6 @@ class Kind(NamedTuple):
 
 def list_models() -> list[str]:
     """Return the names of all classifiers but the baselines.
-
     The built-in ones come first.
     """
     return [*BUILT_IN, *(item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)]
@@ -105,24 +103,7 @@ def find_kind(name: str) -> Kind:
 
 
 def fit(kind: Kind, train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Learned:
-    """Train a model.
-
-    Parameters
-    ----------
-    kind : Kind
-    train : Part
-        At least one row of every class.
-    held : Part
-        Rows of other targets; only the network uses them, to stop in time. May be empty.
-    n_classes : int
-    seed : int
-        Same seed, same rows, same machine: same model.
-
-    Raises
-    ------
-    DatasetError
-        If torch is needed and missing.
-    """
+    """Train a model."""
     trainers = {item.facts.get("learner", item.name): item.run for item in CLASSIFIERS.values()}
     return trainers[kind.learner](train, held, n_classes=n_classes, seed=seed)
 
@@ -130,7 +111,6 @@ def fit(kind: Kind, train: LabelledRows, held: LabelledRows, *, n_classes: int, 
 @plugin("classifier", "ensemble", features="extended")
 def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Ensemble:
     """Train the members and join them.
-
     The network is one of them where rows have levels (:func:`doppelgait.classify.learned.join_inputs`).
     """
     names = [name for name in MEMBERS if name != "signature-network" or train.values.dtype == object]
@@ -143,16 +123,7 @@ def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
 
 
 def join(members: Sequence[Sequence[Learned]], held: LabelledRows, *, n_classes: int) -> Ensemble:
-    """Join models to an ensemble, calibrated on held-out rows.
-
-    Parameters
-    ----------
-    members : sequence of sequences of Learned
-        For every kind of model those of several seeds. All kinds count alike, and so do all seeds of a kind; models
-        that answer the held rows alike count once.
-    held : Part
-    n_classes : int
-    """
+    """Join models to an ensemble, calibrated on held-out rows."""
     joined, weights, calibrations = [], [], []
     for kind in members:
         found: dict[bytes, tuple[Learned, FloatArray]] = {}
@@ -179,11 +150,7 @@ def train_majority(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
 @plugin("classifier", "six-logistic", features="six", learner="logistic")
 @plugin("classifier", "extended-logistic", features="extended", learner="logistic")
 def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Linear:
-    """Fit a logistic regression on standardised features.
-
-    Speeds, lengths and frequencies grow together with body and pace; by their logarithms a linear model sees ratios,
-    such as bandwidth over speed. So a feature that is never negative counts by its logarithm.
-    """
+    """Fit a logistic regression on standardised features."""
     from sklearn.linear_model import LogisticRegression
 
     median, told, mean, scale, floor, columns = standardise_columns(train.values)
@@ -199,9 +166,7 @@ def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
 @plugin("classifier", "extended-svm", features="extended", learner="svm")
 def train_svm(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Kernel:
     """Fit support vector machines on standardised features.
-
-    The kernel is Gaussian. The features are those of the logistic regression. Of several classes, each has a machine
-    against all others.
+    The kernel is Gaussian. The features are those of the logistic regression.
     """
     from sklearn.svm import SVC
 
@@ -233,7 +198,6 @@ def train_svm(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: 
 
 def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Standardise the columns of features.
-
     Returns median, told, mean, scale and floor, then the columns.
     """
     from sklearn.impute import SimpleImputer

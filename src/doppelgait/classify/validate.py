@@ -22,14 +22,7 @@ MOST_LEFT_OUT = 100
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Rows for training, validation and testing.
-
-    Parameters
-    ----------
-    name : str
-    train, held, test : ndarray of int
-        For training; for stopping in time, calibration and thresholds; for testing.
-    """
+    """Rows for training, validation and testing."""
 
     name: str
     train: IntArray
@@ -39,21 +32,7 @@ class Fold:
 
 def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
     """Return the dataset's own splits.
-
-    They are tested on the other dataset, if there is one. Rows of the other dataset are left out if their target, a
-    subject, a recording or the motion is in the training data, and so are all rows of their scenes. Of a blended motion
-    both subjects and both recordings count.
-
-    Returns
-    -------
-    Fold
-    list of str
-        Remarks for the report.
-
-    Raises
-    ------
-    DatasetError
-        If there are no training rows or no test rows.
+    They are tested on the other dataset, if there is one.
     """
     first = rows.datasets[0].directory
     train, held, notes = select_split(rows, "train"), select_split(rows, "validation"), []
@@ -89,13 +68,7 @@ def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
 
 def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
     """Split all rows into stratified folds of whole groups.
-
     Each row is tested once.
-
-    Raises
-    ------
-    ConfigError
-        If there are fewer groups of a class than folds, or fewer than two folds.
     """
     from sklearn.model_selection import StratifiedGroupKFold
 
@@ -113,15 +86,7 @@ def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
 
 def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[str]]:
     """Make folds that each leave out a column's value.
-
-    For example a source, an animal or a kind of motion.
-
-    Groups with a row on both sides are only tested. Values without which a class has no training rows are skipped.
-
-    Raises
-    ------
-    ConfigError
-        If the column is not there, has one value or too many, or no value can be left out.
+    For example a source, an animal or a kind of motion. Groups with a row on both sides are only tested.
     """
     if column not in rows.index:
         raise ConfigError(
@@ -147,7 +112,6 @@ def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[s
 
 def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArray]:
     """Hold back a fifth of the groups for calibration.
-
     None where a class has fewer than 5 groups.
     """
     from sklearn.model_selection import StratifiedGroupKFold
@@ -169,7 +133,6 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
 
 def refuse_shared(rows: Rows, folds: Sequence[Fold]) -> None:
     """Refuse folds with a group on two sides.
-
     Raises :class:`DatasetError`: the dataset was not split by target.
     """
     for fold in folds:

@@ -10,7 +10,6 @@ import sys
 
 def main() -> None:
     """Run the command line.
-
     The signal handlers are installed before anything else is loaded.
     """
     from doppelgait.core.interrupt import SIGNALS, restore_signals

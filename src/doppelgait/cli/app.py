@@ -101,10 +101,7 @@ def options(
 
 
 def main() -> None:
-    """Run the command line.
-
-    A user error is reported in one paragraph on standard error with exit status 2; a failure of the work has status 1.
-    """
+    """Run the command line."""
     try:
         collect_garbage_rarely()
         show_warnings_plainly()

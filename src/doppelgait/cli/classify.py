@@ -50,13 +50,7 @@ def classify(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
-
-    Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording is classified in
-    windows: a table of tracks, and a timeline of the decisions about them.
-
-    Example: doppelgait classify walk.h5
-
-    Example: doppelgait classify evening.h5 --model home-alarm-model.npz --window-s 4 --hop-s 1
+    Where the model does not decide, the reason is printed.
     """
     from doppelgait.classify.decide import choose_model
     from doppelgait.classify.decide import classify as run_classification
@@ -136,7 +130,6 @@ def classify(
 
 def describe_model(model: Model, file: str | None) -> dict[str, Any]:
     """Describe a model for JSON.
-
     The file is None if a shipped model was chosen automatically.
     """
     facts = model.facts
@@ -287,11 +280,7 @@ def evaluate(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Train classifiers on a dataset and write a report.
-
     The report has scores, figures and the plan of the data.
-
-    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
-    or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.alarm import format_day, format_episodes, read_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation
@@ -378,7 +367,6 @@ def _import_test(
     dataset: Path, folder: Path | None, names: str | None, classes: list[str], options: list[str], output: Path
 ) -> Path:
     """Import a folder of recordings as a dataset.
-
     The dataset is written next to the report and uses the analysis settings of the training data.
     """
     from doppelgait.core.config import apply_overrides, validate
@@ -418,7 +406,6 @@ def _import_test(
 
 def _check_save(save: Path, output: Path) -> None:
     """Refuse a model path that cannot be written.
-
     The check runs before any work.
     """
     from doppelgait.classify.model_file import SUFFIX

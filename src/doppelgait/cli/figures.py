@@ -19,14 +19,7 @@ def save_figures(
     recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path, form: str = "png"
 ) -> Iterator[Path]:
     """Plot every figure into a folder.
-
-    Each path is yielded as soon as its file is written. The range-Doppler map is left out, with a note, where a
-    processing interval has too few pulses.
-
-    Raises
-    ------
-    OutputError
-        If the folder or a file cannot be written.
+    Each path is yielded as soon as its file is written.
     """
     recording = recording.with_baseband(remove_clutter(recording.baseband, analysis))
     try:

@@ -59,13 +59,7 @@ def listen(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Make the Doppler signal of one target audible.
-
-    The stereo WAV file is as long as the recording. Static clutter is removed first for every gate, as in 'analyze
-    --gate track'; --set clutter=none keeps it.
-
-    Example: doppelgait listen walk.h5 -o walk.wav
-
-    Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
+    The stereo WAV file is as long as the recording.
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import AnalysisError
@@ -120,7 +114,6 @@ def listen(
 
 def _list_gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
     """Return label and gate of every target.
-
     A known gate needs no analysis.
     """
     from doppelgait.pipeline import analyze

@@ -32,15 +32,7 @@ SENSORS = ("tcp://", "udp://")
 
 class DecisionLog:
     """Append lines to a file and sync each line.
-
-    A power failure loses at most the line that is being written. If the file ends in an incomplete line, the next line
-    starts on a new one. If a line cannot be written, for example because the disk is full, earlier lines stay untouched
-    and later lines are tried again.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be opened.
+    A power failure loses at most the line that is being written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -138,17 +130,7 @@ def live(
         bool, typer.Option("--no-browser", help="With --view: print the address without opening the browser.")
     ] = False,
 ) -> None:
-    """Classify targets while the frames of a radar arrive.
-
-    Every line on standard output is one JSON document: a start, a decision about a track at the end of a window, the
-    state of the stream, the end. Sockets accept connections from this machine only, unless a host is named.
-
-    Example: doppelgait live tcp://:7290 --log decisions.jsonl
-
-    Example: doppelgait live frames.dgf --model home-alarm-model.npz --window-s 4 --hop-s 1
-
-    Example: doppelgait live tcp://:7290 --view
-    """
+    """Classify targets while the frames of a radar arrive."""
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.shipped import load_model_for_radar, open_model
     from doppelgait.core.config import apply_overrides, convert_to_json

@@ -40,7 +40,6 @@ def print_message(text: str) -> None:
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
     """Print an aligned table on standard output.
-
     Columns are in the order of the first row.
     """
     if not rows:
@@ -77,7 +76,6 @@ def explain_reader_options() -> Iterator[None]:
 
 def show_warnings_plainly() -> None:
     """Print each warning of doppelgait once, on one line.
-
     File and line of the source are left out.
     """
     usual = warnings.showwarning
@@ -98,9 +96,7 @@ def show_warnings_plainly() -> None:
 @contextmanager
 def report_progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None]]:
     """Report progress of long work as ``on_progress(done, total)``.
-
-    Progress is a bar on a terminal and plain lines elsewhere; both appear after :data:`PROGRESS_DELAY_S`. A signal
-    stops the work in order, at the next report or earlier.
+    Progress is a bar on a terminal and plain lines elsewhere; both appear after :data:`PROGRESS_DELAY_S`.
     """
     lines = _report_tenths(what) if not sys.stderr.isatty() else _show_bar(what)
     with stop_in_order(), nullcontext(None) if quiet else lines as report:
@@ -187,7 +183,6 @@ PageFigureOption = Annotated[
 
 def check_output(path: Path, *suffixes: str) -> Path:
     """Return the path of a writable file.
-
     A wrong ending or a missing folder raises an error before any work is done.
     """
     if path.suffix.lower() not in suffixes:

@@ -15,10 +15,7 @@ def plugins(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List all plug-ins with their parameters.
-
-    Examples: doppelgait plugins; doppelgait plugins impairment waveform --json
-    """
+    """List all plug-ins with their parameters."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.core.plugins import list_plugin_groups
 

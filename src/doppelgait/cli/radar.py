@@ -51,11 +51,7 @@ def fit(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Fit the noise and faults of a sensor to recordings.
-
-    One recording of an empty room gives a calibrated preset of one sensor. Several recordings, with or without people,
-    give a preset with distributions, from which a plan samples one sensor for every example.
-
-    Examples: doppelgait radar fit empty-room.h5 -o my-x4.toml; doppelgait radar fit week/ -o my-sensor.toml
+    One recording of an empty room gives a calibrated preset of one sensor.
     """
     from doppelgait.core.files import open_atomically
     from doppelgait.radar.fit import fit_sensor, format_calibrated_preset, sensor_as_dict
@@ -406,7 +402,6 @@ def show(
 
 def _format_parameter(key: str, value: Any) -> dict[str, str]:
     """Format the value of a parameter, with its unit.
-
     The unit is taken from the parameter's name.
     """
     if value is None:

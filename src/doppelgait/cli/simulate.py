@@ -26,7 +26,6 @@ START_TIME = "2000-01-01T00:00:00"
 @dataclass(frozen=True)
 class XethruNames:
     """Options of a XeThru recording.
-
     A value is None where the option was not set.
     """
 
@@ -41,9 +40,7 @@ class XethruNames:
 
 def check_destination(path: Path, names: XethruNames) -> None:
     """Refuse a destination that cannot be written.
-
-    The check runs before the simulation. The ending must belong to a format, the folder must exist, and the options
-    must belong to that format.
+    The check runs before the simulation.
     """
     from doppelgait.core.errors import ConfigError
     from doppelgait.radar.readers import list_writers
@@ -69,7 +66,6 @@ def check_destination(path: Path, names: XethruNames) -> None:
 
 def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
     """Write a recording in the format of its destination.
-
     The path that was written is returned.
     """
     from doppelgait.radar.readers import list_writers
@@ -137,14 +133,7 @@ def simulate(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Simulate the radar recording of a scene.
-
-    Example: doppelgait simulate walk.toml -o walk.h5 --set radar.prf_hz=900
-
-    Example: doppelgait simulate --motion 07_01.c3d --label human --aspect 20 -o walk.h5
-
-    Example: doppelgait simulate walk.toml -o recordings --data-type datafloat
-    """
+    """Simulate the radar recording of a scene."""
     from doppelgait.core.config import apply_overrides, read_toml
     from doppelgait.core.errors import ConfigError
     from doppelgait.pipeline import parse_run, run_simulation
@@ -194,9 +183,7 @@ def put_options(
     table: dict[str, Any], *, radar: str | None, duration: float | None, snr_db: float | None, seed: int | None
 ) -> None:
     """Merge command-line options into a scene table.
-
-    A radar preset replaces the scene's whole radar. A relative path of a radar file is resolved against the
-    working folder.
+    A radar preset replaces the scene's whole radar.
     """
     from doppelgait.pipeline import parse_radar
 
@@ -215,13 +202,7 @@ def put_target_options(
     table: dict[str, Any], *, label: str | None, speed: float | None, height: float | None, aspect: float | None,
     range_m: float | None,
 ) -> None:  # fmt: skip
-    """Merge options into the first target of a scene.
-
-    Raises
-    ------
-    ConfigError
-        If there is no target, or a speed is set for a recording.
-    """
+    """Merge options into the first target of a scene."""
     from doppelgait.core.errors import ConfigError
 
     if all(option is None for option in (label, speed, height, aspect, range_m)):

@@ -26,7 +26,6 @@ else:
 
     class _Checked(type(BaseModel)):
         """Metaclass that makes models raise :class:`ConfigError`.
-
         Main fields may be passed by position.
         """
 
@@ -119,41 +118,13 @@ SHOWN_FAULTS, SHOWN_KEY = 8, 60
 
 
 def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: str) -> None:
-    """Raise unless an argument has an allowed type.
-
-    Parameters
-    ----------
-    value : object
-    kinds : type or tuple of type
-    name : str
-        Name of the argument.
-    remedy : str
-        How to make a value of an allowed type.
-
-    Raises
-    ------
-    ConfigError
-        If ``value`` is not an instance of ``kinds``.
-    """
+    """Raise unless an argument has an allowed type."""
     if not isinstance(value, kinds):
         raise ConfigError(f"{name}: {type(value).__name__} is not allowed; {remedy}")
 
 
 def check_choice(value: object, allowed: Collection[str], name: str) -> None:
-    """Raise unless an argument is an allowed name.
-
-    Parameters
-    ----------
-    value : object
-    allowed : collection of str
-    name : str
-        Name of the argument.
-
-    Raises
-    ------
-    ConfigError
-        If ``value`` is not an allowed name.
-    """
+    """Raise unless an argument is an allowed name."""
     if value not in [*allowed]:
         raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {', '.join(allowed)}")
 
@@ -161,26 +132,7 @@ def check_choice(value: object, allowed: Collection[str], name: str) -> None:
 def validate(
     model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "", section: tuple[str, ...] = ()
 ) -> M:
-    """Build ``model`` from ``data``, or report all faults.
-
-    Parameters
-    ----------
-    model : type
-        A pydantic model.
-    data : mapping
-        Values of the model, from a TOML file or from keyword arguments.
-    where : str
-        Name of the file or section; the message starts with it.
-    text : str
-        The TOML text, in which the line of each faulty key is found.
-    section : tuple of str
-        Keys that lead to ``data`` in that text, if ``data`` is a part of it.
-
-    Raises
-    ------
-    ConfigError
-        If a value is not allowed; the message lists all faults.
-    """
+    """Build ``model`` from ``data``, or report all faults."""
     try:
         return BaseModel.model_validate.__func__(model, dict(data))  # type: ignore[attr-defined,no-any-return]
     except ValidationError as error:
@@ -198,13 +150,7 @@ class Fault(NamedTuple):
 
 class InnerError(ValueError):
     """Error of an inner table, raised by a validator.
-
     The error of the outer table then names every faulty key in full (``targets.0.rcs.share``).
-
-    Parameters
-    ----------
-    error : ConfigError
-        The error of the inner table.
     """
 
     def __init__(self, error: ConfigError) -> None:
@@ -288,7 +234,6 @@ def reword_fault(message: str) -> str:
 
 def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
     """Remove faults that only follow from others.
-
     A list can be too short because its entries are faulty.
     """
     places = [fault["loc"] for fault in faults]
@@ -354,7 +299,6 @@ def format_line_note(text: str, location: Sequence[str | int]) -> str:
 
 def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
     """Find the line of a dotted TOML key, from 1.
-
     A number in ``location`` selects the ``[[table]]`` of that index.
     """
     rows = [row.split("#")[0] for row in text.splitlines()]
@@ -377,7 +321,6 @@ def find_key_line(text: str, location: Sequence[str | int]) -> int | None:
 
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
     """Read a TOML file; return its table and its text.
-
     For a missing or invalid file, a :class:`ConfigError` names the file.
     """
     try:
@@ -394,9 +337,7 @@ def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
 
 def apply_overrides(table: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Apply ``KEY=VALUE`` changes to a table.
-
-    Keys are dotted, and list entries are numbered from 0 (``targets.0.label=dog``). Values are TOML (``900``, ``true``,
-    ``[1, 2]``, ``"text"``); a value that is not valid TOML is text.
+    Keys are dotted, and list entries are numbered from 0 (``targets.0.label=dog``).
     """
     result: dict[str, Any] = parse_json(json.dumps(table, default=str))
     for override in overrides:
@@ -437,7 +378,6 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
 
 def convert_to_json(value: Any) -> Any:
     """Convert a value to plain JSON types.
-
     Non-finite numbers become None, NumPy values become Python values, and other objects become text.
     """
     if isinstance(value, Mapping):
@@ -454,7 +394,6 @@ def convert_to_json(value: Any) -> Any:
 
 def as_table(model: BaseModel) -> dict[str, Any]:
     """Return a model's explicitly set fields and every ``kind``.
-
     The values are plain types that TOML supports.
     """
     names = [name for name in type(model).model_fields if name in model.model_fields_set or name == "kind"]
@@ -482,7 +421,6 @@ def write_toml(table: Mapping[str, Any]) -> str:
 
 def format_canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
     """Format parameters as one-line JSON with sorted keys.
-
     Equal parameters result in equal text.
     """
     data = value.model_dump(mode="json") if isinstance(value, BaseModel) else value

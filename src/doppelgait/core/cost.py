@@ -24,19 +24,7 @@ CELL_BYTES = 72
 
 def limit_bytes(stored_bytes: int) -> int:
     """Return the memory limit for a file's values.
-
-    The limit is 256 MB or 16 times the size of the file, whichever is larger. The environment variable
-    ``DOPPELGAIT_READ_LIMIT_MB`` replaces the 256 MB.
-
-    Parameters
-    ----------
-    stored_bytes : int
-        Size of the file.
-
-    Raises
-    ------
-    ConfigError
-        If the environment variable is not a number above 0.
+    The limit is 256 MB or 16 times the size of the file, whichever is larger.
     """
     stated = os.environ.get(VARIABLE, "")
     try:
@@ -51,24 +39,7 @@ def limit_bytes(stored_bytes: int) -> int:
 def check_cost(
     path: Path, n_bytes: int | float, error: Callable[[str], Exception] = ValueError, *, what: str = "its values"
 ) -> None:
-    """Refuse a file with values that exceed the memory limit.
-
-    Parameters
-    ----------
-    path : Path
-        The file; the limit depends on its size.
-    n_bytes : int or float
-        Memory that the values will take.
-    error : callable
-        Type of the error to raise.
-    what : str
-        Subject of the error message.
-
-    Raises
-    ------
-    Exception
-        If the limit is exceeded. The error has the type ``error`` and names the file, both sizes and the remedy.
-    """
+    """Refuse a file with values that exceed the memory limit."""
     if n_bytes > limit_bytes(stored := path.stat().st_size):
         raise error(f"{path}: {describe_excess_memory(n_bytes, stored, what)}")
 

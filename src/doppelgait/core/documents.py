@@ -24,19 +24,7 @@ _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Parse JSON text of unknown origin.
-
-    Parameters
-    ----------
-    text : str or bytes
-        The JSON text. Bytes are UTF-8, with or without a byte-order mark.
-
-    Raises
-    ------
-    ValueError
-        If the text is not JSON (``json.JSONDecodeError``) or not UTF-8, is nested deeper than 64 levels, has an integer
-        of more than 40 digits or a lone surrogate, or takes too much memory.
-    """
+    """Parse JSON text of unknown origin."""
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
     # memory of the Python objects (values, lists, tables, strings) and of the text itself
     n_bytes = len(text) + 32 * text.count(",") + 88 * text.count("[") + 240 * text.count("{") + 28 * text.count('"')
@@ -57,14 +45,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Parse TOML text of unknown origin.
-
-    Raises
-    ------
-    ValueError
-        If the text is not TOML (``tomllib.TOMLDecodeError``), is nested deeper than 64 levels, or has an integer of
-        more than 40 digits.
-    """
+    """Parse TOML text of unknown origin."""
     if _LONG_KEY.search(text):
         raise ValueError(_TOO_DEEP)
     try:

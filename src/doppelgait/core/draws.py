@@ -74,30 +74,7 @@ table; ``times`` does not change the draw itself."""
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
-    """Sample every distribution inside a value of a plan.
-
-    Parameters
-    ----------
-    value : table, list or plain value
-    seed : int
-        Root seed of the dataset.
-    example : int
-        Number of the example.
-    key : str
-        Dotted key of the value. It selects the random stream and appears in errors.
-    turn : int, optional
-        Position in a ``cycle``; by default the number of the example.
-
-    Returns
-    -------
-    table, list or plain value
-        The value with each distribution replaced by one draw.
-
-    Raises
-    ------
-    ConfigError
-        If a distribution's numbers are not allowed; the message names the key.
-    """
+    """Sample every distribution inside a value of a plan."""
     return _sample(value, Streams(seed, example), key, example if turn is None else turn)
 
 
@@ -148,7 +125,6 @@ def _refuse_misspelt_law(table: Mapping[str, Any], key: str) -> None:
 
 def _sample_table(table: Mapping[str, Any], key: str, sample: Callable[[Any, str, Sibling], Any]) -> dict[str, Any]:
     """Sample the values of a table in order of their dependence.
-
     A value that multiplies another one (``times``) is sampled first.
     """
     found: dict[str, Any] = {}
@@ -192,16 +168,7 @@ def _multiply(value: Any, name: Any, key: str, sibling: Sibling | None) -> float
 
 
 def replace_by_middle(value: Any, key: str = "") -> Any:
-    """Replace every distribution inside a value by its middle.
-
-    The middle is the mean of ``normal`` and ``uniform``, the geometric mean of ``log_uniform``, and the first entry of
-    a list.
-
-    Raises
-    ------
-    ConfigError
-        If a distribution's numbers are not allowed; the message names the key.
-    """
+    """Replace every distribution inside a value by its middle."""
     return _middle(value, key, None)
 
 

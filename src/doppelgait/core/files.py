@@ -18,26 +18,7 @@ _NUMBERS = count()
 @contextmanager
 def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
     """Write a file atomically: complete under its name, or absent.
-
-    The block writes to a temporary path in the same folder, which is then renamed. No other process or thread uses that
-    path.
-
-    Parameters
-    ----------
-    path : path-like
-        File to make or replace.
-    os_errors : bool
-        Raise ``OSError`` unchanged, for a caller that reports it itself.
-
-    Yields
-    ------
-    Path
-        Temporary path that the block writes to.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written (missing folder, missing permission, full disk). An existing file stays unchanged.
+    The block writes to a temporary path in the same folder, which is then renamed.
     """
     target = Path(path)
     if not os_errors and not target.parent.is_dir():
@@ -59,7 +40,6 @@ def open_atomically(path: str | os.PathLike[str], *, os_errors: bool = False) ->
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a small file atomically.
-
     If writing fails, an existing file stays unchanged and ``OSError`` is raised.
     """
     with open_atomically(path, os_errors=True) as partial:

@@ -39,16 +39,7 @@ _mark = _StopRequest()
 @contextmanager
 def stop_in_order() -> Iterator[None]:
     """Let signals stop this block only at :func:`raise_if_stopped`.
-
-    The signals are SIGINT (Ctrl-C) and SIGTERM. A handler that raises would interrupt the main thread anywhere: a
-    library might leave a mutex locked for ever, or handle the exception as one of its own. A second signal ends the
-    process at once. An ignored signal stays ignored (``nohup``). Outside the main thread, signals are not changed.
-    Blocks may be nested.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        At the end of the block, if a signal has arrived and the flag was not checked.
+    The signals are SIGINT (Ctrl-C) and SIGTERM.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -75,7 +66,6 @@ def stop_in_order() -> Iterator[None]:
 
 def raise_if_stopped() -> None:
     """Raise KeyboardInterrupt if a stop signal has arrived.
-
     Only signals inside the current block of :func:`stop_in_order` count.
     """
     if _mark.requested:
@@ -91,10 +81,7 @@ def _request(number: int, frame: FrameType | None) -> None:
 
 def restore_signals() -> None:
     """Make sure that SIGINT and SIGTERM end this process.
-
-    Outside of :func:`stop_in_order` they raise KeyboardInterrupt. If the process still runs :data:`GRACE_SECONDS`
-    later, because a library caught the exception or a step takes long, it is ended with status 130. A second signal
-    ends it at once. On Windows, only Ctrl-C raises.
+    Outside of :func:`stop_in_order` they raise KeyboardInterrupt.
     """
     alone = threading.current_thread() is threading.main_thread()
     if _mark.watched or not alone or not hasattr(os, "register_at_fork"):
@@ -145,7 +132,6 @@ def _end_process() -> None:
 @contextmanager
 def ignore_ctrl_c() -> Iterator[None]:
     """Start processes that ignore Ctrl-C.
-
     In this process, Ctrl-C takes effect at the end of the block.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows

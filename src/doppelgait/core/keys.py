@@ -47,7 +47,6 @@ class Key(NamedTuple):
 
 def list_keys(model: type[BaseModel]) -> list[Key]:
     """List the keys of a model in their order.
-
     Type, default and limits quote TOML in backticks. The description is reStructuredText from the docstring.
     """
     texts = parameter_words(model)
@@ -66,7 +65,6 @@ def unit_of(key: str) -> str:
 
 def summary_of(model: type[BaseModel]) -> str:
     """Return the first paragraph of a model's docstring.
-
     If the paragraph only names a function, the function's first paragraph is returned.
     """
     text = inspect.cleandoc(model.__doc__ or "")
@@ -134,7 +132,6 @@ def _limits(field: FieldInfo) -> str:
 
 def parameter_words(model: type[BaseModel]) -> dict[str, str]:
     """Return the description of every key.
-
     The descriptions are from the docstrings of the model, of its bases and of the object that it refers to.
     """
     found: dict[str, str] = {}

@@ -34,21 +34,7 @@ COORDINATE_UNITS = {
 
 @dataclass(frozen=True)
 class Schema:
-    """Dimensions, units and coordinates of a labelled array.
-
-    Parameters
-    ----------
-    name : str
-        Name of the array, used as ``DataArray.name`` and in error messages.
-    dims : tuple of str
-        Dimensions in order.
-    units : str
-        Unit of the values.
-    kind : str
-        Allowed NumPy kinds of the values: ``"f"`` real, ``"c"`` complex.
-    extra : mapping
-        Required non-dimension coordinates and the dimension that each belongs to.
-    """
+    """Dimensions, units and coordinates of a labelled array."""
 
     name: str
     dims: tuple[str, ...]
@@ -87,20 +73,7 @@ to -4 pi R / lambda.
 @dataclass(slots=True)
 class Plain:
     """Array of a schema that makes its labels on demand.
-
     Making labels takes longer than most computations with the values, and intermediate results need no labels.
-
-    Parameters
-    ----------
-    schema : Schema
-    values : ndarray
-    axes : mapping
-        Values of every coordinate by name.
-    attrs : dict
-    like : DataArray
-        Array with the coordinates that :meth:`add_labels` copies.
-    columns : slice, optional
-        Selection of that array along its first dimension.
     """
 
     schema: Schema
@@ -156,25 +129,7 @@ def make_array(
     like: xr.DataArray | None = None,
 ) -> xr.DataArray:
     """Make a labelled array that conforms to ``schema``.
-
     Units are set from the schema.
-
-    Parameters
-    ----------
-    schema : Schema
-        One of the constants of this module.
-    values : array_like
-        Values with one axis per dimension of the schema.
-    coords : mapping
-        Coordinates by name: values, or ``(dimension, values)`` for a coordinate with another name than its dimension.
-    attrs : mapping, optional
-        Further attributes.
-    like : DataArray, optional
-        Array that provides coordinates of the schema that are missing in ``coords``.
-
-    Returns
-    -------
-    xarray.DataArray
     """
     variables: dict[Any, xr.Variable] = {}
     indexes: dict[Any, Any] = {}
@@ -212,17 +167,7 @@ def replace_array_values(
     schema: Schema | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> Signal:
-    """Return an array with new values and copied coordinates.
-
-    Parameters
-    ----------
-    array : DataArray or Plain
-    values : ndarray or LazilyIndexedArray
-    schema : Schema, optional
-        Schema with the new name and units; by default those of ``array`` are kept.
-    attrs : mapping, optional
-        Further attributes.
-    """
+    """Return an array with new values and copied coordinates."""
     facts = {**array.attrs, **({"units": schema.units} if schema is not None else {}), **(attrs or {})}
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
@@ -238,9 +183,7 @@ def label_values(
     dims: Any, values: npt.ArrayLike | LazilyIndexedArray, attrs: Mapping[str, Any] | None = None
 ) -> xr.Variable:
     """Make a variable of numbers or text.
-
-    This skips xarray's test for Dask arrays, which imports Dask where it is installed (0.3 s). Values that are read on
-    demand (:mod:`doppelgait.core.lazy`) are not read.
+    This skips xarray's test for Dask arrays, which imports Dask where it is installed (0.3 s).
     """
     known = values if isinstance(values, LazilyIndexedArray) else np.asarray(values)
     return xr.Variable(dims, known, attrs, fastpath=True)
@@ -249,16 +192,7 @@ def label_values(
 def label_table(
     values: Mapping[str, npt.NDArray[Any]], coords: Mapping[Any, Any], attrs: Mapping[Any, Any] | None = None
 ) -> xr.Dataset:
-    """Make a table of scatterers, with units.
-
-    Parameters
-    ----------
-    values : mapping
-        Arrays (slow_time, scatterer) by the names of :data:`SCATTERER_VARIABLES`.
-    coords : mapping
-        Variables by name.
-    attrs : mapping, optional
-    """
+    """Make a table of scatterers, with units."""
     return xr.Dataset(_make_scatterer_variables(values), coords=coords, attrs=attrs)
 
 
@@ -270,16 +204,7 @@ def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
 
 def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
     """Return a table of some scatterers, as a view if possible.
-
     This is ``table.isel(scatterer=columns)`` without the import of Dask, where that is installed.
-
-    Parameters
-    ----------
-    table : Dataset (slow_time, scatterer)
-    columns : ndarray
-        Numbers of the scatterers, or a mask.
-    copy : bool
-        Copy the values, so that the result does not keep the memory of ``table`` in use.
     """
     numbers = np.flatnonzero(columns) if columns.dtype == bool else columns
     first, stop = (int(numbers[0]), int(numbers[-1]) + 1) if numbers.size else (0, 0)
@@ -312,7 +237,6 @@ def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
 
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
     """Copy a coordinate, so that the original stays unchanged.
-
     An index is immutable, so its values are not copied.
     """
     return coordinate.copy(deep=not isinstance(coordinate, xr.IndexVariable))
@@ -322,7 +246,6 @@ def _assemble_array(
     variable: xr.Variable, coords: dict[Any, Any], indexes: Mapping[Any, Any], name: Any
 ) -> xr.DataArray:
     """Build a labelled array from components that are known to match.
-
     This uses xarray's internal constructor without checks, which is ten times as fast.
     """
     return xr.DataArray(variable, coords, name=name, indexes=indexes, fastpath=True)
@@ -330,7 +253,6 @@ def _assemble_array(
 
 def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | None]:
     """Make a coordinate with its unit.
-
     It has an index if its name is that of its dimension.
     """
     if isinstance(coordinate, xr.DataArray | xr.Variable):
@@ -347,7 +269,6 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
 
 def read_axis(array: xr.DataArray | xr.Dataset | Plain, name: str) -> npt.NDArray[Any]:
     """Return the values of a coordinate.
-
     ``array.coords[name]`` takes 30 times as long, since it makes a labelled array first.
     """
     if isinstance(array, Plain):
@@ -364,13 +285,7 @@ AnySignal = TypeVar("AnySignal", bound=xr.DataArray | Plain)
 
 
 def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
-    """Return the array if it conforms to ``schema``, or raise.
-
-    Raises
-    ------
-    AnalysisError
-        If its dimensions, units, kind of values or coordinates differ from the schema.
-    """
+    """Return the array if it conforms to ``schema``, or raise."""
     if isinstance(array, Plain):
         if array.schema is not schema:
             raise AnalysisError(f"{schema.name}: this is a {array.schema.name}")
@@ -395,7 +310,6 @@ def check_signal(array: AnySignal, schema: Schema) -> AnySignal:
 
 def sampling_rate_hz(axis: npt.ArrayLike) -> float:
     """Compute the rate of a uniform time axis.
-
     An axis of fewer than two samples raises :class:`AnalysisError`.
     """
     times = np.asarray(axis, dtype=float)

@@ -46,7 +46,6 @@ def lazy_rows(
     shape: tuple[int, ...], rows: Callable[[int, int], npt.NDArray[Any]], dtype: Any = np.complex64
 ) -> LazilyIndexedArray:
     """Make values for a labelled array from a row function.
-
     Every access calls the function again; nothing is cached.
     """
     return LazilyIndexedArray(_Source(shape, dtype, rows))
@@ -59,7 +58,6 @@ def read_pulses(baseband: xr.DataArray | xr.Variable, first: int, stop: int) -> 
 
 def read_tiles(baseband: xr.DataArray | xr.Variable, multiple: int = 1) -> Iterator[tuple[int, Any]]:
     """Yield the first pulse and the values, tile by tile.
-
     Every tile except the last has a number of pulses that ``multiple`` divides. A short recording is one tile.
     """
     count = baseband.sizes["slow_time"]
@@ -80,14 +78,7 @@ def take_every_row(array: xr.DataArray | xr.Variable, step: int) -> npt.NDArray[
 
 def map_rows(baseband: xr.DataArray, change: Callable[[Matrix, int], Matrix]) -> xr.DataArray:
     """Apply a function to the pulses of a baseband.
-
     For a long baseband, it is applied on demand.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-    change : callable
-        Function of some pulses and of the number of the first. It returns as many pulses and must not change its input.
     """
     if baseband.sizes["slow_time"] <= LONG_PULSES:
         return replace_array_values(baseband, change(baseband.values, 0))

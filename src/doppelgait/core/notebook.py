@@ -25,7 +25,6 @@ def plot(name: str, value: Any, *, ax: Any = None, **settings: Any) -> Any:
 
 def show_text(title: str, facts: Mapping[str, str]) -> str:
     """Format an object as one to five lines of text.
-
     Facts beyond the last line are replaced by three dots.
     """
     words = [f"{name} {value}" for name, value in facts.items() if value]
@@ -41,7 +40,6 @@ def show_text(title: str, facts: Mapping[str, str]) -> str:
 
 def show_html(title: str, facts: Mapping[str, str], name: str, value: Any) -> str:
     """Format an object as a small table and an inline PNG.
-
     If the name of the plot is empty, there is no picture.
     """
     rows = "".join(

@@ -32,7 +32,6 @@ Array = npt.NDArray[Any]
 
 def is_npz(head: bytes) -> bool:
     """Return True if bytes are the start of an npz file.
-
     An npz file is a zip archive with a ``.npy`` file as its first member.
     """
     length = int.from_bytes(head[26:28], "little")
@@ -41,7 +40,6 @@ def is_npz(head: bytes) -> bool:
 
 def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
     """Load the array of a ``.npy`` file.
-
     It raises the same errors as :func:`load_npz`.
     """
     try:
@@ -56,23 +54,7 @@ def load_npy(path: Path, error: Callable[[str], Exception]) -> Array:
 def load_npz(
     path: Path, wanted: Collection[str], error: Callable[[str], Exception], *, lone: bool = True
 ) -> dict[str, Array | None]:
-    """Load arrays of an npz file by name.
-
-    Parameters
-    ----------
-    path : Path
-    wanted : collection of str
-        Names of the arrays to load; None stands for all others.
-    error : callable
-        Type of the errors to raise.
-    lone : bool
-        If the file has a single array, load it whatever its name.
-
-    Raises
-    ------
-    Exception
-        If the file is damaged, holds Python objects, or its values take too much memory. It has the type ``error``.
-    """
+    """Load arrays of an npz file by name."""
     try:
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}

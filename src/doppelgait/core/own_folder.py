@@ -19,23 +19,7 @@ PAGE = "index.html"
 
 def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
     """Refuse a path that cannot become the output folder.
-
     The check is made before any work is done. A folder with other files is also refused.
-
-    Parameters
-    ----------
-    out : Path
-    listing : str
-        Name of the JSON file in the folder that lists all other files, except the page, under ``files``.
-    file_format : str
-        Value of ``format`` in that file.
-    command : str
-        Command that writes such folders, named in the error.
-
-    Raises
-    ------
-    ConfigError
-        If the parent folder does not exist, ``out`` is a file, or it holds files that an earlier run did not write.
     """
     if not out.resolve().parent.is_dir():
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
@@ -58,13 +42,7 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
     """Write a folder atomically: complete under its name, or absent.
-
     The block writes to the yielded folder. It is renamed to ``out`` if the block succeeds, and removed if it raises.
-
-    Raises
-    ------
-    OutputError
-        If a folder or file cannot be written. An earlier ``out`` then stays unchanged.
     """
     out = out.resolve()
     partial = out.with_name(f".{out.name}.partial-{os.getpid()}")

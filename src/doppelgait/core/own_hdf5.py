@@ -60,32 +60,7 @@ FAULTS = (OSError, RuntimeError, ValueError, TypeError, LookupError, AttributeEr
 
 
 def open_hdf5(path: str | Path, *, members: bool = True, soft_links: bool = False, **options: Any) -> Any:
-    """Open an HDF5 file of unknown origin for reading.
-
-    Parameters
-    ----------
-    path : path-like
-    members : bool
-        Check all links and datasets now. False if the caller reads only attributes of the root, or uses
-        :func:`get_own_member` for every member.
-    soft_links : bool
-        Allow links within the same file, and attributes and references of any type, as in the files of vendors. The
-        caller must not read these attributes.
-    **options
-        Options of ``h5py.File``.
-
-    Returns
-    -------
-    h5py.File
-
-    Raises
-    ------
-    OSError
-        If the file cannot be opened.
-    ValueError
-        If a chain of texts is endless, a member is in another file, the values have an unsupported type, or they take
-        more memory than :func:`~doppelgait.core.cost.limit_bytes` allows.
-    """
+    """Open an HDF5 file of unknown origin for reading."""
     import h5py
 
     place = Path(path)
@@ -112,7 +87,6 @@ def is_hdf5(path: str | Path) -> bool:
 
 def read_stated_format(path: str | Path) -> str | None:
     """Return the format that an HDF5 file states, or None.
-
     For a file that doppelgait did not write, it is None.
     """
     try:
@@ -124,24 +98,7 @@ def read_stated_format(path: str | Path) -> str | None:
 
 
 def get_own_member(group: Any, name: str) -> Any:
-    """Return a direct member (dataset or group) of an HDF5 group.
-
-    Parameters
-    ----------
-    group : h5py.Group
-    name : str
-        Name of a direct member.
-
-    Returns
-    -------
-    h5py.Dataset, h5py.Group or None
-        None if there is no such member.
-
-    Raises
-    ------
-    ValueError
-        If it is a link, its values are in another file, or they take too much memory.
-    """
+    """Return a direct member (dataset or group) of an HDF5 group."""
     import h5py
 
     key = name.encode()
@@ -209,7 +166,6 @@ def _check_attributes(member: Any, name: str) -> None:
 
 def _type_fault(kind: Any, *, references: bool = False) -> str:
     """Return why values of a type must not be read, or "".
-
     The library converts values of a damaged type without a check of offsets and sizes.
     """
     from h5py import h5t
@@ -237,13 +193,7 @@ def _type_fault(kind: Any, *, references: bool = False) -> str:
 
 def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = False) -> int:
     """Return the size of a dataset's values, 0 for groups.
-
     ``text_bytes`` is the length assumed for each text of variable length.
-
-    Raises
-    ------
-    ValueError
-        If the values are in another file, or have an unsupported type or compression.
     """
     import h5py
 
@@ -277,7 +227,6 @@ def _value_bytes(found: Any, name: str, text_bytes: int, *, references: bool = F
 
 def _check_lengths(dataset: Any, name: str, count: int) -> None:
     """Refuse texts with a declared length beyond the file's size.
-
     The library allocates the length that a text declares.
     """
     import h5py
@@ -299,7 +248,6 @@ def _check_lengths(dataset: Any, name: str, count: int) -> None:
 
 def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
     """Refuse chunks that decompress to more than their size.
-
     The library decompresses a chunk without a limit. Chunks too small to exceed it are not decompressed here.
     """
     large: list[Any] = []
@@ -319,11 +267,7 @@ def _check_chunks(dataset: Any, name: str, chunk_bytes: int) -> None:
 @lru_cache(maxsize=64)
 def _find_file_fault(path: Path, stamp: tuple[int, int, int]) -> str:
     """Return why HDF5 must not open a file, or "".
-
-    Texts are stored in global heaps, chains of objects that each state their length. The library follows a length of 0
-    endlessly, and it allocates any length that an attribute declares before it finds the text. The layout is that of
-    the "HDF5 File Format Specification", sections II.A and III.E. The result is cached by ``stamp``, the state of the
-    file.
+    Texts are stored in global heaps, chains of objects that each state their length.
     """
     with path.open("rb") as file:
         head = file.read(USER_BLOCKS[-1] + 64)
@@ -350,7 +294,6 @@ def _find_signature(head: bytes) -> int | None:
 
 def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, bytes]]:
     """Yield the positions of a mark and the bytes after it.
-
     The file is read in blocks. A memory map would keep every searched page in memory.
     """
     window, kept, first = len(mark) + after, b"", 0
@@ -371,7 +314,6 @@ def _find(file: BinaryIO, mark: bytes, after: int = 0) -> Iterator[tuple[int, by
 
 def _find_endless_heaps(content: mmap.mmap, starts: Iterable[int]) -> Iterator[int]:
     """Yield the start of every heap with an endless chain of objects.
-
     Chains of a damaged file may join, so every object is visited once.
     """
     size = len(content)

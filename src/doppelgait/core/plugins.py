@@ -322,7 +322,6 @@ def _read_head(path: Path) -> bytes:
 
 def _load_packages() -> None:
     """Import the plug-in modules of installed packages, once.
-
     A module that cannot be imported causes a warning and is left out.
     """
     with _LOADING:

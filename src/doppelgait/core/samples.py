@@ -34,9 +34,7 @@ _of_thread = threading.local()
 
 def borrow_planes(shape: tuple[int, ...]) -> Planes:
     """Make float32 planes, in reused memory of this thread if possible.
-
-    New memory takes a third of the time of computing the echoes, because the system clears every page. The memory is
-    free again when nothing refers to the planes or a view of them.
+    New memory takes a third of the time of computing the echoes, because the system clears every page.
     """
     n_values = math.prod(shape)
     spare: list[Planes] = _of_thread.__dict__.setdefault("spare", [])
@@ -61,7 +59,6 @@ WHITE: Factor = np.ones(1, dtype=np.float32)
 
 class Noise(NamedTuple):
     """Pending receiver noise: key, rms in V and factor over range.
-
     The noise depends only on key, pulse and sample.
     """
 
@@ -294,7 +291,6 @@ class Samples:
 
     def _make_writable(self, keep: bool = True) -> Samples:
         """Return samples that may be changed.
-
         They are these samples if possible. Otherwise the values are copied if ``keep``, or undefined.
         """
         return self if self._owned else self._allocate(keep)
@@ -476,7 +472,6 @@ class Samples:
 
 def _change_samples(samples: Samples, ufunc: Any, other: Any) -> Samples:
     """Add, subtract or multiply samples by an operand.
-
     The operand is a number, an array that fits (pulses, samples), or samples.
     """
     changed = samples.add_pending_noise()._make_writable()

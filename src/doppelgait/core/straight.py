@@ -19,19 +19,7 @@ PARABOLA, LINE = 3, 2
 def compute_straight_probability(
     residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
-    r"""Compute the probability of larger residuals in straight, steady motion.
-
-    With :math:`\nu = T / 0.5\,\mathrm{s}` independent errors, :math:`\nu \overline{r^2} / \sigma^2` is chi-squared with
-    :math:`\nu` less the number of fitted parameters as degrees of freedom (at least one half). The variance is the sum
-    of that of a range and that of a steady walker's varying speed, (0.004 of the path)^2.
-
-    Parameters
-    ----------
-    residual_m : ndarray
-        Ranges less those of the best-fitting motion.
-    range_sd_m, duration_s, way_m, n_parameters
-        As in :func:`compute_straight_probability_of_square`.
-    """
+    r"""Compute the probability of larger residuals in straight, steady motion."""
     return compute_straight_probability_of_square(
         float(residual_m @ residual_m) / residual_m.size, range_sd_m=range_sd_m, duration_s=duration_s, way_m=way_m,
         n_parameters=n_parameters,
@@ -41,21 +29,7 @@ def compute_straight_probability(
 def compute_straight_probability_of_square(
     square_m2: float, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
 ) -> float:
-    """Compute :func:`compute_straight_probability` from the residuals' mean square.
-
-    Parameters
-    ----------
-    square_m2 : float
-        Mean square of the residuals.
-    range_sd_m : float
-        Standard deviation of a range.
-    duration_s : float
-        Time from the first range to the last.
-    way_m : float
-        Length of the path along the range.
-    n_parameters : int
-        Number of fitted parameters.
-    """
+    """Compute :func:`compute_straight_probability` from the residuals' mean square."""
     from scipy.special import chdtrc
 
     n_errors = duration_s / ERROR_MEMORY_S

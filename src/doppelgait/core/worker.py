@@ -35,7 +35,6 @@ every example spends a tenth of its time on new pages. Other systems ignore them
 @contextmanager
 def mark_workers() -> Iterator[None]:
     """Mark processes started in this context as workers.
-
     The environment of the caller is restored afterwards.
     """
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
@@ -58,10 +57,7 @@ _limits: list[Any] = []
 @contextmanager
 def limit_blas_threads() -> Iterator[None]:
     """Limit this process's matrix products to one thread.
-
-    The bytes of a product depend on the number of threads. The limit lasts until the last user ends, in whichever
-    thread: a cluster's worker may start an example while an abandoned one still runs, and the first to end must not
-    lift the limit of the other.
+    The bytes of a product depend on the number of threads.
     """
     with _limiting:
         if not _limits:
@@ -79,7 +75,6 @@ def limit_blas_threads() -> Iterator[None]:
 @lru_cache(maxsize=1)
 def _find_blas() -> Any:
     """Find and cache the controller of all BLAS libraries.
-
     Finding them takes 5 ms, so it is done once. SciPy's must be loaded to be found.
     """
     import scipy.linalg  # noqa: F401
@@ -89,21 +84,12 @@ def _find_blas() -> Any:
 
 
 def collect_garbage_rarely() -> None:
-    """Run Python's garbage collector only every 5000 objects.
-
-    During imports it finds nothing, but inspects all loaded objects repeatedly, which takes a tenth of the start time
-    of a command.
-    """
+    """Run Python's garbage collector only every 5000 objects."""
     gc.set_threshold(5000)
 
 
 def prepare_worker() -> None:
-    """Prepare a new worker process; this is its first call.
-
-    The worker ignores Ctrl-C, which the main process handles, and pandas is loaded without Arrow: Arrow takes 66 MB and
-    is needed only to write tables. If the main script imports pandas or ``doppelgait.dataset`` at its top, workers
-    import it before this call, and Arrow is loaded.
-    """
+    """Prepare a new worker process; this is its first call."""
     collect_garbage_rarely()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "pandas" not in sys.modules:
@@ -111,15 +97,7 @@ def prepare_worker() -> None:
 
 
 def serve(pipes: Sequence[Connection], module: str) -> None:
-    """Load a module, then serve requests until the pipes close.
-
-    With more than one pipe, this process loads the module once, forks a copy of itself for each pipe and waits until
-    they end. This works only on Linux, since libraries elsewhere do not support a fork.
-
-    The first message of a pipe is a function of one argument; each further message is an argument. The reply is the
-    result or the exception. A thread reads the pipe, so that the process ends at once, even during work, when the main
-    process closes the pipe or ends for any reason.
-    """
+    """Load a module, then serve requests until the pipes close."""
     prepare_worker()
     import_module(module)
     if len(pipes) == 1:

@@ -329,7 +329,6 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
 
 def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
     """Build a shard in its worker and return the counts.
-
     The record is written to the folder.
     """
     if release != RELEASE:
@@ -346,7 +345,6 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
 
 def read_finished_record(target: Path, shard: Shard, identity: str) -> dict[str, Any] | None:
     """Return a complete dataset shard's record, else None.
-
     Shards with failures count as incomplete.
     """
     record = _read_complete_record(target, shard, identity)
@@ -375,7 +373,6 @@ def _read_complete_record(target: Path, shard: Shard, identity: str) -> dict[str
 
 def _remove_unfinished_files(job: _Job) -> None:
     """Remove half-written files.
-
     While other parts run, only files of own shards are removed.
     """
     own = {shard.name for shard in job.own}
@@ -390,7 +387,6 @@ def _remove_unfinished_files(job: _Job) -> None:
 @contextmanager
 def _stop_in_order(target: Path) -> Iterator[None]:
     """Stop the block in order on Ctrl-C or termination.
-
     The message explains how to resume.
     """
     try:

@@ -23,7 +23,6 @@ blocks a release, because the licences that forbid it cannot be listed."""
 
 def blocks_release(licence: str) -> bool:
     """Return True if a licence blocks release of derived data.
-
     A licence blocks release unless it is known to allow it. If several are joined by AND, each must allow it.
     """
     return any(FREE.fullmatch(part.strip()) is None for part in licence.split(" AND "))
@@ -31,13 +30,7 @@ def blocks_release(licence: str) -> bool:
 
 def list_licences(index: pd.DataFrame) -> pd.DataFrame:
     """List the recordings of an index with their licences.
-
     Columns are ``recording``, ``licence``, ``rows`` and ``blocked``; the table is empty for models.
-
-    Parameters
-    ----------
-    index : DataFrame
-        Index with the columns ``recording`` and, from schema 2 on, ``licence``.
     """
     columns = ["recording", "licence", "rows", "blocked"]
     if index.empty or "recording" not in index:
@@ -57,7 +50,6 @@ def list_blocked_recordings(index: pd.DataFrame) -> list[str]:
 
 def release_warning(licences: pd.DataFrame) -> str:
     """Return a sentence on the licences that block a release.
-
     The input is the table of :func:`list_licences`. The sentence is empty if nothing blocks.
     """
     blocked = int(licences["blocked"].sum())
@@ -222,7 +214,6 @@ LEAK_SENTENCES = {
 
 def _format_leaks(leaks: Sequence[str]) -> str:
     """Write the section on the leaks of a plan.
-
     The text is empty for a plan without leaks.
     """
     if not leaks:
@@ -278,19 +269,7 @@ IMPORTED_LIMITS = """- Labels are provided by the user and are not verified.
 def import_card(
     index: pd.DataFrame, *, name: str, identity: str, config: ImportConfig, labels: str, n_failed: int
 ) -> str:
-    """Write the Markdown card of an imported dataset.
-
-    Parameters
-    ----------
-    index : DataFrame
-    name, identity : str
-        Name and identity of the dataset.
-    config : ImportConfig
-    labels : str
-        Name of the file of labels.
-    n_failed : int
-        Recordings or windows that failed and are not in the dataset.
-    """
+    """Write the Markdown card of an imported dataset."""
     failed = "It contains every labelled recording."
     if n_failed:
         noun = "recording or window" if n_failed == 1 else "recordings or windows"
@@ -354,7 +333,6 @@ def count_examples(index: pd.DataFrame) -> pd.DataFrame:
 
 def tabulate_features(index: pd.DataFrame) -> pd.DataFrame:
     """Tabulate median and 5 to 95 % range per feature and class.
-
     The cells are strings and include the number of missing values.
     """
     rows = []

@@ -27,7 +27,6 @@ _ABSENT = object()
 
 def shorten(value: Any) -> str:
     """Format a value as JSON of at most :data:`SHOWN_LENGTH` characters.
-
     The middle of a longer text is left out.
     """
     text = json.dumps(value, ensure_ascii=False, default=str)
@@ -38,7 +37,6 @@ def shorten(value: Any) -> str:
 
 def list_differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
     """Yield dotted keys with differing values, ``key: old -> new``.
-
     A key that is missing on one side is shown as ``absent``.
     """
     if isinstance(old, dict) and isinstance(new, dict):
@@ -117,7 +115,6 @@ class FieldSpec(FrozenModel):
 
 def _list_field_specs(fields: Sequence[Any]) -> tuple[list[Any], list[str]]:
     """Return the tables of fields and their names.
-
     Other values are returned unchanged; the validation of the model rejects them.
     """
     specs = [{"name": one} if isinstance(one, str) else one for one in fields]
@@ -452,7 +449,6 @@ FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "ti_frames", "baseband")
 
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:
     """Parse the gate of measured recordings.
-
     Allowed are ``"track"``, ``"1.2:2.8"`` or two ranges in m; other values raise a ConfigError.
     """
     return Gate.parse(value, names=("track",), lowest_m=0.0, where=where)

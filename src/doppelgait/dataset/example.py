@@ -93,7 +93,6 @@ class Features:
 
 def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flags: Sequence[str]) -> Features:
     """Build the feature matrix of the rows of an index.
-
     See :meth:`doppelgait.dataset.Dataset.features`.
     """
     columns = find_feature_columns(index, names)
@@ -120,7 +119,6 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
 
 def find_feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:
     """Return the columns of the index by feature name.
-
     The names are a feature set (``six``, ``extended``) or a list.
     """
     six = {name: f"feature_{name}" for name in FEATURE_UNITS}
@@ -145,7 +143,6 @@ def parse_unit(column: str) -> str:
 
 def suggest_names(name: str, known: Iterable[str]) -> str:
     """Return a hint of similar names for an error message.
-
     Without similar names the hint has the number of names.
     """
     names = sorted(known)
@@ -163,15 +160,7 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 
 def read_analysis(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
     """Return a row's analysis settings.
-
     The settings are those of the dataset's configuration.
-
-    Parameters
-    ----------
-    description : mapping
-        ``dataset.json``.
-    row : mapping
-        A row of the index.
     """
     config, number = _plan_place(description, row)
     table = config.get("analysis", {})
@@ -311,25 +300,7 @@ def _number(value: Any) -> float:
 def label_arrays(
     fields: Mapping[str, Mapping[str, Any]], row: Mapping[str, Any], stored: Stored, *, carrier_hz: float
 ) -> dict[str, xr.DataArray]:
-    """Label the arrays of one example.
-
-    Parameters
-    ----------
-    fields : mapping
-        ``fields`` of ``dataset.json``: dims, units and scale of each.
-    row : mapping
-        Row of the index.
-    stored : callable
-        Function that returns an array by its name in a shard.
-    carrier_hz : float
-        Carrier frequency for the velocity axis. If it is NaN (unknown), the axis is unknown, too.
-
-    Returns
-    -------
-    dict
-        Labelled arrays by field. Fields that the row does not have (a target that was not tracked) are left out. A
-        shard of schema version 1 has axes for its signature only; other arrays have no axes.
-    """
+    """Label the arrays of one example."""
     arrays = {}
     for name, facts in fields.items():
         values = stored(name)
@@ -367,22 +338,7 @@ def read_carrier_hz(description: Mapping[str, Any], row: Mapping[str, Any]) -> f
 
 
 def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
-    """Return the radar of a simulated row.
-
-    Parameters
-    ----------
-    description : mapping
-        ``dataset.json``.
-    row : mapping
-        A row of the index.
-
-    Raises
-    ------
-    DatasetError
-        If the dataset was not simulated from a plan.
-    ConfigError
-        If the plan names a preset file that is not in the working folder.
-    """
+    """Return the radar of a simulated row."""
     config, number = _plan_place(description, row)
     if number is None:
         raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
@@ -395,20 +351,7 @@ def read_radar(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
 
 def find_plan_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
     """Return the number of a row's example in its plan.
-
     This version of doppelgait must be able to simulate the example again.
-
-    Parameters
-    ----------
-    description : mapping
-        ``dataset.json``.
-    row : mapping
-        A row of the index.
-
-    Raises
-    ------
-    DatasetError
-        If the example was not simulated, has another data version, or is not in the plan.
     """
     if description.get("origin", "simulated") != "simulated":
         raise DatasetError("the dataset contains arrays of measured recordings, not the recordings themselves")
@@ -433,7 +376,6 @@ def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple
 
 def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
     """Return an example's number in its plan.
-
     The number is part of the id. The classes are numbered one after the other.
     """
     label, _, within = scene_id.rpartition("-")

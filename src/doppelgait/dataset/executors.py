@@ -42,13 +42,7 @@ class WorkersLostError(Exception):
 
 def restart_lost_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
     """Yield the results of ``run``; restart it when workers are lost.
-
     A restart covers the shards that are missing.
-
-    Raises
-    ------
-    DatasetError
-        After :data:`MAX_LOSSES` losses without a finished shard between them.
     """
     left = {shard.name: shard for shard in shards}
     losses = 0
@@ -81,13 +75,7 @@ END_SECONDS = 10
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
-    """Run shards in processes, yielding results as they finish.
-
-    Raises
-    ------
-    WorkersLostError
-        If a worker dies; the other workers are ended, too.
-    """
+    """Run shards in processes, yielding results as they finish."""
     queue = iter(shards)
     busy: dict[Connection, Shard] = {}
     answers: list[tuple[Shard, Any]] = []
@@ -125,9 +113,7 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
 @contextmanager
 def _start_workers(work: Work, workers: int) -> Iterator[list[Connection]]:
     """Start worker processes that end with the block.
-
-    The function returns the pipe to each worker. Every worker has a separate pipe and shares no lock: if a worker is
-    killed at any time, its pipe closes and no process waits for it.
+    The function returns the pipe to each worker.
     """
     spawn = multiprocessing.get_context("spawn")
     ends = [spawn.Pipe() for _ in range(workers)]
@@ -172,26 +158,7 @@ PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 
 def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) -> Results:
-    """Run shards on Dask, yielding results as they finish.
-
-    Parameters
-    ----------
-    work, shards
-        As in :func:`doppelgait.dataset.executors.run_shards`.
-    address : str
-        ``HOST:PORT`` of a scheduler; empty for a local cluster.
-    workers : int
-        Processes of a local cluster.
-
-    Raises
-    ------
-    ConfigError
-        If Dask is not installed or no scheduler answers.
-    DatasetError
-        If the scheduler is lost.
-    WorkersLostError
-        If Dask gives up a shard or its workers, because they died too often.
-    """
+    """Run shards on Dask, yielding results as they finish."""
     try:
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError, FuturesCancelledError
@@ -236,7 +203,6 @@ def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_lo
 @contextmanager
 def _connect_client(address: str, workers: int) -> Iterator[Client]:
     """Connect to a scheduler's address or a local cluster.
-
     A local cluster ends with the block.
     """
     import dask
@@ -263,9 +229,7 @@ def _connect_client(address: str, workers: int) -> Iterator[Client]:
 
 def _close_cluster(cluster: LocalCluster) -> None:
     """Close a local cluster.
-
-    Closing can fail if a worker dies, starts or ends slowly at that moment. The error is ignored, because the outcome
-    of the build is known; the worker ends with this process at the latest.
+    Closing can fail if a worker dies, starts or ends slowly at that moment.
     """
     with suppress(Exception):
         cluster.close()
@@ -279,34 +243,7 @@ def run_shards(
     workers: int | None = None,
 ) -> Results:  # fmt: skip
     """Call ``work`` per shard, yielding results as they finish.
-
     The order of the results is arbitrary.
-
-    The number of shards in progress is bounded, so the caller's memory does not grow with the number of shards. If the
-    caller stops early or an error occurs, the workers end and their current shards stay unfinished.
-
-    Parameters
-    ----------
-    work : callable
-        Function of a shard that returns its record; must be picklable except for ``serial``.
-    shards : sequence of Shard
-    executor : str
-        ``serial``: in this process. ``processes``: worker processes on this machine; a killed worker is replaced, and
-        one worker is the same as ``serial``. ``dask``: a local Dask cluster that is started and ended by this function.
-        ``dask://HOST:PORT``: a running Dask scheduler.
-    workers : int, optional
-        Processes of ``processes`` and ``dask``; the number of processors by default.
-
-    Yields
-    ------
-    tuple of Shard and dict
-
-    Raises
-    ------
-    ConfigError
-        If the executor is unknown, Dask is not installed or no scheduler answers.
-    DatasetError
-        If workers die repeatedly.
     """
     check_executor(executor)
     count = min(workers or os.cpu_count() or 1, max(len(shards), 1))
@@ -320,12 +257,7 @@ def run_shards(
 
 def check_executor(executor: str) -> None:
     """Refuse the name of an unknown executor.
-
     If a worker imports a main script without a guard, the worker ends here.
-
-    Raises
-    ------
-    ConfigError
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         os._exit(UNGUARDED)

@@ -154,7 +154,6 @@ def refuse_unreleasable(dataset: Dataset) -> None:
 @contextmanager
 def _open_new_folder(target: Path) -> Iterator[Path]:
     """Open a temporary folder that becomes ``target`` on success.
-
     The temporary folder is removed if the block fails.
     """
     if target.exists():
@@ -181,7 +180,6 @@ def iterate_splits(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64
 
 def flatten_index(dataset: Dataset) -> pd.DataFrame:
     """Return the index without positions in shard files.
-
     The column ``class_number`` is inserted after the label.
     """
     table = dataset.index.drop(columns=[name for name in PLACES if name in dataset.index])
@@ -191,7 +189,6 @@ def flatten_index(dataset: Dataset) -> pd.DataFrame:
 
 def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
     """Return a row's arrays in linear units, with axes.
-
     A field without axes in its shard is returned alone.
     """
     arrays: dict[str, npt.NDArray[np.generic]] = {}
@@ -207,7 +204,6 @@ def read_arrays(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str
 
 def make_file_name(example_id: str) -> str:
     """Return a file name for an example's id.
-
     Everything but letters, digits, ``_`` and ``-`` is escaped.
     """
     return quote(example_id, safe="").replace(".", "%2E").replace("~", "%7E")

@@ -90,7 +90,6 @@ def write_csv(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Csv, done: Callable[[int], None]
 ) -> None:
     """Write ``index.csv``: a header and one line per row.
-
     Unknown values are empty. Every number is exact.
     """
     table = flatten_index(dataset)
@@ -103,11 +102,7 @@ def write_parquet(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Parquet, done: Callable[[int], None]
 ) -> None:
     """Write one ``SPLIT.parquet`` per split: the index and all fields.
-
-    Every field is a list ``FIELD_values`` with its ``FIELD_shape``.
-
-    Arrays are flattened in C order. A complex number is two numbers, so that its shape ends with 2. Axes are lists,
-    too. Units are in the metadata of the columns, the description of the fields is in the metadata of the file.
+    Every field is a list ``FIELD_values`` with its ``FIELD_shape``. Arrays are flattened in C order.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -173,11 +168,7 @@ def write_webdataset(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: WebDataset, done: Callable[[int], None]
 ) -> None:
     """Write ``SPLIT-NNNNNN.tar`` files in the WebDataset format.
-
     Every example has ``ID.FIELD.npy``, its axes, ``ID.json`` (its row) and ``ID.cls``.
-
-    The same dataset gives the same bytes, because the files have no time and no user. Dots in an id are escaped,
-    because the first dot ends the key.
     """
     table, numbers = flatten_index(dataset), dataset.class_numbers()
     for split, rows in iterate_splits(dataset):
@@ -206,16 +197,7 @@ def write_zarr(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Zarr, done: Callable[[int], None]
 ) -> None:
     """Write ``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
-
-    Every column of the index is an array (example). A field is an array (example, ...) with the dimensions of the
-    library. Its axes are stored next to it: as a coordinate if all examples of the split share the axis, otherwise as
-    an array (example, ...) with the unit in its name. If the shapes of a field differ in a split, every example has a
-    group ``SPLIT/FIELD/ID`` instead.
-
-    Raises
-    ------
-    DatasetError
-        If zarr is not installed.
+    Every column of the index is an array (example).
     """
     try:
         import zarr
@@ -304,13 +286,7 @@ def write_sigmf_folder(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Sigmf, done: Callable[[int], None]
 ) -> None:
     """Write the baseband of every scene as a SigMF recording.
-
     Files are ``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``; targets are annotations.
-
-    Raises
-    ------
-    DatasetError
-        If the dataset does not state the radar of a scene.
     """
     nothing = np.empty(0)
     description = dataset.description

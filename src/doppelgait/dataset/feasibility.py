@@ -50,20 +50,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class RowLimits:
-    """Limits of one planned row.
-
-    Parameters
-    ----------
-    id, label : str
-    limits : tuple of str
-        Members of :data:`LIMITS` that affect the row; a warning affects every row of its scene. A body that is
-        never inside the frame counts as outside the frame, also where its echo folds into the frame.
-    range_m : float
-        Mean range of the body.
-    snr_db : float
-        Expected SNR_frame. It is the value of the plan, or an estimate from the radar equation and the receiver noise
-        that is within 3 dB for most rows. It is NaN without noise and for an empty scene.
-    """
+    """Limits of one planned row."""
 
     id: str
     label: str
@@ -73,21 +60,7 @@ class RowLimits:
 
 
 def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> list[RowLimits]:
-    """Find the limits of every row of an example.
-
-    Parameters
-    ----------
-    example : ExampleSpec
-    folder : Path
-        Folder that relative motion paths start from.
-    gate : {"truth", "track"}
-        The gate of a track is not known before the build; it is not checked.
-
-    Raises
-    ------
-    DoppelgaitError
-        If a motion cannot be generated.
-    """
+    """Find the limits of every row of an example."""
     run = example.run
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
@@ -136,7 +109,6 @@ def _leaves_frame(
 
 def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
     """Return the SNR_frame of a target by the radar equation, dB.
-
     The echo powers in each range cell are added; the strongest cell of every pulse is used.
     """
     targets, _ = split_targets(table.isel(slow_time=slice(None, None, -(-table.sizes["slow_time"] // SNR_PULSES))))
@@ -151,19 +123,7 @@ def _expected_snr_db(table: xr.Dataset, number: int, radar: Radar) -> float:
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Rows of a plan that reach a limit of its radar.
-
-    Parameters
-    ----------
-    n_examples, n_failed : int
-        Examples that were checked, and those whose motion cannot be generated.
-    limits : list of dict
-        Per class ``class``, ``rows`` and the number of rows affected by each of :data:`LIMITS`; None for ``gate cut
-        off`` where the gate is that of a track, which is known after the build.
-    snr : list of dict
-        Per range interval: ``range_m`` (from, to), ``rows``, ``rows_without_echo`` (no echo inside the frame), and
-        ``snr_db`` (5 %, 50 % and 95 % of the rows with an echo), None if no row has an echo.
-    """
+    """Rows of a plan that reach a limit of its radar."""
 
     n_examples: int
     n_failed: int
@@ -201,19 +161,7 @@ def assess(
     examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth",
     count: int | None = None, on_progress: Progress | None = None,
 ) -> Feasibility:  # fmt: skip
-    """Count the rows of examples that reach a radar limit.
-
-    Parameters
-    ----------
-    examples : iterable of ExampleSpec
-    folder : Path
-        Folder that relative motion paths start from.
-    gate : {"truth", "track"}
-    count : int, optional
-        Number of examples, for progress reports.
-    on_progress : callable, optional
-        Called with (examples done, examples in total).
-    """
+    """Count the rows of examples that reach a radar limit."""
     rows: list[RowLimits] = []
     done = failed = 0
     for example in examples:
@@ -257,18 +205,7 @@ def format_limit_keys(reached: Iterable[str]) -> str:
 
 
 def limits_of_index(index: pd.DataFrame) -> list[dict[str, Any]]:
-    """Count the affected rows of a built dataset, by class.
-
-    Parameters
-    ----------
-    index : DataFrame
-        With the columns ``label``, ``warnings`` and ``quality_flags``.
-
-    Returns
-    -------
-    list of dict
-        As ``limits`` of :class:`Feasibility`.
-    """
+    """Count the affected rows of a built dataset, by class."""
     if not len(index) or "warnings" not in index:
         return []
     texts, flags = (index[name].fillna("").astype(str) for name in ("warnings", "quality_flags"))

@@ -53,7 +53,6 @@ precision; last bits of most steps, after optimisation."""
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
     """Identify the plug-ins of other packages that a plan uses.
-
     Plug-ins that read its presets and motion files are included.
     """
     tables = [store_radar_files(plan, folder).model_dump(mode="json")]
@@ -61,23 +60,7 @@ def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
 
 
 def compute_dataset_id(plan: PlanConfig, folder: Path) -> str:
-    """Compute the identity of a dataset, 16 hex digits.
-
-    It is a hash of the canonical configuration, the source files, the data version and the plug-ins of other packages
-    (name, version, release and default parameters).
-
-    Parameters
-    ----------
-    plan : PlanConfig
-        Plan with expanded folders.
-    folder : Path
-        Folder that relative paths start from.
-
-    Raises
-    ------
-    ConfigError
-        If a motion or preset file cannot be read.
-    """
+    """Compute the identity of a dataset, 16 hex digits."""
     plan = store_radar_files(plan, folder)
     contents: dict[str, bytes] = {}
     for path in _list_motion_files(plan):
@@ -119,22 +102,7 @@ TEXT_COLUMNS = ("truth_gait", "quality_verdict")
 
 @dataclass
 class Totals:
-    """Totals of the finished shards.
-
-    Parameters
-    ----------
-    rows, bytes, n_failed : int
-        Rows of the index, size of the shards, examples that failed.
-    failures : list of dict
-        The first failures: id, reason, spec.
-    columns : dict
-        Kind of every column of the index: ``string``, ``float64`` or ``int64``.
-    labels : list of str
-    hashes : dict
-        SHA-256 of every shard file, by the name of the shard.
-    contents_sha256 : str
-        Hash over the hashes of the contents of all shards: specification, integers and arrays.
-    """
+    """Totals of the finished shards."""
 
     rows: int = 0
     bytes: int = 0
@@ -148,24 +116,7 @@ class Totals:
 
 @dataclass(frozen=True)
 class Header:
-    """Identity and configuration of a dataset, simulated or imported.
-
-    Parameters
-    ----------
-    id, name : str
-    origin : {"simulated", "imported"}
-    labels : tuple of str
-        Classes, in the order of their numbers.
-    fields : tuple of FieldSpec
-        Arrays of every row.
-    n_examples : int
-    config : mapping
-        Plan or import configuration, as values for JSON.
-    card : callable
-        Function that makes the card from the index and the number of failed examples.
-    plugins : sequence of mapping
-        Plug-ins of other packages that the examples use.
-    """
+    """Identity and configuration of a dataset, simulated or imported."""
 
     id: str
     name: str
@@ -178,17 +129,7 @@ class Header:
     plugins: Sequence[Mapping[str, Any]] = ()
 
     def describe(self, shards: Mapping[str, int], *, complete: bool, labels: Iterable[str] = ()) -> dict[str, Any]:
-        """Return the content of ``dataset.json``.
-
-        Parameters
-        ----------
-        shards : mapping
-            Number of planned shards of every split.
-        complete : bool
-            Whether every planned example exists.
-        labels : iterable of str
-            Labels found in the rows. Labels of companions that are not classes are numbered after the classes.
-        """
+        """Return the content of ``dataset.json``."""
         return {
             "id": self.id,
             "name": self.name,
@@ -226,22 +167,7 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
 
 def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_failed_share: float = 0.0) -> Totals:
     """Write a folder's index, splits, card, description and hashes.
-
     All shards must exist.
-
-    Parameters
-    ----------
-    target : Path
-    header : Header
-    names : sequence of str
-        Names of all shards, in the order of the plan.
-    max_failed_share : float
-        The dataset counts as complete up to this share of failed examples.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be written; existing files are then unchanged.
     """
     import pandas as pd
 
@@ -260,14 +186,7 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
 
 
 def write_sums(target: Path, shards: Mapping[str, str]) -> None:
-    """Write the list of the hashes of all files.
-
-    Parameters
-    ----------
-    target : Path
-    shards : mapping
-        SHA-256 of every shard file, by the name of the shard.
-    """
+    """Write the list of the hashes of all files."""
     hashes = {f"shards/{name}.h5": sha256 for name, sha256 in shards.items()}
     single = ("README.md", "dataset.json", "index.parquet", *(f"splits/{split}.txt" for split in SPLITS))
     for name in (*single, *(f"shards/{name}.json" for name in shards)):
@@ -287,13 +206,7 @@ def format_checksums(hashes: Mapping[str, str]) -> str:
 
 def make_card(directory: str | Path) -> str:
     """Return the card of a dataset.
-
     The card of an incomplete dataset describes the shards that exist.
-
-    Raises
-    ------
-    DatasetError
-        If the folder contains no dataset, or no data for a card.
     """
     from doppelgait.dataset.card import format_card
 
@@ -310,13 +223,7 @@ def make_card(directory: str | Path) -> str:
 
 
 def read_description(folder: Path) -> dict[str, Any]:
-    """Read ``dataset.json`` of a folder.
-
-    Raises
-    ------
-    DatasetError
-        If the file is missing or damaged.
-    """
+    """Read ``dataset.json`` of a folder."""
     path = folder / "dataset.json"
     try:
         description = parse_json(path.read_text())
@@ -341,7 +248,6 @@ def write_description(target: Path, description: Mapping[str, Any]) -> None:
 
 def write_splits(folder: Path, index: pd.DataFrame) -> None:
     """Write the ids of every split that has rows.
-
     There is one id per line, in the order of the index.
     """
     folder.mkdir(exist_ok=True)
@@ -360,13 +266,7 @@ def count_shards(names: Iterable[str]) -> dict[str, int]:
 
 
 def list_shard_names(counts: Mapping[str, int]) -> list[str]:
-    """List all shards by the number of every split.
-
-    Raises
-    ------
-    DatasetError
-        If the values are not numbers of shards, or exceed the limit of a dataset.
-    """
+    """List all shards by the number of every split."""
     known = isinstance(counts, Mapping) and set(counts) <= set(SPLITS)
     if not known or not all(type(n) is int and n >= 0 for n in counts.values()) or sum(counts.values()) > MAX_SHARDS:
         raise DatasetError(
@@ -428,7 +328,6 @@ def tally(records: Iterable[Record]) -> Totals:
 
 def make_index(records: Iterable[Record]) -> pd.DataFrame:
     """Make the index table, one row per target.
-
     Numbers are float64; unknown values are NaN.
     """
     kept = list(records)
@@ -438,17 +337,7 @@ def make_index(records: Iterable[Record]) -> pd.DataFrame:
 
 
 def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str], identity: str) -> None:
-    """Write the index as Parquet, block by block.
-
-    Parameters
-    ----------
-    path : Path
-    records : iterable of dict
-    columns : mapping
-        Kind of every column, from :func:`tally`.
-    identity : str
-        Id of the dataset.
-    """
+    """Write the index as Parquet, block by block."""
     import pyarrow.parquet as pq
 
     rows, schema = _rows(records), _make_table([], columns).schema.with_metadata({"dataset": identity})

@@ -42,22 +42,7 @@ def add_hybrids(
     subjects: Sequence[str],
     mode: Literal["retarget", "blend"],
 ) -> list[dict[str, Any]]:
-    """Add distributions of speed, size, stride and blending to clips.
-
-    The ranges are those that :func:`~doppelgait.motion.hybrid.retarget` allows for the clip; they are narrowed until
-    both ends can be made. A clip is blended with clips of its own subject and of one or two fixed other subjects; these
-    subjects share a split. Clips that match no other clip are only retargeted.
-
-    Parameters
-    ----------
-    tables : sequence of table
-        ``{ kind = "file", path = ..., segment = ... }`` with the options of the reader.
-    clips : sequence of Motion
-        What they name, not looped.
-    subjects : sequence of str
-        Of each clip.
-    mode : {"retarget", "blend"}
-    """
+    """Add distributions of speed, size, stride and blending to clips."""
     hybrids = [_make_factor_ranges(clip) for clip in clips]
     families = _group_families(clips, subjects) if mode == "blend" else []
     found = []
@@ -74,7 +59,6 @@ def add_hybrids(
 
 def _make_factor_ranges(clip: Motion) -> dict[str, Any]:
     """Return the distributions of the three factors of a clip.
-
     The table is empty if the clip cannot be changed.
     """
     law = find_speed_law(clip)
@@ -107,7 +91,6 @@ def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
 
 def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
     """Group clips of subjects that are blended with each other.
-
     The clips of a group have the same gait and the same points.
     """
     alike: dict[tuple[Any, ...], dict[str, list[int]]] = {}
@@ -129,7 +112,6 @@ def _group_families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[li
 
 def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
     """Return the speed factor range of a blended clip.
-
     The range is empty if equal weights, or either end of the ranges, cannot be generated.
     """
     speeds = hybrid["speed_factor"]["log_uniform"]

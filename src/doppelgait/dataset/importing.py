@@ -230,7 +230,6 @@ def import_id(
 
 def _find_same_import(target: Path, identity: str) -> list[str] | None:
     """Return the shards of the same import in the folder.
-
     The result is None if the folder is empty; other content raises an error.
     """
     description = target / "dataset.json"

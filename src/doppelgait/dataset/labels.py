@@ -31,24 +31,7 @@ WITH_SIDECAR = (".npy", ".npz", ".bin", *SUFFIXES)
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
-    """Find recordings in a folder by name or pattern.
-
-    Parameters
-    ----------
-    folder : Path
-    pattern : str
-        Relative to the folder; a backslash may stand for a slash.
-
-    Returns
-    -------
-    list of str
-        Relative paths with slashes, sorted. Files of one recording (a pair, an array and its TOML) count once.
-
-    Raises
-    ------
-    ConfigError
-        If no recording matches, or the path is outside the folder.
-    """
+    """Find recordings in a folder by name or pattern."""
     name = pattern if _path_exists(folder / pattern) else pattern.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ConfigError(f"{pattern!r} is not allowed: it must be a path inside {folder}, relative to it")
@@ -110,7 +93,6 @@ def list_recording_files(path: Path) -> tuple[Path, ...]:
 
 def hash_recording(folder: Path, recording: str) -> str:
     """Hash names and bytes of a recording's files (SHA-256, hex).
-
     An unreadable file is hashed as unreadable.
     """
     digest = hashlib.sha256()
@@ -129,17 +111,7 @@ DELIMITERS = ",;\t"
 
 @dataclass(frozen=True)
 class LabelTable:
-    """Lines of a label file.
-
-    Parameters
-    ----------
-    name : str
-        Name of the file, for messages.
-    columns : tuple of str
-        Column names in the order of the file, in lower case.
-    rows : tuple of (int, dict)
-        Line in the file and cells by column, stripped; empty lines are left out.
-    """
+    """Lines of a label file."""
 
     name: str
     columns: tuple[str, ...]
@@ -147,20 +119,7 @@ class LabelTable:
 
 
 def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
-    """Read a CSV file with column names in the first line.
-
-    Parameters
-    ----------
-    path : Path
-    needed : tuple of str
-        Required columns; they also determine the delimiter.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, is not text, lacks these columns, or a line has another number of cells than the
-        first.
-    """
+    """Read a CSV file with column names in the first line."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -211,7 +170,6 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
 
 def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
     """Split a CSV text into non-empty lines with their numbers.
-
     The number of a line is that of its start.
     """
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)

@@ -120,18 +120,7 @@ def read_signature(dataset: StoredExamples, number: int) -> xr.DataArray | None:
 
 def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
     """Convert the middle of a signature to a picture in dB.
-
-    Parameters
-    ----------
-    signature : DataArray (time, doppler), optional
-        Signature; None, or a signature with fewer than two columns, gives a picture of the noise floor.
-    patch : Patch
-
-    Returns
-    -------
-    ndarray of float32, shape (n_velocity, n_time)
-        Levels from 0 (at or below the noise floor) to ``range_db`` (at or above it); see
-        :func:`doppelgait.classify.levels`.
+    Shapes: returns (n_velocity, n_time).
     """
     whole = levels_of(signature, patch)
     if whole is None:
@@ -140,13 +129,7 @@ def make_picture(signature: xr.DataArray | None, patch: Patch) -> Levels:
 
 
 def picture_format(as_: As, fields: Sequence[str]) -> Patch | None:
-    """Return the format of the pictures, None for arrays.
-
-    Raises
-    ------
-    DatasetError
-        If ``as_`` is not allowed, or a field has no picture.
-    """
+    """Return the format of the pictures, None for arrays."""
     if as_ == "array":
         return None
     if not (as_ == "picture" or isinstance(as_, Patch)):
@@ -170,18 +153,7 @@ POOL_SHARDS = MAX_OPEN // 2
 
 def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:
     """Shuffle rows so that shard files open once.
-
-    The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together. A
-    dataset of that many shards or fewer is shuffled as a whole. Shards hold all classes in turn, so a pool is mixed.
-
-    Parameters
-    ----------
-    index : DataFrame
-    rng : Generator
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
+    The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together.
     """
     codes, shards = pd.factorize(index["shard"])
     place_of_shard = rng.permutation(len(shards))
@@ -220,7 +192,6 @@ def stack(
     dataset: StoredExamples, field: str, rows: npt.NDArray[np.int64], patch: Patch | None = None
 ) -> npt.NDArray[Any]:
     """Stack the arrays of rows as one, (row, ...).
-
     Different shapes are a :class:`DatasetError`.
     """
     values = [read_fields(dataset, [field], int(row), patch)[field] for row in rows]
@@ -236,15 +207,7 @@ def stack(
 
 def epoch_rows(index: pd.DataFrame, seed: int | None, epoch: int, worker: int, workers: int) -> npt.NDArray[np.int64]:
     """Return the rows of one worker in one epoch.
-
     The workers take the rows of the epoch in turn: each row is in the share of exactly one of them.
-
-    Parameters
-    ----------
-    index : DataFrame
-    seed : int or None
-        Seed of the order; None keeps the order of the index in every epoch.
-    epoch, worker, workers : int
     """
     rows = np.arange(len(index))
     if seed is not None:
@@ -281,7 +244,6 @@ def collect_arrays(dataset: StoredExamples, field: str, as_: As, memory_mb: floa
 
 def balanced_weights(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
     """Return weights that balance all present classes.
-
     They are n / (number of present classes * count), so that their mean over the rows is 1; 0 for an absent class.
     """
     present = counts > 0

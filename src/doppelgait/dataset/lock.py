@@ -36,13 +36,7 @@ class Part(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Part:
-        """Parse a part like ``3/16``.
-
-        Raises
-        ------
-        ConfigError
-            If it is not I/N with whole numbers, I from 1 to N.
-        """
+        """Parse a part like ``3/16``."""
         number, _, among = text.partition("/")
         if not (number.isdecimal() and among.isdecimal() and 1 <= int(number) <= int(among)):
             raise ConfigError(
@@ -53,19 +47,7 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Holder:
-    """Holder of a lock.
-
-    Parameters
-    ----------
-    path : Path
-        File of the lock.
-    pid : int
-    host, since : str
-    part : Part or None
-    begun : str
-        Start time of the process from the operating system. It distinguishes a later process with the same number;
-        empty if not available.
-    """
+    """Holder of a lock."""
 
     path: Path
     pid: int
@@ -77,7 +59,6 @@ class Holder:
     @property
     def alive(self) -> bool:
         """False if the process has certainly ended.
-
         A process of another host cannot be checked.
         """
         if self.host != platform.node():
@@ -94,15 +75,7 @@ class Holder:
 @contextmanager
 def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     """Lock the folder, or part of it, for the block.
-
     The lock of a dead process is replaced.
-
-    Raises
-    ------
-    DatasetError
-        If another build uses the folder; the message names it.
-    OSError
-        If the folder cannot be written.
     """
     name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
     path = (directory / name).resolve()
@@ -145,7 +118,6 @@ def list_running_builds(directory: Path) -> list[Holder]:
 
 def read_lock(path: Path) -> Holder | None:
     """Read the holder of a lock.
-
     The result is None if the lock is gone or incomplete.
     """
     end = time.monotonic() + WRITING_SECONDS
@@ -168,16 +140,7 @@ _numbers = count()
 @contextmanager
 def write_new_folder(target: Path) -> Iterator[Path]:
     """Write a folder that gets its name when complete.
-
-    The block writes to a temporary folder next to the target that no other process or thread uses. It is removed if the
-    block fails; temporary folders of dead processes on this host are removed, too.
-
-    Raises
-    ------
-    DatasetError
-        If the target is not empty at the end.
-    OSError
-        If it cannot be written.
+    The block writes to a temporary folder next to the target that no other process or thread uses.
     """
     start = f"{target.name}.{platform.node()}-"
     for leftover in target.parent.glob(f"{glob.escape(start)}*.partial"):
@@ -221,7 +184,6 @@ def _is_running(pid: int) -> bool:
 
 def _read_process_start(pid: int) -> str:
     """Return the start of a process in clock ticks.
-
     The text is empty if the system does not provide it.
     """
     with suppress(OSError):

@@ -27,7 +27,6 @@ PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 
 def get_recording_path(motion: Mapping[str, Any]) -> str:
     """Return the path of a resolved motion's recording, as written.
-
     It is empty for a model.
     """
     return str(motion["path"]) if motion["kind"] == "file" else ""
@@ -35,7 +34,6 @@ def get_recording_path(motion: Mapping[str, Any]) -> str:
 
 def list_recording_paths(motion: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the paths of a resolved motion's recordings, as written.
-
     A blended motion has two paths, a model has none.
     """
     other = (motion.get("hybrid") or {}).get("other") if motion["kind"] == "file" else None
@@ -49,13 +47,7 @@ def find_source_entry(recording: str, sources: Sequence[SourceSection]) -> Sourc
 
 def find_subject(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
     """Return the subject of a motion.
-
-    The subject comes from ``[[sources]]`` or is the recording. Each parameter sample of a model is a separate subject.
-
-    Raises
-    ------
-    ConfigError
-        If the expression of the source does not match.
+    The subject comes from ``[[sources]]`` or is the recording.
     """
     recording = get_recording_path(motion)
     if not recording:
@@ -84,21 +76,7 @@ class EmptySceneOptions(FrozenModel):
 
 
 def check_motion(motion: Any, folder: Path, *, key: str) -> None:
-    """Check a resolved motion table without generating or reading anything.
-
-    Parameters
-    ----------
-    motion : table
-    folder : Path
-        Folder that relative motion paths start from.
-    key : str
-        Dotted key of the table, for messages.
-
-    Raises
-    ------
-    ConfigError
-        If the kind, a parameter or an option is not known or not allowed, or a file is missing.
-    """
+    """Check a resolved motion table without generating or reading anything."""
     from doppelgait.motion.models import MOTION_MODELS, get_parameters
 
     if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
@@ -144,7 +122,6 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
 
 def list_motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
     """List the paths of motion files in tables.
-
     The paths are as written and sorted; all choices of a distribution are included.
     """
     found: set[str] = set()
@@ -176,7 +153,6 @@ def _list_strings(value: Any) -> list[str]:
 
 def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
     """Raise a :class:`ConfigError` if two paths lead to one file.
-
     The file would be two subjects, perhaps in two splits.
     """
     seen: dict[Path, str] = {}
@@ -188,7 +164,6 @@ def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
 
 def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
     """Raise a :class:`ConfigError` if equal files would be different subjects.
-
     These could be in two splits.
     """
     by_size: dict[int, list[str]] = {}
@@ -258,24 +233,7 @@ def _has_folders(value: Any) -> bool:
 
 def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | None = None) -> PlanConfig:
     """Replace a plan's folders by lists of their segments.
-
     This is the only step of planning that reads files.
-
-    Parameters
-    ----------
-    plan : PlanConfig
-    folder : Path
-        Folder that relative paths start from.
-    on_progress : callable, optional
-        Called with (files read, files in total).
-
-    Raises
-    ------
-    ConfigError
-        If a folder is missing or a key is not allowed, or ``scene.duration_s`` is not a number, which a list of
-        segments needs unless ``dataset.leaks`` names it.
-    DatasetError
-        If a folder has no usable segment.
     """
     if not has_folders(plan):
         return plan
@@ -313,7 +271,6 @@ def _list_segments(
     on_progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """Return motion tables of a folder's usable segments.
-
     The order is the first segment of every file, then the second, and so on.
     """
     root = folder / spec.path

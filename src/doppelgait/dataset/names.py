@@ -20,17 +20,7 @@ SHOWN = 8
 
 @dataclass(frozen=True)
 class NameForm:
-    """File name template of a published set.
-
-    Parameters
-    ----------
-    template : str
-        Path relative to the folder: ``{label}``, ``{subject}`` and ``{session}`` are read, ``*`` matches any text
-        within a name, ``**/`` any folders.
-    labels : dict
-        Labels by their code in the names; empty if the names contain the labels.
-    citation, licence : str
-    """
+    """File name template of a published set."""
 
     template: str
     labels: Mapping[str, str] = field(default_factory=dict)
@@ -50,28 +40,7 @@ NAME_FORMS = {
 
 
 def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") -> list[LabelEntry]:
-    """Read labels and subjects from file names.
-
-    Parameters
-    ----------
-    folder : path
-        Folder that is searched with its subfolders.
-    names : str
-        A key of ``NAME_FORMS``, or a template such as ``{label}/{subject}_*.png``.
-    gate : "track" or (float, float)
-        Gate of all recordings.
-
-    Returns
-    -------
-    list of LabelEntry
-        Sorted by path; ``line`` counts them. Files of the same suffix that do not fit the template are left out, with
-        a warning.
-
-    Raises
-    ------
-    ConfigError
-        If the template is invalid, no file matches it, or a label is not known.
-    """
+    """Read labels and subjects from file names."""
     source = Path(folder)
     if not source.is_dir():
         raise ConfigError(f"{source}: no such folder of recordings")
@@ -116,14 +85,7 @@ def label_entries(
     options: Mapping[str, Any] | None = None,
 ) -> Path | list[LabelEntry]:  # fmt: skip
     """Choose labels of files or names, with classes.
-
-    The path of the file is returned if its lines stay unchanged. ``options`` are reader options for entries without own
-    options.
-
-    Raises
-    ------
-    ConfigError
-        If not exactly one of ``labels`` and ``names`` is set, or one of them or ``classes`` is wrong.
+    The path of the file is returned if its lines stay unchanged.
     """
     if labels is not None and names is None and not (classes or options):
         return labels
@@ -136,20 +98,7 @@ def label_entries(
 
 
 def relabel(entries: Sequence[LabelEntry], classes: Sequence[str]) -> list[LabelEntry]:
-    """Rename labels, or leave their recordings out.
-
-    Parameters
-    ----------
-    entries : sequence of LabelEntry
-    classes : sequence of str
-        ``LABEL=CLASS``, with ``*`` in LABEL for anything; an empty CLASS leaves out. The first that fits a label
-        counts; other labels stay.
-
-    Raises
-    ------
-    ConfigError
-        If an item has another form or matches no label, or no entry remains.
-    """
+    """Rename labels, or leave their recordings out."""
     labels = list(dict.fromkeys(entry.label for entry in entries))
     there = f"the labels are {', '.join(labels)}"
     renamed: dict[str, str] = {}

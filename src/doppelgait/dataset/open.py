@@ -53,13 +53,7 @@ TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 
 def check_description(description: Any) -> None:
-    """Check the content of ``dataset.json``.
-
-    Raises
-    ------
-    ValueError
-        If a key is missing or has the wrong type; the message names it.
-    """
+    """Check the content of ``dataset.json``."""
     if not isinstance(description, Mapping):
         raise ValueError("dataset.json: must be a table")
     for key, kind, words in (
@@ -86,7 +80,6 @@ def check_description(description: Any) -> None:
 
 def _check_plan(config: Any) -> None:
     """Check the part of a configuration that locates an example.
-
     The other keys are needed only to simulate an example again.
     """
     if not isinstance(config, Mapping):
@@ -103,19 +96,7 @@ def _check_plan(config: Any) -> None:
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
-    """Check index columns that identify and locate examples.
-
-    Parameters
-    ----------
-    index : DataFrame
-    classes : mapping
-        Of ``dataset.json``.
-
-    Raises
-    ------
-    ValueError
-        If a column is missing or wrong; the message names it.
-    """
+    """Check index columns that identify and locate examples."""
     measured = [f"feature_{name}" for name in FEATURE_UNITS]
     missing = [name for name in (*TEXT_COLUMNS, "row", *measured) if name not in index]
     if missing and len(index):
@@ -211,13 +192,7 @@ class Dataset:
     @overload
     def __getitem__(self, key: str) -> Example: ...
     def __getitem__(self, key: str) -> Dataset | Example:
-        """Return a split's examples, or an id's example.
-
-        Raises
-        ------
-        DatasetError
-            If the dataset has neither this split nor this id.
-        """
+        """Return a split's examples, or an id's example."""
         if key in SPLITS:
             known = sorted(self.index["split"].unique())
             if key not in known:
@@ -339,7 +314,6 @@ class Dataset:
     @cached_property
     def _places(self) -> tuple[list[str], list[int]]:
         """Shard and row of every example.
-
         Indexing a list is a hundred times as fast as indexing a table.
         """
         return self.index["shard"].tolist(), self.index["row"].tolist()
@@ -554,13 +528,7 @@ def open_dataset(directory: str | Path) -> Dataset:
 
 
 def read_index(path: Path, identity: str | None) -> pd.DataFrame:
-    """Read the index of a dataset.
-
-    Raises
-    ------
-    ValueError
-        If the index belongs to another dataset.
-    """
+    """Read the index of a dataset."""
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:

@@ -20,18 +20,7 @@ from doppelgait.dataset.splits import assign_splits, group_subjects
 
 class PlannedExample(NamedTuple):
     """Planned example with its subjects and split.
-
     Its distributions are sampled when it is built.
-
-    Parameters
-    ----------
-    number : int
-        Number among all examples of the plan, from 0.
-    class_number : int
-    id, split, group : str
-        Examples that share a subject, directly or through other examples, share the group; a group is in one split.
-    subjects : tuple of str
-        One subject per row, followed by the further subjects of blended motions.
     """
 
     number: int
@@ -45,7 +34,6 @@ class PlannedExample(NamedTuple):
 @dataclass(frozen=True)
 class Shard:
     """Examples of one shard file.
-
     The examples are planned examples or labelled recordings, each with ``id`` and ``split``.
     """
 
@@ -56,7 +44,6 @@ class Shard:
 
 def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
     """Yield shards of up to ``size`` examples per split.
-
     The order is that of the entries.
     """
     for split in SPLITS:
@@ -73,16 +60,7 @@ def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan with its examples.
-
-    Parameters
-    ----------
-    config : PlanConfig
-        With its folders expanded and the values of its radar files.
-    folder : Path
-        Folder that relative paths start from.
-    examples : tuple of PlannedExample
-    """
+    """Plan with its examples."""
 
     config: PlanConfig
     folder: Path
@@ -95,7 +73,6 @@ class Plan:
 
     def shards(self) -> Iterator[Shard]:
         """Yield shards of one split each.
-
         Examples of all classes are interleaved, so that every shard is mixed.
         """
 
@@ -182,26 +159,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
 
 def check_examples(plan: Plan, *, most: int | None = None, on_progress: Progress | None = None) -> int:
     """Resolve examples over the plan to find forbidden values.
-
     Such values are then reported before anything is built.
-
-    Parameters
-    ----------
-    plan : Plan
-    most : int, optional
-        All by default.
-    on_progress : callable, optional
-        Called with (examples resolved, examples in total).
-
-    Returns
-    -------
-    int
-        How many were resolved.
-
-    Raises
-    ------
-    ConfigError
-        If a value is not allowed; the message names class, example and key.
     """
     total = spread_count(plan, most)
     for done, _ in enumerate(sample_examples(plan, most), start=1):
@@ -225,14 +183,7 @@ def sample_examples(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec
 
 def collect_nuisance(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
     """Return all sampled values of a row except its motion.
-
     These must not predict the class. Keys are dotted, values numbers and texts.
-
-    Parameters
-    ----------
-    example : ExampleSpec
-    row : int
-        Number of the target. Targets in the background are included with their motion, other targets are not.
     """
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
     targets = run["scene"].pop("targets")

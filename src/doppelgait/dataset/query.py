@@ -31,19 +31,7 @@ ALLOWED = (
 
 def select_rows(index: pd.DataFrame, query: str) -> npt.NDArray[np.bool_]:
     """Mark the rows that fulfil a query.
-
     Unknown values fulfil no condition.
-
-    Parameters
-    ----------
-    index : DataFrame
-    query : str
-        For example ``"truth_aspect_deg < 30 and label in ['dog', 'cat']"``.
-
-    Raises
-    ------
-    DatasetError
-        If the query names no column or is no condition.
     """
     try:
         if len(query) > MAX_LENGTH:
@@ -67,7 +55,6 @@ def _is_condition(value: Any) -> bool:
 
 def _evaluate_value(node: ast.expr, index: pd.DataFrame) -> Any:
     """Return the value of a part of a query.
-
     It is a column, a number, a text or a list.
     """
     match node:

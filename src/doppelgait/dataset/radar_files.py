@@ -22,13 +22,7 @@ _STORED_KEYS = {"file", "values"}
 
 def store_radar_files(plan: PlanConfig, folder: Path) -> PlanConfig:
     """Replace the names of a plan's radar files by their values.
-
     A plan without such files is returned unchanged.
-
-    Raises
-    ------
-    ConfigError
-        If a file cannot be read.
     """
 
     def store(named: str | RadarFile) -> dict[str, Any]:
@@ -46,7 +40,6 @@ def store_radar_files(plan: PlanConfig, folder: Path) -> PlanConfig:
 
 def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
     """List the radar files of a ``[radar]`` table.
-
     A file is a name, or stored with its values.
     """
     found: list[str | RadarFile] = []
@@ -56,7 +49,6 @@ def list_radar_files(radar: Mapping[str, Any]) -> list[str | RadarFile]:
 
 def load_radar_files(radar: Mapping[str, Any]) -> Any:
     """Make an object of each stored radar file.
-
     Sampling a plan leaves such an object unchanged: the distributions of a radar file have their own random streams.
     """
     return replace_radar_files(radar, lambda named: named)
@@ -64,7 +56,6 @@ def load_radar_files(radar: Mapping[str, Any]) -> Any:
 
 def replace_radar_files(value: Any, change: Callable[[Any], Any], *, in_preset: bool = False) -> Any:
     """Replace the radar files of a table.
-
     They are under ``preset`` or among its choices.
     """
     if isinstance(value, Mapping):

@@ -38,16 +38,7 @@ TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a recording, with times that start at 0.
-
-    Parameters
-    ----------
-    start_s, stop_s : float
-        In the time of the whole recording, from its first pulse.
-    recording : Recording or DataArray (time, doppler)
-        Recording without truth, because an imported recording is analysed as a measured one; or the signature of a
-        picture.
-    """
+    """Part of a recording, with times that start at 0."""
 
     start_s: float
     stop_s: float
@@ -56,17 +47,7 @@ class Part:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Pulses, or bursts of pulses, which are never split.
-
-    Parameters
-    ----------
-    starts_s : ndarray
-        From the first.
-    pulses : int
-        In each.
-    period_s : float
-        From one to the next, in the mean.
-    """
+    """Pulses, or bursts of pulses, which are never split."""
 
     starts_s: npt.NDArray[np.float64]
     pulses: int
@@ -87,27 +68,7 @@ def cut(
     recording: Recording | xr.DataArray, *, start_s: float | None = None, stop_s: float | None = None,
     window_s: float | None = None, step_s: float | None = None,
 ) -> list[Part]:  # fmt: skip
-    """Split a recording into parts.
-
-    Parameters
-    ----------
-    recording : Recording or DataArray (time, doppler)
-        Recording, or the signature of a picture.
-    start_s, stop_s : float, optional
-        Labelled part, from the first pulse; by default the whole recording.
-    window_s, step_s : float, optional
-        Length of a window, and time between the starts of windows. A remainder shorter than a window is left out.
-
-    Returns
-    -------
-    list of Part
-        One without ``window_s``.
-
-    Raises
-    ------
-    AnalysisError
-        If the recording ends before ``stop_s``, or the labelled part is shorter than a window.
-    """
+    """Split a recording into parts."""
     if isinstance(recording, xr.DataArray):
         times_s, pulses = read_axis(recording, "time"), 1
     else:
@@ -154,20 +115,7 @@ SEVERAL = "several_tracks:the_label_went_to_the_surest"
 
 @dataclass(frozen=True)
 class RecordedExamples:
-    """Maker of the examples of labelled recordings.
-
-    Parameters
-    ----------
-    config : ImportConfig
-    folder : Path
-        Folder of the recordings.
-    directory : str
-        Folder of the dataset.
-    hashes : mapping
-        SHA-256 of every recording.
-    identity : str
-        Id of the dataset.
-    """
+    """Maker of the examples of labelled recordings."""
 
     config: ImportConfig
     folder: Path
@@ -177,7 +125,6 @@ class RecordedExamples:
 
     def make(self, entry: PlannedEntry) -> ExampleData:
         """Analyse the windows of an entry.
-
         A fault of the recording is a failure, not an error.
         """
         made, line, config = ExampleData(), entry.entry, self.config
@@ -279,10 +226,7 @@ def _read(
 
 def find_labelled_result(results: Sequence[Result]) -> Result | None:
     """Return the result for a recording's only label.
-
     The result is the track with the longest duration, weighted by its confidence.
-
-    Bodies have priority over echoes and objects, and moving bodies over bodies that are detected by breathing only.
     """
 
     def weight(result: Result) -> tuple[bool, bool, float]:
@@ -310,7 +254,6 @@ def _make_outcome_columns(planned: PlannedEntry, results: Sequence[Result], resu
 @contextmanager
 def _collect_messages(folder: Path) -> Iterator[list[str]]:
     """Collect the warnings of the block, without the folder's path.
-
     The list is filled when the block ends.
     """
     messages: list[str] = []

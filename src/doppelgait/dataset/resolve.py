@@ -91,7 +91,6 @@ class ExampleSpec(FrozenModel):
 
 def find_class(plan: PlanConfig, number: int) -> tuple[int, int]:
     """Return an example's class number and number within the class.
-
     Beyond the plan the classes alternate.
     """
     rest = number
@@ -111,7 +110,6 @@ def make_example_id(label: str, number: int) -> str:
 
 def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
     """Return the rows of an example and their targets.
-
     Motions are sampled, placements are not.
     """
     place, within = find_class(plan, number)
@@ -160,7 +158,6 @@ def resolve_rows(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[Row
 
 def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     """Return the function that samples values of an example.
-
     Cycles advance with the number within the class, in the same order for every class.
     """
     turn = find_class(plan, number)[1]
@@ -170,24 +167,7 @@ def _make_sampler(plan: PlanConfig, number: int) -> Draw:
 def resolve_example(
     plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = ""
 ) -> ExampleSpec:  # fmt: skip
-    """Resolve an example of a plan: sample every distribution.
-
-    Parameters
-    ----------
-    plan : PlanConfig
-        With its folders expanded.
-    number : int
-        Number of the example, from 0. Beyond the examples of the plan the classes alternate without end.
-    folder : Path
-        Folder that relative paths start from.
-    split, group : str
-        Planned split and group; they do not affect other values.
-
-    Raises
-    ------
-    ConfigError
-        If a sampled value is not allowed or a motion file is missing; the message names class, example and key.
-    """
+    """Resolve an example of a plan: sample every distribution."""
     place, within = find_class(plan, number)
     section = plan.classes[place]
     name = make_example_id(section.label, within)
@@ -204,7 +184,6 @@ def _run_spec(
     plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], name: str, folder: Path
 ) -> Run:
     """Resolve the run of an example.
-
     Everything except the motions and the keys in ``dataset.leaks`` is sampled independently of the class.
     """
     draw = _make_sampler(plan, number)
@@ -258,7 +237,6 @@ def _resolve_noise(plan: PlanConfig, draw: Draw) -> dict[str, Any]:
 
 def _sample_list(plan: PlanConfig, draw: Draw, key: str) -> list[Any]:
     """Sample a list of the plan.
-
     Entries that were sampled as ``{}`` are left out.
     """
     entries = draw(getattr(plan, key), key)

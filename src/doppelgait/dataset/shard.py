@@ -38,16 +38,7 @@ def match_tracks(
     results: Sequence[Result], truths: Sequence[TargetTruth], slow_time_s: npt.NDArray[np.float64]
 ) -> list[Result | None]:
     """Match every target to the nearest track of its body.
-
-    Each track is used once, nearest pairs first.
-
-    Parameters
-    ----------
-    results : sequence of Result
-        With gates from tracks.
-    truths : sequence of TargetTruth
-    slow_time_s : ndarray, shape (I,)
-        Times of the truths.
+    Each track is used once, nearest pairs first. Shapes: slow_time_s (I,).
     """
     found: list[Result | None] = [None] * len(truths)
     pairs = []
@@ -84,18 +75,7 @@ NOTHING = {
 def index_rows(
     example: ExampleSpec, recording: Recording, results: Sequence[Result | None], messages: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Make the index rows of an example, one per target.
-
-    Parameters
-    ----------
-    example : ExampleSpec
-    recording : Recording
-        Truth and levels.
-    results : sequence of Result or None
-        One per row; None where no track follows the target.
-    messages : sequence of str
-        Warnings of simulation and analysis.
-    """
+    """Make the index rows of an example, one per target."""
     run, is_empty = example.run, all(row.source == "none" for row in example.rows)
     scene = {
         "carrier_hz": run.radar.carrier_hz,
@@ -144,7 +124,6 @@ def _format_specs(specs: Sequence[FrozenModel]) -> str:
 
 def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
     """Return the index columns of simulations only.
-
     Their names begin with ``truth_``.
     """
     aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # undefined for a body without motion
@@ -163,17 +142,7 @@ def make_truth_columns(truth: TargetTruth) -> dict[str, Any]:
 
 @dataclass
 class ExampleData:
-    """Rows, arrays and failures of one example.
-
-    Parameters
-    ----------
-    rows : list of dict
-        Of the index, without shard and row.
-    arrays : list of dict
-        Of each row, as stored.
-    failures : list of dict
-        ``id``, ``reason``, ``spec``.
-    """
+    """Rows, arrays and failures of one example."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
     arrays: list[Arrays] = field(default_factory=list)
@@ -195,7 +164,6 @@ class ExampleMaker(Protocol):
 
     def make(self, entry: Any) -> ExampleData:
         """Make an example.
-
         A fault of the example is a failure, not an error.
         """
         ...
@@ -203,19 +171,7 @@ class ExampleMaker(Protocol):
 
 @dataclass(frozen=True)
 class BuildContext:
-    """Maker of the examples of a plan.
-
-    Parameters
-    ----------
-    config : PlanConfig
-        With its folders expanded.
-    folder : str
-        Folder that relative motion paths start from.
-    directory : str
-        Folder of the dataset.
-    identity : str
-        Id of the dataset; empty for examples that are made for another purpose.
-    """
+    """Maker of the examples of a plan."""
 
     config: PlanConfig
     folder: str
@@ -238,22 +194,7 @@ class BuildContext:
 def build_shard(
     shard: Shard, maker: ExampleMaker, *, tick: Callable[[Any, ExampleData], None] | None = None
 ) -> dict[str, Any]:
-    """Build one shard file and its record, all or nothing.
-
-    Parameters
-    ----------
-    shard : Shard
-    maker : Maker
-    tick : callable, optional
-        Called with every entry and its result.
-
-    Returns
-    -------
-    dict
-        ``dataset`` (its id), ``shard``, ``contents_sha256`` (:func:`doppelgait.dataset.shard_files.hash_contents`),
-        ``sha256`` and ``bytes`` of the file, ``rows`` (index rows) and ``failures`` (id, reason, spec). The same record
-        is written to ``NAME.json`` next to the shard at the end; a shard without this file does not count as built.
-    """
+    """Build one shard file and its record, all or nothing."""
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
     arrays: list[Arrays] = []
@@ -301,16 +242,7 @@ def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[di
 def build_example(
     example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, *, gate: Literal["truth", "track"] = "truth"
 ) -> list[tuple[dict[str, Any], Arrays]]:
-    """Build index row and stored arrays of every target.
-
-    Parameters
-    ----------
-    example : ExampleSpec
-    fields : sequence of FieldSpec
-    folder : Path
-        Folder that relative motion paths start from.
-    gate : {"truth", "track"}
-    """
+    """Build index row and stored arrays of every target."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         recording = run_simulation(example.run, folder=folder, angles=False)

@@ -55,10 +55,7 @@ def describe_fields(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
 
 def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
     """Encode an array in its field's precision.
-
     Every ``hop``-th row is kept.
-
-    ``half`` stores 10 log10 of a power; float16 has steps of 0.125 dB between 128 and 256 dB from 1, finer below.
     """
     kept = np.asarray(values)[:: spec.hop]
     if not spec.is_half:
@@ -70,7 +67,6 @@ def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
 
 def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
     """Decode a stored array to linear units.
-
     ``facts`` is the field's entry of ``dataset.json``.
     """
     stored = np.asarray(values)
@@ -82,7 +78,6 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
 
 def name_axis(field: str, dim: str) -> str | None:
     """Return the name of a field's axis in a shard.
-
     It is None for a dimension without one (``scatterer``).
     """
     return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
@@ -90,7 +85,6 @@ def name_axis(field: str, dim: str) -> str | None:
 
 def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
     """Encode the arrays of one row, with their axes.
-
     Those of a target that was not found (None) are empty.
     """
     stored: dict[str, Array] = {}
@@ -110,7 +104,6 @@ def encode_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArra
 
 def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays], *, identity: str = "") -> None:
     """Write one dataset per field, one chunk per row.
-
     Where shapes differ every row has a dataset of its own. ``identity`` is the id of the whole dataset.
     """
     import h5py
@@ -140,9 +133,7 @@ MEASURED_TEXTS = ("flags", "warnings", "notes", "quality_verdict")
 
 def hash_contents(rows: Sequence[Mapping[str, Any]], arrays: Iterable[Arrays]) -> str:
     """Hash specification, whole numbers and arrays of rows (SHA-256).
-
-    Measured numbers are left out: their last bits depend on the processor and on the libraries for matrices. Those of
-    the arrays do not, once rounded to single or half precision.
+    Measured numbers are left out: their last bits depend on the processor and on the libraries for matrices.
     """
     digest = hashlib.sha256()
     for row, stored in zip(rows, arrays, strict=True):
@@ -163,9 +154,7 @@ LEVEL = 1
 
 def _write_chunks(file: Any, name: str, chunks: Sequence[Array]) -> None:
     """Write equally shaped arrays as chunks of one dataset.
-
-    The arrays are stacked along the first axis. They are compressed here instead of by HDF5, in the same format and an
-    eighth of the time. The bytes do not depend on the processor.
+    The arrays are stacked along the first axis.
     """
     first = chunks[0]
     shape = (len(chunks) * first.shape[0], *first.shape[1:])
@@ -186,18 +175,7 @@ MAX_OPEN = 128
 
 
 class ShardFiles:
-    """Reader of a folder of shard files.
-
-    It can be pickled and survives a fork: each process and thread opens files of its own, since HDF5 handles must not
-    be shared. At most :data:`MAX_OPEN` files stay open; the least recently used file is closed first.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder ``shards`` of a dataset.
-    identity : str, optional
-        Id of the dataset, which every file must have; None for datasets with files that have none.
-    """
+    """Reader of a folder of shard files."""
 
     def __init__(self, folder: Path, identity: str | None = None) -> None:
         self.folder, self.identity = folder, identity
@@ -207,18 +185,7 @@ class ShardFiles:
         return ShardFiles, (self.folder, self.identity)
 
     def read(self, shard: str, name: str, row: int) -> npt.NDArray[Any] | None:
-        """Read array ``name`` of a shard's row, as stored.
-
-        Returns
-        -------
-        ndarray or None
-            None where the shard or the row has no such array.
-
-        Raises
-        ------
-        DatasetError
-            If the file is missing or damaged, has no such row, or takes values from another file.
-        """
+        """Read array ``name`` of a shard's row, as stored."""
         with self._name_faults(shard, name, row):
             found, one_row = self._find(shard, name, row)
             if found is None:
@@ -247,7 +214,6 @@ class ShardFiles:
 
     def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:
         """Find an array's HDF5 dataset, None where absent.
-
         The second item is True if the array is one row of it.
         """
         import h5py
@@ -276,7 +242,6 @@ class ShardFiles:
 
     def _get_files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
         """Return the files of this process and thread.
-
         After a fork the parent's files are left to the parent.
         """
         if getattr(self._local, "pid", None) != os.getpid():
@@ -298,7 +263,6 @@ class ShardFiles:
 
     def close(self) -> None:
         """Close the files of this process and thread.
-
         Reading opens them again.
         """
         files = self._get_files()

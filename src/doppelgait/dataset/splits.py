@@ -24,13 +24,7 @@ SHOWN_NAMES = 4
 
 def group_subjects(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
     """Return the group of every subject.
-
     Subjects that share a scene share a group, named after the first of them in order.
-
-    Parameters
-    ----------
-    scenes : iterable of sequence of str
-        Subjects of each scene.
     """
     parent: dict[str, str] = {}
 
@@ -56,22 +50,7 @@ def parse_source(subject: str) -> str:
 
 def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
     """List what every row of an index is made of.
-
-    For subjects and recordings the list has every name of a blended motion. Any other column has one name per row, or
-    none if unknown.
-
-    Parameters
-    ----------
-    index : DataFrame
-        Subjects after the first are in the column ``others``, paths after the first in ``motion``: a path may hold
-        what joins the two in ``recording``.
-    column : str
-        None of the rows has a name where the index lacks it.
-
-    Raises
-    ------
-    DatasetError
-        If ``others`` or ``motion`` of a blended row cannot be read.
+    For subjects and recordings the list has every name of a blended motion.
     """
     further = {"subject": "others", "recording": "motion"}.get(column, "")
     names, texts = (
@@ -95,23 +74,7 @@ def list_names(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
 
 
 def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Assign a split to every group.
-
-    Groups in ``split.subjects`` or ``split.sources`` are assigned first, the others by ``split.strategy`` with the
-    planned fractions.
-
-    Parameters
-    ----------
-    dataset : DatasetSection
-    members : mapping
-        Groups of every class, by label; a group may be in several classes.
-
-    Raises
-    ------
-    DatasetError
-        If a split with a share above 0 would hold no subject of a class, a name fits none or two splits, or a group
-        that two classes share cannot be in one split.
-    """
+    """Assign a split to every group."""
     names = list(dict.fromkeys(name for groups in members.values() for name in groups))
     splits = {name: s for name in names if (s := dataset.split.sources.get(parse_source(name))) is not None}  # type: ignore[call-overload]
     named: dict[str, str] = {}
@@ -147,9 +110,7 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
 
 def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
     """Split names by the hash of seed and name.
-
-    ``stable`` compares the hash of each name with the planned fractions. Otherwise the names are ranked by hash and
-    divided at the fractions.
+    ``stable`` compares the hash of each name with the planned fractions.
     """
     share_of = {
         name: int.from_bytes(hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()[:8], "big") / 2**64
@@ -182,17 +143,7 @@ def _list_some(text: str, names: Sequence[str]) -> str:
 
 
 class PlannedEntry(NamedTuple):
-    """Entry with its place in the dataset.
-
-    Parameters
-    ----------
-    id : str
-        Class and number within it, by the order of the labels.
-    split : str
-    subject, group : str
-        A subject without a name is its recording; subjects of one recording share a group.
-    entry : LabelEntry
-    """
+    """Entry with its place in the dataset."""
 
     id: str
     split: str
@@ -202,23 +153,7 @@ class PlannedEntry(NamedTuple):
 
 
 def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: str) -> list[PlannedEntry]:
-    """Plan ids and splits of all entries, in their order.
-
-    Parameters
-    ----------
-    entries : sequence of LabelEntry
-    config : ImportConfig
-    labels : str
-        Name of the file of labels, for messages.
-
-    Raises
-    ------
-    ConfigError
-        If the column ``split`` puts a subject or a recording into two splits, or exists although the configuration has
-        a split.
-    DatasetError
-        If a class has too few subjects for the requested shares.
-    """
+    """Plan ids and splits of all entries, in their order."""
     subjects = [f"person/{entry.subject}" if entry.subject else f"file/{entry.recording}" for entry in entries]
     together: dict[str, list[str]] = {}
     for entry, subject in zip(entries, subjects, strict=True):

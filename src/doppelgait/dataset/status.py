@@ -18,17 +18,7 @@ __all__ = ["ShardStatus", "Status", "read_dataset_status", "read_description"]
 
 @dataclass(frozen=True)
 class ShardStatus:
-    """State of one shard.
-
-    Parameters
-    ----------
-    name : str
-    state : {"done", "missing", "damaged"}
-        ``missing``: never finished. ``damaged``: the file differs from its record, or belongs to another dataset; the
-        next build replaces it.
-    n_examples, n_rows, n_failed, bytes : int
-        0 for shards that are not done.
-    """
+    """State of one shard."""
 
     name: str
     state: Literal["done", "missing", "damaged"]
@@ -40,24 +30,7 @@ class ShardStatus:
 
 @dataclass(frozen=True)
 class Status:
-    """State of a dataset's folder.
-
-    Parameters
-    ----------
-    directory : Path
-    dataset_id, name : str
-    complete : bool
-        Whether the description marks the dataset as complete.
-    planned : int
-        Examples of the plan.
-    shards : tuple of ShardStatus
-    running : tuple of str
-        Builds that use the folder.
-    partial : tuple of str
-        Half-written files of running builds.
-    removed : tuple of str
-        Half-written files and locks of dead builds; they were removed.
-    """
+    """State of a dataset's folder."""
 
     directory: Path
     dataset_id: str
@@ -86,19 +59,7 @@ class Status:
 
 def read_dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     """Report the status of a dataset.
-
     Half-written files are removed if no build uses the folder.
-
-    Parameters
-    ----------
-    directory : path
-    quick : bool
-        Compare sizes only; by default every shard is read and hashed.
-
-    Raises
-    ------
-    DatasetError
-        If the folder holds no dataset, or its description is damaged.
     """
     folder = Path(directory)
     description = read_description(folder)

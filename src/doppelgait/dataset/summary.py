@@ -28,25 +28,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class PlanSummary:
-    """Summary of the dataset that a plan will make.
-
-    Parameters
-    ----------
-    name, dataset_id : str
-    n_examples, n_shards : int
-    counts : list of dict
-        ``class`` and the number of examples in each split.
-    subjects : list of dict
-        ``class`` and the number of subjects in each split, separately for models and recordings.
-    files : list of dict
-        Motion files with the number of examples made from each, licence and subject.
-    n_checked : int
-        Examples that were resolved in full to check whether they are allowed.
-    estimate : dict
-        Estimate from a pilot of a few examples, empty without a pilot: ``seconds_per_example`` of one processor,
-        ``bytes_per_example``, ``total_bytes``, ``total_seconds`` with all ``processors``; the number of
-        ``pilot_failures`` and the first of them, ``pilot_failure``.
-    """
+    """Summary of the dataset that a plan will make."""
 
     name: str
     dataset_id: str
@@ -64,18 +46,7 @@ class PlanSummary:
 
 
 def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
-    """Summarise a plan: examples, subjects, files and duration.
-
-    Parameters
-    ----------
-    plan : Plan
-    identity : str
-        Of :func:`doppelgait.dataset.finish.compute_dataset_id`.
-    n_checked : int
-        As from :func:`doppelgait.dataset.plan.check_examples`.
-    pilot : int
-        Examples to make for the estimate of size and time; 0 for none.
-    """
+    """Summarise a plan: examples, subjects, files and duration."""
     shards, sections = list(plan.shards()), list(enumerate(plan.config.classes))
     of_split = Counter((entry.class_number, entry.split) for entry in plan.examples)
     counts = [
@@ -141,13 +112,7 @@ def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, Any]:
 
 
 def write_specs(plan: Plan, path: Path) -> None:
-    """Write every resolved example, one line of JSON each.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; nothing is left of it then.
-    """
+    """Write every resolved example, one line of JSON each."""
     with open_atomically(path) as partial, partial.open("w", encoding="utf-8") as handle:
         for number in range(len(plan.examples)):
             handle.write(format_canonical_json(plan.example(number)) + "\n")

@@ -45,7 +45,6 @@ class NumberedExamples(Protocol):
 
 def as_item(arrays: Mapping[str, npt.NDArray[Any]], transform: Transform | None, target: int) -> Item:
     """Make the item of a loader.
-
     It is ``(tensor, target)`` for one field, ``({field: tensor}, target)`` for several.
     """
     tensors = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in arrays.items()}
@@ -63,7 +62,6 @@ def check_request(fields: Sequence[str], target: str) -> None:
 
 class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
     """Map-style dataset; every worker opens its own files.
-
     See :meth:`doppelgait.dataset.Dataset.torch`.
     """
 
@@ -91,7 +89,6 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
 
 class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
     """Dataset with rows that a loader's workers share.
-
     See :meth:`doppelgait.dataset.Dataset.torch_iterable`.
     """
 
@@ -119,7 +116,6 @@ class IterableExamples(IterableDataset[Item]):  # type: ignore[misc, unused-igno
 
 class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  # torch may be missing
     """Endless dataset with numbers that a loader's workers share.
-
     See :meth:`ExampleStream.torch`.
     """
 

@@ -29,12 +29,7 @@ LEAST_NOISE_SIGMAS = 1.0
 
 
 def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[FloatArray, FloatArray]:
-    """Compute lower and upper Doppler envelope of every column.
-
-    The envelopes are the power quantiles of 1 % and 99 % over Doppler, for the cells above the noise threshold
-    (E-35b). Noise alone exceeds this threshold with the probability of 4 standard deviations of a normal variable. The
-    envelopes, shape (J,), are NaN in columns without such cells.
-    """
+    """Compute lower and upper Doppler envelope of every column (E-35b)."""
     from doppelgait.core.kernels.features import power_quantiles
 
     check_signal(signature, SIGNATURE)
@@ -50,11 +45,7 @@ def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[Floa
 @lru_cache(maxsize=256)
 def compute_noise_quantile(n_bins: float) -> float:
     """Compute the noise threshold of a cell over its mean.
-
-    Noise exceeds the threshold with the probability of 4 standard deviations of a normal variable. A cell sums N_g
-    exponential variables and has a gamma distribution. The form 1 + 4 / sqrt(N_g) of E-35 assumes a normal
-    distribution, which is accurate for large N_g only. With 2 bins noise exceeds that threshold 130 times as often as
-    intended, and for a radar with few bins in the gate the bandwidth would be that of the noise.
+    Noise exceeds the threshold with the probability of 4 standard deviations of a normal variable (E-35).
     """
     from scipy.special import gammainccinv, ndtr
 
@@ -70,18 +61,7 @@ def strongest_cells_v2(signature: xr.DataArray | Plain) -> npt.NDArray[Any]:
 
 def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight: FloatArray) -> FloatArray:
     """Compute the level of B_mu per column (E-35), V^2.
-
-    The level is 3 % of the body's power. The body's power is the median over time of the columns' strongest cells, with
-    the influence of range removed.
-
-    Parameters
-    ----------
-    strongest_v2 : ndarray, shape (J,)
-        Strongest cell of every column of mu, V^2.
-    floor_v2 : float
-        Noise floor nu.
-    range_weight : ndarray, shape (J,)
-        Fourth power of the range over its mean (E-28).
+    The level is 3 % of the body's power. Shapes: strongest_v2 (J,); range_weight (J,) (E-28).
     """
     excess = (strongest_v2 - float(floor_v2)) * range_weight
     return np.asarray(WIDTH_LEVEL * max(compute_quantile(excess, 0.5), 0.0) / range_weight)
@@ -89,9 +69,7 @@ def width_level_v2(strongest_v2: npt.NDArray[Any], floor_v2: float, range_weight
 
 def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:
     """Raise the level of B_mu by the noise (E-35).
-
-    The mean of n exponential variables exceeds nu + kappa for 5 % of the time. Level and noise add like independent
-    fluctuations, sqrt(L^2 + kappa^2). The result has the shape (J,).
+    The mean of n exponential variables exceeds nu + kappa for 5 % of the time.
     """
     return np.asarray(np.hypot(level_v2, floor_v2 * _compute_noise_excess(n_bins)))
 
@@ -105,14 +83,7 @@ def _compute_noise_excess(n_bins: float) -> float:
 
 def width_of_bins(share: FloatArray) -> float | None:
     """Measure the width in Doppler bins above the level (E-35).
-
-    The width is that of the run of bins above the level for 5 % of the time or more, around the bin with the largest
-    share. Its ends are interpolated to 5 %. It is None if no bin is above the level for this time.
-
-    Parameters
-    ----------
-    share : ndarray, shape (K,)
-        Share of the time during which each bin exceeds the level.
+    Shapes: share (K,).
     """
     from doppelgait.core.kernels.columns import run_above
 
@@ -122,16 +93,7 @@ def width_of_bins(share: FloatArray) -> float | None:
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
     """Measure the width of the mean Doppler spectrum above a level.
-
-    The width in Hz is that of the contiguous range around the peak.
-
-    Parameters
-    ----------
-    mean_spectrum : ndarray, shape (K,)
-        D_1.
-    doppler_hz : ndarray, shape (K,)
-    threshold : float
-        t_mu as a share of the peak power; crossings are interpolated linearly in dB.
+    The width in Hz is that of the contiguous range around the peak. Shapes: mean_spectrum (K,); doppler_hz (K,).
     """
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
@@ -153,7 +115,6 @@ def _interpolate_crossing(level: FloatArray, doppler_hz: FloatArray, start: int,
 
 def single_tone_width_hz(*, cpi_s: float, window_steepness: float, threshold: float) -> float:
     """Compute the width of a line of constant Doppler (E-35).
-
     The width is 2 sqrt(-ln t) / (2 pi sigma_w T_d / 2).
     """
     return math.sqrt(-math.log(threshold)) / (math.pi * window_steepness * cpi_s / 2.0)

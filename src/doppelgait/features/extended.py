@@ -343,10 +343,7 @@ def ripple_at_half_mps(observed: Observation) -> float | None:
 
 
 def _component_mps(observed: Observation, number: int) -> float:
-    """Measure one of the torso swing components.
-
-    f/2, f, 3f/2 and 2f are fitted together, so that leakage from one does not add to another.
-    """
+    """Measure one of the torso swing components."""
     return math.sqrt(0.5) * observed.ripple_parts[number]
 
 

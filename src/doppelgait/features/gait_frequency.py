@@ -123,17 +123,7 @@ class GaitFrequency:
 @dataclass(frozen=True)
 class Rhythm:
     """Autocorrelation and spectrum of a set of rows.
-
-    Parameters
-    ----------
-    likeness : ndarray, shape (J,)
-        Square-difference autocorrelation n (E-33) at integer lags.
-    rate_hz : float
-        Lags per second.
-    share : ndarray, shape (Q,)
-        Power divided by the power above 0.5 Hz and multiplied by T_o; the maximum of a line is at most 1.
-    step_hz : float
-        Spacing of the spectrum.
+    Shapes: likeness (J,); share (Q,) (E-33).
     """
 
     likeness: FloatArray
@@ -219,9 +209,7 @@ def _compute_cell_noise(
     slow: Rows, aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float
 ) -> FloatArray:
     """Compute the noise of a cell in averaged columns.
-
-    The noise is the standard deviation in each column of :func:`average_columns`, shape (J',). The averaged columns
-    overlap almost completely, so they have the same noise.
+    The noise is the standard deviation in each column of :func:`average_columns`, shape (J',).
     """
     from doppelgait.core.kernels.features import positive_sums
 
@@ -235,21 +223,7 @@ def _compute_cell_noise(
 
 def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm, ...]:
     """Measure autocorrelation and spectrum of sets of rows.
-
-    Each set is measured unchanged and whitened. Whitening is ``v_j - 0.7 v_(j-1)``, followed by a division of each row
-    by its energy. Noise that is strongest at low cadence and in strong rows then does not mask other rows.
-
-    Parameters
-    ----------
-    rows : sequence of ndarray, shape (J, K)
-        Detrended rows.
-    rate_hz : float
-        Columns per second.
-
-    Returns
-    -------
-    tuple of Rhythm
-        Unchanged and whitened rhythm of the first set, then those of the next sets.
+    Each set is measured unchanged and whitened. Shapes: rows (J, K).
     """
     from scipy import fft
 
@@ -281,7 +255,6 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
 @lru_cache(maxsize=8)
 def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
     """Return transform lengths and a Hann window over lag.
-
     The window has the shape (J,); its side lobes are below 2.5 %.
     """
     from scipy import fft
@@ -292,7 +265,6 @@ def _choose_lengths(n_columns: int) -> tuple[int, int, FloatArray]:
 
 def compute_terms(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
     """Return the terms of the log posterior on the grid.
-
     The terms have the shapes (4, 9, frequency) for the rows and (5, frequency) for the prior.
     """
     from doppelgait.core.kernels.periodicity import rhythm_evidence
@@ -336,22 +308,8 @@ FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
 
 def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[float, float]:
     """Refine a frequency by the power of its harmonics.
-
     The method is a multi-harmonic fit. For white noise and resolved harmonics the maximum of ``sum_h S(h f)`` is the
-    least-squares fit of a periodic signal (Quinn and Thomson 1991). Each spectrum is weighted by its share of power
-    above 0.5 Hz.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Start value, within 6 % of the result.
-    rhythms : list of Rhythm
-
-    Returns
-    -------
-    tuple of float
-        Frequency in Hz at the maximum of a parabola, and the distance in Hz at which the parabola is 2 % lower. The
-        distance is NaN if the sum has no maximum within 6 %.
+    least-squares fit of a periodic signal (Quinn and Thomson 1991).
     """
     from doppelgait.core.kernels.periodicity import add_harmonics
 

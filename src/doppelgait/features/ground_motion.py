@@ -158,16 +158,7 @@ def _compute_posterior(radial_mps: float, radial_sd: float, across_2: float, acr
 
 @dataclass(frozen=True)
 class SegmentMotion:
-    r"""Straight motion over ground in one segment.
-
-    Parameters
-    ----------
-    ground_speed_mps, aspect_deg : float or None
-        As for :class:`GroundMotion`; None if the segment is shorter than 3 s or the motion is not straight.
-    visibility : {"clear", "limbs_only", "hidden", "unknown"}
-        Visibility of the gait at this aspect: ``clear`` from \|cos psi\| = 0.6 on, ``limbs_only`` (limbs relative to
-        the torso) from 0.25 on, ``hidden`` below, and ``unknown`` without an aspect.
-    """
+    r"""Straight motion over ground in one segment."""
 
     ground_speed_mps: float | None
     aspect_deg: float | None
@@ -178,22 +169,7 @@ def estimate_segment_motion(
     time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float
 ) -> SegmentMotion:
     """Estimate ground motion in a track segment (E-34b).
-
-    Parameters
-    ----------
-    time_s, range_m : array_like, shape (J,)
-        Range track of the body, with ascending times.
-    start_s, stop_s : float
-        Limits of the segment, both included.
-
-    Returns
-    -------
-    SegmentMotion
-
-    Raises
-    ------
-    AnalysisError
-        If times and ranges differ in length, or if the segment has fewer than three of them.
+    Shapes: time_s, range_m (J,).
     """
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
@@ -209,7 +185,6 @@ def estimate_segment_motion(
 
 def classify_visibility(motion: GroundMotion) -> Visibility:
     """Classify the visibility of the gait at an aspect.
-
     The classes are described in :class:`SegmentMotion`.
     """
     if motion.aspect_deg is None:

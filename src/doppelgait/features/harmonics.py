@@ -67,7 +67,6 @@ def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, 
 @dataclass(frozen=True)
 class LimbTorsoRatio:
     """Limb-to-torso ratio in energy and in amplitude form.
-
     ``ratio`` is the energy form; the amplitude form is closest to the report.
     """
 
@@ -128,14 +127,7 @@ def highest_cadence_hz(frequency_hz: float) -> float:
 
 def ratio_of_rows(cadence_hz: FloatArray, values: FloatArray, base: FloatArray, frequency_hz: float) -> LimbTorsoRatio:
     """Compute :func:`limb_torso_ratio` of D in the rows K+ alone.
-
-    Parameters
-    ----------
-    cadence_hz : ndarray, shape (Q,)
-    values : ndarray, shape (Q, K+)
-    base : ndarray, shape (K+,)
-        Time mean of the rows.
-    frequency_hz : float
+    Shapes: cadence_hz (Q,); values (Q, K+); base (K+,).
     """
     if not base.size or base.sum() <= 0:
         return LimbTorsoRatio(None, None)

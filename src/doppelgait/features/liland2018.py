@@ -22,7 +22,6 @@ HARMONIC_WINDOW = 0.2
 
 def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: float) -> float:
     """Compute B_mu from the mean Doppler spectrum.
-
     B_mu is the span from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold.
     """
     above = np.flatnonzero(mean_spectrum >= threshold * mean_spectrum.max())
@@ -33,23 +32,7 @@ def extract(
     mean_spectrum: FloatArray, doppler_hz: FloatArray, spectrum: xr.DataArray, *, wavelength_m: float, threshold: float
 ) -> Extraction:
     """Extract the six features by the report's method.
-
-    Parameters
-    ----------
-    mean_spectrum : ndarray, shape (K,)
-        D_1 of the signature with columns divided by their maximum.
-    doppler_hz : ndarray, shape (K,)
-    spectrum : DataArray (cadence)
-        D_g: sum over Doppler of D_0 (mean removed, no taper, no padding).
-    wavelength_m : float
-    threshold : float
-        t_mu.
-
-    Returns
-    -------
-    Extraction
-        f_m is at the highest peak of D_g, without limits to a band. v_m is at the highest bin of D_1. L_m = v_m / f_m
-        has the sign of v_m. rho = (A_m + A_2 + A_3) / A_fd.
+    Shapes: mean_spectrum (K,); doppler_hz (K,).
     """
     check_signal(spectrum, CADENCE_SPECTRUM)
     best = int(mean_spectrum.argmax())

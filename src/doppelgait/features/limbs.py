@@ -35,13 +35,7 @@ INDEPENDENT_AFTER_S = 0.06
 @dataclass(frozen=True)
 class Rows:
     """Doppler rows over time, without labels.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    doppler_hz : ndarray, shape (K,)
-    rate_hz : float
-        Columns per second.
+    Shapes: values (J, K); doppler_hz (K,).
     """
 
     values: FloatArray
@@ -56,7 +50,6 @@ class Rows:
 
 def average_columns(normalised: xr.DataArray | Plain) -> Rows:
     """Average groups of columns of a normalised signature.
-
     The result has at least 40 columns per second.
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
@@ -72,7 +65,6 @@ def group_size(rate_hz: float) -> int:
 
 def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
     """Sum groups of columns and of rows.
-
     Incomplete groups at the end are dropped.
     """
     from doppelgait.core.kernels.features import sum_groups
@@ -84,19 +76,7 @@ def sum_groups(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArra
 
 def torso_line_hz(rows: Rows) -> FloatArray:
     """Follow the Doppler of the torso (E-33 step 4).
-
     The torso's Doppler is the smoothed centroid of the squared power around the main line in each column.
-
-    Parameters
-    ----------
-    rows : Rows
-        Normalised signature without drift of its main line.
-
-    Returns
-    -------
-    ndarray, shape (J,)
-        ``t[j] = sum F u^2 / sum u^2`` over the cells within 40 Hz of the median column peak, circular in Doppler,
-        smoothed by a Gaussian with 60 ms standard deviation. A column without power in this band has the median.
     """
     from doppelgait.core.kernels.lines import torso_line
 
@@ -109,23 +89,7 @@ def torso_line_hz(rows: Rows) -> FloatArray:
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     """Extract rows beyond 30 Hz of the torso.
-
-    The rows are amplitudes without noise, detrended; their Doppler is relative to the torso.
-
-    Parameters
-    ----------
-    rows : Rows
-        Normalised signature without drift of its main line.
-    noise : ndarray, shape (J,)
-        Standard deviation of the noise in one cell of each column, in the units of ``rows``.
-
-    Returns
-    -------
-    Rows
-        Result of five steps: each column is shifted by its torso line. One standard deviation of noise is subtracted
-        from each cell. Rows with a mean less than 3 standard deviations above that of clipped noise are set to 0.
-        Neighbouring rows are summed to 16 Hz. The square root is taken, so that the weak echoes of fast limbs
-        contribute in addition to the strong echoes of slow limbs.
+    The rows are amplitudes without noise, detrended; their Doppler is relative to the torso. Shapes: noise (J,).
     """
     from doppelgait.core.kernels.features import limb_amplitudes, shift_columns
 
@@ -152,9 +116,7 @@ def _make_limb_groups(
     n_rows: int, zero: int, zero_hz: float, bin_hz: float
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
     """Return limb groups of 16 Hz around the torso.
-
-    Returns the first row of each group, one past its last row, and the Doppler of its middle. Incomplete groups are
-    dropped.
+    Returns the first row of each group, one past its last row, and the Doppler of its middle.
     """
     torso, size = int(TORSO_WIDTH_HZ / bin_hz), _group_rows(bin_hz)
     starts, stops = [], []
@@ -179,7 +141,6 @@ def summed_rows(rows: Rows, bin_hz: float) -> Rows:
 
 def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
     """Remove every row's least-squares polynomial (E-31).
-
     The order is round(1.2 T_o), 1 to 6; the values are overwritten.
     """
     from doppelgait.core.kernels.periodicity import remove_trend
@@ -192,7 +153,6 @@ def detrend_rows(values: FloatArray, rate_hz: float) -> FloatArray:
 @lru_cache(maxsize=4)
 def _make_orthonormal_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation.
-
     The result has the shape (J, order + 1) and is read-only.
     """
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]

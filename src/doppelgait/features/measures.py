@@ -12,7 +12,6 @@ FloatArray = npt.NDArray[np.float64]
 
 def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArray[np.int64]:
     """Find the local maxima of an array, without its ends.
-
     The result has the indices i in ``first..last`` with values[i-1] < values[i] >= values[i+1].
     """
     start, stop = max(first, 1), min(last, values.size - 2) + 1
@@ -25,7 +24,6 @@ def find_local_maxima(values: FloatArray, *, first: int, last: int) -> npt.NDArr
 
 def refine(values: FloatArray, index: int) -> tuple[float, float]:
     """Fit a parabola through a local maximum.
-
     Returns its position (in samples) and height.
     """
     left, centre, right = values[index - 1 : index + 2]
@@ -36,7 +34,6 @@ def refine(values: FloatArray, index: int) -> tuple[float, float]:
 
 def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     """Compute quantiles of values without NaN.
-
     The result equals np.quantile; the computation takes a tenth of the time.
     """
     ordered = np.sort(values, axis=None)
@@ -46,11 +43,7 @@ def compute_quantile(values: npt.NDArray[np.floating[Any]], share: float) -> flo
 
 
 def compute_square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
-    """Compute the rows' normalised square-difference autocorrelation (E-33).
-
-    The autocorrelation is ``n(tau) = 2 sum_j sum_k v_j v_{j+tau} / sum_j sum_k (v_j^2 + v_{j+tau}^2)``, with 1 at lag
-    0. It is computed for the lags ``first`` to ``last``, by default for all.
-    """
+    """Compute the rows' normalised square-difference autocorrelation (E-33)."""
     from doppelgait.core.kernels import periodicity
 
     found = np.empty((rows.shape[0] if last is None else last + 1) - first)

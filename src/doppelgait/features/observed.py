@@ -50,9 +50,7 @@ ORDERS = np.arange(1, 5)
 
 class Envelopes(NamedTuple):
     """Envelopes around the main line (E-35b).
-
-    They cover the columns with power above the noise. The leading envelope is in the direction of motion. ``low`` and
-    ``high`` are the 5th and 95th percentile over time.
+    They cover the columns with power above the noise. The leading envelope is in the direction of motion.
     """
 
     seen_share: float
@@ -70,11 +68,7 @@ class Envelopes(NamedTuple):
 
 
 class LinePower(NamedTuple):
-    """Power above noise around the main line, range removed (E-28).
-
-    It has the sums over time within 0.4 m/s, within 1.6 m/s and of all rows, with fractional cells at the edges, and
-    the mean and standard deviation over time within 1.6 m/s.
-    """
+    """Power above noise around the main line, range removed (E-28)."""
 
     torso_v2: float
     near_v2: float
@@ -457,7 +451,6 @@ def _average_rows(values: npt.NDArray[Any]) -> FloatArray:
 @lru_cache(maxsize=8)
 def make_slow_basis(n_columns: int, order: int) -> FloatArray:
     """Compute orthonormal polynomials over the observation.
-
     The result has the shape (J, order + 1) and is read-only.
     """
     positions = np.linspace(-1.0, 1.0, n_columns)
@@ -468,15 +461,7 @@ def make_slow_basis(n_columns: int, order: int) -> FloatArray:
 
 def compute_autocorrelation_at(rows: FloatArray, lag: float) -> float | None:
     """Compute the normalised autocorrelation at a fractional lag (E-33).
-
-    The autocorrelation is the square-difference form; it is None for lags longer than the record.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J,) or (J, K)
-        Rows without their mean.
-    lag : float
-        Lag in columns; the value is interpolated between two integer lags.
+    The autocorrelation is the square-difference form; it is None for lags longer than the record. Shapes: rows (J,).
     """
     whole = int(np.floor(lag))
     if whole < 1 or whole + 1 >= rows.shape[0]:

@@ -49,19 +49,7 @@ UNCERTAIN_SHARE = {
 
 def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
     """Estimate standard deviations of the features and gait frequency.
-
     Each standard deviation has the unit of its feature.
-
-    Parameters
-    ----------
-    observed : Observed
-
-    Returns
-    -------
-    dict
-        Standard deviations by the name of the feature or ``gait_frequency_hz``; None if the feature is None or if fewer
-        than three periods are observed. ``harmonic_ratio_3`` is always None, because its error could not be predicted
-        within a factor of two.
     """
     extraction, features = observed.extraction, observed.extraction.features
     found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
@@ -88,11 +76,7 @@ def estimate_uncertainties(observed: Observation) -> dict[str, float | None]:
 
 
 def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
-    """Flag features with a large standard deviation.
-
-    A feature is flagged if its standard deviation is above a share of its value: 5 % for the gait frequency, 10 % for
-    the step length, 20 % for velocity, bandwidth and limb-torso ratio.
-    """
+    """Flag features with a large standard deviation."""
     values = {**extraction.features.as_dict(), "gait_frequency_hz": extraction.gait_frequency_hz}
     flags = []
     for name, share in UNCERTAIN_SHARE.items():
@@ -104,11 +88,8 @@ def flag_uncertain_features(extraction: Extraction, sd: dict[str, float | None])
 
 def velocity_sd_mps(observed: Observation) -> float | None:
     """Estimate the standard deviation of v_m (E-34).
-
-    The main line is an M-estimate with Cauchy weights, tapered in time. Its variance is the sum over blocks of the
-    squared sum of the influence function in a block, divided by the squared sum of the slope of the influence function.
-    This is the sandwich estimate for clusters (Huber 1967): blocks are independent, and columns within a block may
-    depend on each other. A share of the torso's swing and 6 mm/s are added.
+    The main line is an M-estimate with Cauchy weights, tapered in time. This is the sandwich estimate for clusters
+    (Huber 1967): blocks are independent, and columns within a block may depend on each other.
     """
     from doppelgait.core.kernels.robust import scatter_of_blocks
 
@@ -127,7 +108,6 @@ def velocity_sd_mps(observed: Observation) -> float | None:
 
 def bandwidth_sd_hz(observed: Observation) -> float | None:
     """Estimate the standard deviation of B_mu (E-35).
-
     The estimate is a jackknife over groups of periods, plus the rounding to Doppler bins.
     """
     edges = observed.period_edges
@@ -146,16 +126,7 @@ def bandwidth_sd_hz(observed: Observation) -> float | None:
 @dataclass(frozen=True)
 class Periods:
     """Fourier coefficients of every single gait period.
-
-    Parameters
-    ----------
-    harmonics : ndarray, shape (B, 3, K+)
-        Complex amplitude of the first three harmonics of f_mu in every Doppler row above the noise.
-    means : ndarray, shape (B, K+)
-    centre_s : ndarray, shape (B,)
-        Time of the middle of every period.
-    frequency_hz : float
-        f_mu.
+    Shapes: harmonics (B, 3, K+); means (B, K+); centre_s (B,).
     """
 
     harmonics: npt.NDArray[np.complex128]
@@ -165,11 +136,7 @@ class Periods:
 
     @cached_property
     def phase_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Harmonics of each period relative to their mean.
-
-        Returns the imaginary part of each harmonic relative to its mean over the periods, (B, 3), and the mean of the
-        real part, (3,).
-        """
+        """Harmonics of each period relative to their mean."""
         from doppelgait.core.kernels.periodicity import against_mean
 
         imaginary, real = np.empty(self.harmonics.shape[:2]), np.empty(self.harmonics.shape[1])
@@ -194,11 +161,7 @@ def _measure_periods(observed: Observation) -> Periods | None:
 
 def frequency_sd_hz(periods: Periods) -> float:
     """Estimate the standard deviation of f_mu.
-
-    The estimate uses the irregularity of the periods. The phase of each period is the least-squares shift of its first
-    three harmonics relative to their mean. The frequency is determined by the number of periods from the first to the
-    last, so independent phase increments from period to period add to its error,
-    ``0.55 f rms(increment) / (2 pi sqrt(B - 1))``; 0.15 % is added.
+    The estimate uses the irregularity of the periods.
     """
     imaginary, real = periods.phase_parts
     phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
@@ -210,10 +173,7 @@ def frequency_sd_hz(periods: Periods) -> float:
 
 def estimate_ratio_sd(periods: Periods) -> float:
     """Estimate the standard deviation of rho (E-38).
-
-    The estimate is half of the scatter of the ratio of single periods, divided by the square root of their number. The
-    factor of one half is due to the negative correlation of neighbouring periods. The possible effect of an incomplete
-    period at the ends is added: 5 % of the ratio divided by the number of periods.
+    The estimate is half of the scatter of the ratio of single periods, divided by the square root of their number.
     """
     parts = periods.harmonics.reshape(len(periods.means), -1).view(np.float64)  # real and imaginary
     energy, base = np.einsum("bk,bk->b", parts, parts), np.einsum("bk,bk->b", periods.means, periods.means)
@@ -226,7 +186,6 @@ def estimate_ratio_sd(periods: Periods) -> float:
 
 def estimate_harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
     """Estimate the standard deviation of beta (E-37).
-
     The estimate uses the deviations of the phases of the harmonic and of f_mu from straight lines.
     """
     imaginary, real = periods.phase_parts

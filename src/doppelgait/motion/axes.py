@@ -20,20 +20,7 @@ _WORDS = {"mill": "mm", "cent": "cm", "mete": "m", "metr": "m", "inch": "in", "f
 
 
 def convert_unit_to_metres(name: str, *, where: str) -> float:
-    """Return the conversion factor from a length unit to metres.
-
-    Parameters
-    ----------
-    name : str
-        ``"mm"``, ``"cm"``, ``"dm"``, ``"m"``, ``"in"``, ``"ft"`` or the word, in any case.
-    where : str
-        File name for the message.
-
-    Raises
-    ------
-    MotionError
-        If the unit is not a known unit of length.
-    """
+    """Return the conversion factor from a length unit to metres."""
     word = name.strip().lower()
     factor = _METRES.get(_WORDS.get(word[:4], word))
     if factor is None:
@@ -58,18 +45,7 @@ _ROTATIONS = {
 
 def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
     """Rotate positions so that ``up_axis`` becomes z.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        Any unit.
-    up_axis : str
-        One of :data:`AXES`.
-
-    Raises
-    ------
-    MotionError
-        If ``up_axis`` is not one of :data:`AXES`.
+    Shapes: position (T, P, 3).
     """
     if up_axis not in _ROTATIONS:
         raise MotionError(f"up_axis={up_axis!r} is not allowed; use one of {', '.join(AXES)}")
@@ -78,25 +54,7 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
     """Find the upward axis of an upright body.
-
-    If feet, torso and head are known, the axis from the feet to the others is used. Otherwise it is the axis that the
-    file declares, unless the body is more than twice as long along a steadier axis. Without a declared axis, it is the
-    longer of the two axes along which the body travels least. The sign follows from the position of the points: the
-    floor is at 0, or where points come to rest.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        NaN where missing, any unit.
-    parts : sequence of str, length P
-        Body part of each point, ``""`` if unknown.
-    declared : str
-        ``"x"``, ``"y"`` or ``"z"`` if the file names a vertical axis.
-
-    Returns
-    -------
-    dict
-        ``up_axis`` (one of :data:`AXES`) and ``up_axis_from`` ("body parts", "file", "motion" or "assumed").
+    If feet, torso and head are known, the axis from the feet to the others is used. Shapes: position (T, P, 3).
     """
     typical = _compute_median(position, axis=0)
     # from the feet to head and torso; the mean of all points replaces an unknown end
@@ -141,13 +99,7 @@ def _compute_median(values: FloatArray, axis: int) -> FloatArray:
 
 def measure_body_extent(position: FloatArray) -> FloatArray:
     """Return the body's typical extent per axis.
-
-    It is the median over time of the distance between the outermost points, shape (3,).
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        NaN where missing.
+    It is the median over time of the distance between the outermost points, shape (3,). Shapes: position (T, P, 3).
     """
     low = np.where(np.isnan(position), np.inf, position).min(axis=1)
     high = np.where(np.isnan(position), -np.inf, position).max(axis=1)
@@ -156,7 +108,6 @@ def measure_body_extent(position: FloatArray) -> FloatArray:
 
 def _find_height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
     """Return +1 for an upward or unknown axis, else -1.
-
     The floor of nearly every laboratory is at 0. Otherwise, points that come to rest at times are taken for feet.
     """
     height = typical[:, axis][np.isfinite(typical[:, axis])]

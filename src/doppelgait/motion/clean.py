@@ -29,18 +29,7 @@ explains."""
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
     """Replace spikes of one or two frames by gaps.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m; changed.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    int
-        Number of samples removed.
+    Shapes: position (T, P, 3).
     """
     if position.shape[0] < 5:
         return 0
@@ -56,13 +45,7 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
 
 def fill_linear(position: FloatArray) -> FloatArray:
     """Fill every gap by linear interpolation.
-
-    At the ends, the nearest value is repeated. Points that are never seen stay NaN.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        NaN where missing.
+    At the ends, the nearest value is repeated. Points that are never seen stay NaN. Shapes: position (T, P, 3).
     """
     filled = position.copy()
     frames = np.arange(position.shape[0])
@@ -76,19 +59,7 @@ def fill_linear(position: FloatArray) -> FloatArray:
 
 def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict[str, Any]]:
     """Fill gaps in paths by a cubic spline.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        NaN where missing.
-    gap_limit : int
-        Longest gap to fill, in frames.
-
-    Returns
-    -------
-    filled : ndarray, shape (T, P, 3)
-    facts : dict
-        ``gaps_filled``, ``samples_filled``, ``longest_gap_filled`` in frames.
+    Shapes: position (T, P, 3); filled (T, P, 3); returns (T, P, 3).
     """
     from scipy.interpolate import CubicSpline
 
@@ -127,7 +98,6 @@ memory. The assumed noise keeps the prediction from growing."""
 
 def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
     """Return True if the frame rate is high enough for the low-pass.
-
     The filter needs three frames per period of the cutoff. A cutoff of None means no filter.
     """
     return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
@@ -135,20 +105,7 @@ def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
 
 def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
     """Low-pass positions with zero phase (E-02).
-
     The filter is a fourth-order Butterworth, forwards and backwards, with half power at the cutoff.
-
-    Before filtering, the ends are continued by linear prediction. The usual point reflection bends the path at the ends
-    and causes an error of the velocity there of a tenth of its peak.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, no NaN.
-    rate_hz : float
-        Frames per second, more than twice the cutoff.
-    cutoff_hz : float or None
-        Frequency with half the power, in Hz; None for no filter.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -169,9 +126,7 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
 
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
     """Continue columns by linear prediction about their trend.
-
-    A jump in the recent frames can make the prediction grow. If it leaves the range of these frames, the column is
-    continued by point reflection instead.
+    A jump in the recent frames can make the prediction grow.
     """
     steps = np.arange(len(recent) + n_frames) - (len(recent) - 1.0)
     trend = np.polynomial.polynomial.polyval(steps, np.polynomial.polynomial.polyfit(steps[: len(recent)], recent, 1)).T
@@ -209,44 +164,7 @@ def clean_motion(
     whole: Motion | None = None,
 ) -> Motion:
     """Make a recording smooth, complete and on the floor.
-
-    The steps are:
-
-    1. Swapped names of points are corrected, and spikes become gaps. Longer jumps are only reported.
-    2. Points are dropped that are never seen, stand still while the body moves, duplicate another point, are unknown
-       and short-lived, or are far from the body.
-    3. Gaps are filled by a cubic spline, and the segment and points with the most complete data are kept.
-    4. Positions are low-passed (E-02), and the floor is moved to z = 0 (E-01).
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion (time, marker, space) in m, z up, NaN where a point was not seen.
-    gap_limit_s : float
-        Longest gap that is filled, in s, 0 or more.
-    lowpass_hz : float or None
-        Corner frequency of the low-pass in Hz, above 0; None for no filter. Recordings with fewer than three frames per
-        period of it are not filtered.
-    floor : bool
-        Shift z so that the floor is at 0.
-    min_duration_s : float
-        Shortest segment that is accepted, in s.
-    whole : Motion, optional
-        Recording that contains the motion. The height is measured in it if possible, because the body may jump, rear or
-        sit during the whole motion.
-
-    Returns
-    -------
-    Motion
-        Motion without NaN. ``report`` lists the changes: ``swaps_repaired``, ``spikes_removed``, ``jumps``
-        (frames of the recording), ``gaps_filled``, ``dropped`` (reason: names), ``parts`` (number of points with a
-        known body part; without a trunk, the radar cross section is split equally), ``unknown_parts`` (names of the
-        other points) and more.
-
-    Raises
-    ------
-    MotionError
-        If a parameter is out of range, or fewer than 3 points or less than ``min_duration_s`` remain.
+    1. Swapped names of points are corrected, and spikes become gaps. Longer jumps are only reported. 2 (E-02, E-01).
     """
     if not gap_limit_s >= 0.0:
         raise MotionError(f"gap_limit_s={gap_limit_s!r} is not allowed; it must be 0 s or more")
@@ -321,7 +239,6 @@ def clean_motion(
 
 def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
     """Measure the height in a recording after cleaning.
-
     It is NaN if the recording cannot be cleaned.
     """
     with warnings.catch_warnings():
@@ -335,7 +252,6 @@ def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None,
 
 def describe_known_parts(parts: Sequence[str]) -> str:
     """Describe how many points have a known body part.
-
     The text is "known", "k of n known" (with ": equal split" if no trunk is known) or "unknown: equal split".
     """
     known = sum(part in HUMAN_PARTS or part in DOG_PARTS for part in parts)
@@ -358,11 +274,7 @@ WRONG_SIDE = 0.25
 def _check_sides(
     position: FloatArray, parts: Sequence[str], *, rate_hz: float, belt_mps: FloatArray | None = None
 ) -> list[str]:
-    """Return a note if left parts are on the right.
-
-    Sides are relative to the direction of the path at every frame in which the body moves (on a treadmill, over the
-    belt). Turns and circles therefore have no effect.
-    """
+    """Return a note if left parts are on the right."""
     pairs = {
         part.removeprefix("left_"): [[i for i, one in enumerate(parts) if one == name] for name in (part, other)]
         for part in dict.fromkeys(parts)
@@ -406,15 +318,7 @@ def _find_unmoved_points(position: FloatArray) -> dict[int, str]:
 
 def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
     """Find the points that hardly move, shape (P,).
-
-    Their total excursion, the diagonal of the bounding box of the path, is below a limit.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    limit_m : float
-        Excursion in m.
+    Their total excursion, the diagonal of the bounding box of the path, is below a limit. Shapes: position (T, P, 3).
     """
     low = np.where(np.isnan(position), np.inf, position).min(axis=0, initial=np.inf)
     high = np.where(np.isnan(position), -np.inf, position).max(axis=0, initial=-np.inf)
@@ -425,13 +329,7 @@ def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_
 
 def find_body_centre(position: FloatArray) -> FloatArray:
     """Return the path of the body centre.
-
     It is the mean of the points that move and are seen in at least 40 % of the frames, with gaps filled linearly.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
     """
     if not len(position):
         return np.empty((0, 3))
@@ -447,11 +345,7 @@ def find_body_centre(position: FloatArray) -> FloatArray:
 
 def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
     """Find the gap-free segment and points with most samples.
-
     Samples are frames times points.
-
-    Points are dropped one by one, starting with the point that is seen least (by name if two are equal). Points that
-    are complete in the segment are kept in any case.
     """
     best, score = (0, 0), -1
     order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
@@ -468,17 +362,7 @@ def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int,
 
 def find_floor_height(position: FloatArray, parts: Sequence[str]) -> float:
     """Return the height of the floor in m (E-01).
-
-    It is the 1st percentile of the feet's z, or of the z of the three lowest points.
-
-    A body with known parts but without recorded feet is not shifted, unless it reaches below z = 0.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, z up, no NaN.
-    parts : sequence of str, length P
-        Body part of each point.
+    It is the 1st percentile of the feet's z, or of the z of the three lowest points. Shapes: position (T, P, 3).
     """
     feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
     lowest = feet or list(np.argsort(position[:, :, 2].min(axis=0))[:3])

@@ -31,19 +31,7 @@ SLOWEST = 0.05
 
 @dataclass(frozen=True)
 class Seam:
-    """Seam of a cycle: its place in the clip and its mismatch.
-
-    Parameters
-    ----------
-    start : float
-        First frame of the cycle.
-    lag : float
-        Length of the cycle in frames.
-    strides : int
-        Number of whole strides in the cycle.
-    position_m, velocity_mps : float
-        Root-mean-square difference between the two ends, without the advance, over points and overlap.
-    """
+    """Seam of a cycle: its place in the clip and its mismatch."""
 
     start: float
     lag: float
@@ -57,13 +45,7 @@ _fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictiona
 
 def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
     """Fit an endless cycle of whole strides to a clip.
-
     The function also returns the clip with its gait facts, and the median difference of neighbouring strides.
-
-    Raises
-    ------
-    MotionError
-        If the motion has gaps, no known gait cycle, or is shorter than 1.2 strides.
     """
     if (before := _fitted.get(motion)) is not None:
         return before
@@ -93,9 +75,7 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
 
 def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
     """Find the best seam, and the median seam after one stride.
-
-    The best seam has the largest number of strides with a mismatch no larger than that of the median seam. Seams are
-    tried on a grid of a sixtieth of a stride, and the length of the best one is then refined between frames.
+    The best seam has the largest number of strides with a mismatch no larger than that of the median seam.
     """
     curve, rate = fit_spline(motion), motion.rate_hz
     step = max(1, round(period / GRID_PER_STRIDE))
@@ -136,7 +116,6 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
 
 def _combine_mismatch(seam: Seam, weight_s: float) -> float:
     """Combine position and velocity mismatch in m.
-
     A velocity has the weight of the position amplitude of a swing at the stride rate.
     """
     return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
@@ -144,7 +123,6 @@ def _combine_mismatch(seam: Seam, weight_s: float) -> float:
 
 def _measure_mismatch(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
     """Return rms mismatches of position and velocity per first frame.
-
     The mean is over points and ``width`` frames, of displacements without the ground advance and of velocity changes.
     """
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
@@ -188,10 +166,7 @@ def _refine_seam(
 @dataclass(frozen=True)
 class Cycle:
     """Endless cycle of a clip.
-
-    Times are in frames. ``advance`` in m is the displacement of one cycle, ``astray`` in m the closing error of each
-    point, ``faster`` in m per frame the body's gain of speed over the cycle. ``travel`` has two columns per point: the
-    share of the cycle's path covered since its start, about the mean, and the gain of path.
+    Times are in frames.
     """
 
     curve: Spline
@@ -206,7 +181,6 @@ class Cycle:
 
     def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
         """Return positions at times in frames, shape (I, P, 3).
-
         By default, all points are returned.
         """
         chosen = list(range(self.shape[1])) if points is None else points
@@ -234,7 +208,6 @@ class Cycle:
 
     def count_strides(self, total: FloatArray, points: list[int]) -> FloatArray:
         """Count strides since time 0, shape (I, P).
-
         The counts of the points differ only slightly.
         """
         turns = np.floor(total / self.seam.lag)

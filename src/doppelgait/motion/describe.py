@@ -25,21 +25,7 @@ __all__ = ["describe_motion", "describe_recording", "smooth_path"]
 
 def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
     """Return facts about a motion file, raw and cleaned.
-
-    Facts about the cleaned motion are under ``"cleaned"``. If cleaning fails, the reason is there. ``"segments"`` are
-    those of the cleaned motion if it exists, otherwise those of the raw motion.
-
-    Parameters
-    ----------
-    path : path-like
-        A motion file.
-    **options
-        Options of :func:`doppelgait.motion.readers.read`, except ``clean``.
-
-    Raises
-    ------
-    MotionError
-        If the file cannot be read.
+    Facts about the cleaned motion are under ``"cleaned"``. If cleaning fails, the reason is there.
     """
     if "clean" in options:
         raise MotionError("clean is not an option here: both the recorded and the cleaned motion are described")
@@ -62,21 +48,7 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
 
 def describe_motion(motion: Motion) -> dict[str, Any]:
     """Return facts about a motion as JSON values.
-
     A value that cannot be measured is None.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion (time, marker, space) in m, z up, cleaned or not.
-
-    Returns
-    -------
-    dict
-        Lengths in m, speeds in m/s, frequencies in Hz. ``height_m`` is the span of the points (median over time of
-        highest minus lowest), ``stature_m`` the height above the floor if known. Positions are relative to the centre
-        of the points that are seen nearly always; its path is averaged over 0.5 s. ``segments`` has a mapping for
-        each straight segment at constant velocity (:func:`~doppelgait.motion.segments.find_segments`).
     """
     position = motion.position_m
     rate = motion.rate_hz
@@ -110,7 +82,6 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
 
 def _describe_segment(segment: Segment, starts_s: float) -> dict[str, Any]:
     """Return plain facts about a segment.
-
     Times are relative to the first frame of the file, like ``start_s`` and ``stop_s`` of ``read``.
     """
     gait = segment.gait

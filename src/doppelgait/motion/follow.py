@@ -48,18 +48,7 @@ BLOCK_FRAMES = 1 << 15
 @dataclass(frozen=True)
 class Gait:
     """Straight motion in a frame that travels with the body.
-
-    x points ahead, y to the left. The origin is below the mean body centre.
-
-    Parameters
-    ----------
-    motion : DataArray
-        The straight motion.
-    spline : Spline
-        Positions in the frame of the start.
-    speed_mps : float
-        Speed V of the frame.
-    lasts_s : float
+    The origin is below the mean body centre.
     """
 
     motion: Motion
@@ -86,7 +75,6 @@ class Course:
 
     def phase_time_s(self, time_s: FloatArray) -> FloatArray:
         """Return the straight-motion time of equal distance (E-02b).
-
         The distance is that of the body, which may be offset from the path.
         """
         gone_m = distance_m(self.pace, time_s)
@@ -196,7 +184,6 @@ def follow(
 
 def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
     """Place the motion's points at some times on the path (E-02b).
-
     The result is written into ``position``.
     """
     along_m = distance_m(course.pace, times_s) + course.ahead_m
@@ -219,20 +206,13 @@ def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: Flo
 
 def steady_speed_mps(motion: Motion) -> float:
     """Return the speed of a straight, steady motion.
-
     The mean is over whole strides if they are known.
-
-    Raises
-    ------
-    MotionError
-        If the motion does not travel straight and steadily.
     """
     return _rotate_to_x(motion).speed_mps
 
 
 def _rotate_to_x(motion: Motion) -> Gait:
     """Rotate a straight motion to +x through the origin.
-
     A motion that is not straight raises :class:`MotionError`.
     """
     lasts_s = motion.duration_s
@@ -299,7 +279,6 @@ def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
 
 def _stop_phase_s(gait: Gait, at_m: float) -> float:
     """Find the time of the slowest feet near a distance.
-
     At this time the body is at most a quarter stride from that distance.
     """
     source, facts = gait.motion.facts.source, gait.motion.facts
@@ -326,7 +305,6 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
 
 def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
     """Return the number of frames for the wanted time.
-
     The default is the time until the path or the motion ends.
     """
     slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps

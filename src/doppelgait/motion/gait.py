@@ -26,15 +26,7 @@ STRIDE_BAND_HZ = (0.4, 6.0)
 
 def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SMOOTHING_S) -> FloatArray:
     """Return the smoothed ground path of the body centre.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
-    smoothing_s : float
-        Length of the average in s, 0 or more.
+    Shapes: position (T, P, 3).
     """
     return _smooth(find_body_centre(position)[:, :2], rate_hz=rate_hz, smoothing_s=smoothing_s)
 
@@ -54,15 +46,7 @@ def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArr
 
 def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure displacement, path length, straightness and mean speed.
-
-    Only the longest segment in which half of the points are seen is used, since a body outside the view does not stand.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
+    Shapes: position (T, P, 3).
     """
     path = _smooth(_find_seen_path(_find_seen_frames(position)), rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
     if len(path) < 2 or not np.isfinite(path).all():
@@ -88,7 +72,6 @@ def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 def _find_seen_path(position: FloatArray) -> FloatArray:
     """Return the path of the body centre.
-
     It is the sum of the mean steps of the seen points, so that points that appear or disappear cause no jump.
     """
     path = find_body_centre(position)[:, :2]
@@ -114,7 +97,6 @@ def _find_seen_frames(position: FloatArray) -> FloatArray:
 
 def find_principal_direction(path: FloatArray) -> FloatArray:
     """Return the unit vector of a path's largest spread.
-
     The vector points in the direction of travel.
     """
     offset = path - path.mean(axis=0)
@@ -124,17 +106,7 @@ def find_principal_direction(path: FloatArray) -> FloatArray:
 
 def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """Measure stride and step frequency from the limbs' swing.
-
-    The spectra of the fore-aft motion of all points about the centre are summed. Limbs swing once per stride, so the
-    peak is the stride frequency. A step is half a stride (person; trot and walk of a dog). For a standing body, the
-    values are None.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
+    The spectra of the fore-aft motion of all points about the centre are summed. Shapes: position (T, P, 3).
     """
     none = {"stride_hz": None, "step_hz": None}
     position = _find_seen_frames(position)
@@ -178,18 +150,7 @@ LOW_POINTS = 0.15
 
 @dataclass(frozen=True)
 class Steps:
-    """Touchdowns and duty factor of one foot.
-
-    Parameters
-    ----------
-    touchdown_s : ndarray
-        Times at which the foot lands.
-    overtaken_s : ndarray
-        Times just before, at which the foot's speed falls below that of the body. They are less exact as contact times,
-        but more exact as a measure of the period, because the speed falls steeply there.
-    duty_factor : float
-        Share of the time between two mid-swings in which the foot bears weight, 0 to 1; NaN for fewer than two swings.
-    """
+    """Touchdowns and duty factor of one foot."""
 
     touchdown_s: FloatArray
     overtaken_s: FloatArray
@@ -204,11 +165,7 @@ def is_quadruped(motion: Motion) -> bool:
 
 def find_feet(motion: Motion) -> dict[str, list[int]]:
     """Find each foot's point numbers by name.
-
     Names are ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
-
-    Feet are found by body part if possible. Otherwise they are the lowest points, left and right of the centre (and in
-    front of and behind it for a quadruped). The result is empty unless there are feet on both sides.
     """
     feet: dict[str, list[int]] = {}
     for n, part in enumerate(motion.parts):
@@ -236,22 +193,7 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
 
 def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
     """Find touchdowns and duty factor of each foot.
-
-    In the swing, a foot is faster than the body; on the ground, it is nearly at rest. It lands when, after a swing, its
-    forward speed stops falling or reaches 1 % of its maximum in that swing. Speeds are over the ground and along the
-    smoothed path of the body, so that footfalls are also found in turns.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion (time, marker, space) in m, z up; gaps are bridged by straight lines.
-    feet : mapping, optional
-        Point numbers of each foot; by default those of :func:`find_feet`.
-
-    Returns
-    -------
-    dict of str to Steps
-        Steps by foot, on the motion's time axis; empty for a body without known feet.
+    In the swing, a foot is faster than the body; on the ground, it is nearly at rest.
     """
     feet = find_feet(motion) if feet is None else feet
     position = motion.position_m
@@ -323,24 +265,7 @@ PAIRS = {
 
 @dataclass(frozen=True)
 class GaitFacts:
-    """Measured gait; unknown values are NaN, ``""`` or empty.
-
-    Parameters
-    ----------
-    gait : str
-        ``walk`` or ``run`` of a person; ``walk``, ``pace``, ``trot``, ``canter``, ``gallop`` (rotary),
-        ``transverse_gallop`` or ``bound`` of a quadruped.
-    stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
-        Strides and steps per second and the fundamental of the signature (E-07).
-    footfalls : dict
-        Touchdown times in s by foot.
-    phases : dict
-        Lags ``lh_lf``, ``lh_rh``, ``lf_rf`` or ``l_r`` in strides, 0 to 1.
-    duty_factor : float
-        Share of the stride in which a foot bears weight, mean over the feet.
-    measured_from : str
-        Source of the stride frequency: ``"footfalls"`` or ``"autocorrelation"``.
-    """
+    """Measured gait; unknown values are NaN, ``""`` or empty (E-07)."""
 
     gait: str = ""
     stride_frequency_hz: float = NAN
@@ -354,16 +279,7 @@ class GaitFacts:
 
 def measure_gait(motion: Motion) -> GaitFacts:
     """Measure footfalls, stride frequency, phases and gait.
-
-    The speed should be about constant. The stride frequency is that of an even beat fitted to the landings of all feet.
-    If landings are too few or irregular, it is the frequency at which the limbs' motion repeats, or at which the left
-    limbs repeat the right ones after half a stride. The peak of a spectrum is not used, since its error is 7 % in a
-    segment of one or two strides.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion (time, marker, space) in m, z up; gaps are bridged by straight lines.
+    The speed should be about constant.
     """
     require_motion(motion)
     steps = find_steps(motion)
@@ -391,7 +307,6 @@ def measure_gait(motion: Motion) -> GaitFacts:
 
 def _has_low_paws(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
     """Return True if the paws land low.
-
     In a leap, they stop in the air.
     """
     feet, heights = find_feet(motion), []
@@ -421,17 +336,7 @@ def _limbs_hz(motion: Motion) -> float:
 
 
 def add_gait_facts(motion: Motion) -> Motion:
-    """Add missing gait facts by measurement.
-
-    The facts are ``gait``, ``footfalls``, ``stride_frequency_hz``, ``step_frequency_hz`` and ``gait_frequency_hz``;
-    existing values are kept. ``report["gait"]`` holds phases, duty factor and source. Gallop, canter and bound have no
-    step frequency (E-07).
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion (time, marker, space) in m, z up, at about constant speed. Select one segment of a mixed recording.
-    """
+    """Add missing gait facts by measurement (E-07)."""
     found = measure_gait(motion)
     known = motion.facts
     gait = known.gait or found.gait
@@ -453,8 +358,7 @@ def add_gait_facts(motion: Motion) -> Motion:
 
 def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[float, float]:
     """Return step frequency and f_mu of a gait (E-07).
-
-    f_mu is the fundamental of the signature. Undefined or unknown values are NaN.
+    Undefined or unknown values are NaN.
     """
     if gait in SYMMETRICAL:
         return 2 * stride_frequency_hz, 2 * stride_frequency_hz
@@ -463,22 +367,8 @@ def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[f
 
 def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     """Name the gait of a quadruped from footfall lags.
-
     The rules follow Hildebrand (1965, 1977). A gait is symmetrical if the lags of the hind pair and of the fore pair
-    are both half a stride. The lag of the fore limb behind the hind limb of its side then distinguishes pace (0), walk
-    (0.25 or 0.75) and trot (0.5). If neither lag is half a stride, simultaneous landings of both pairs are a bound, and
-    leads on different sides a rotary gallop. Leads on the same side are a canter if the leading hind and the trailing
-    fore limb land together, otherwise a transverse gallop.
-
-    Parameters
-    ----------
-    phases : mapping
-        ``lh_lf``, ``lh_rh`` and ``lf_rf`` in strides.
-
-    Returns
-    -------
-    str
-        Name of the gait; ``""`` if a lag is missing or the lag of only one pair is half a stride.
+    are both half a stride.
     """
     if not {"lh_lf", "lh_rh", "lf_rf"} <= set(phases):
         return ""
@@ -504,7 +394,6 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
 
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
     """Name a person's gait: walk, run or unknown.
-
     In a run, each foot bears weight for less than half of the stride, and the body is in free fall between steps.
     """
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
@@ -521,7 +410,6 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
 
 def _fit_beat_hz(landings: list[FloatArray]) -> float:
     """Fit an even beat to all footfalls, in Hz.
-
     It is NaN if there is no even beat.
     """
     intervals = np.concatenate([np.diff(times) for times in landings] or [np.empty(0)])

@@ -42,18 +42,7 @@ GRAVITY_MPS2 = 9.81
 @dataclass(frozen=True)
 class SpeedLaw:
     """Power law of relative stride length against speed.
-
     The speed is dimensionless, V / sqrt(g l).
-
-    Parameters
-    ----------
-    exponent : float
-        Exponent of the stride length. That of the stride frequency is 1 - exponent.
-    spread : float
-        Standard deviation of the logarithm of the stride length about the law, between recordings.
-    speed : (float, float)
-        Range of dimensionless speeds of the recordings; l is the leg length of a person or the withers height of an
-        animal.
     """
 
     exponent: float
@@ -403,7 +392,6 @@ def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, 
 
 def _find_common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
     """Find the points that two motions share.
-
     The function returns their numbers in both motions, their parts and their names.
     """
     names = [[strip_subject(marker).upper() for marker in motion.markers] for motion in (one, other)]
@@ -432,7 +420,6 @@ def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
 
 def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
     """Return mean stride and cycle, facing +x.
-
     The stride does not include its advance. The cycle is a function of the phase in strides.
     """
     stride, angle = cycle.seam.lag / cycle.seam.strides, -math.atan2(cycle.advance[1], cycle.advance[0])
@@ -446,11 +433,7 @@ def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[Flo
 
 
 def _align(one: FloatArray, other: FloatArray) -> tuple[float, float, FloatArray]:
-    """Align two strides at their maximum correlation.
-
-    The function returns the phase by which the second leads, the normalised correlation and the offset in the ground
-    plane.
-    """
+    """Align two strides at their maximum correlation."""
     offset = (one.mean(axis=(0, 1)) - other.mean(axis=(0, 1))) * (1.0, 1.0, 0.0)
     swings = [stride - stride.mean(axis=0) for stride in (one, other)]
     spectra = [np.fft.rfft(swing.reshape(PHASES, -1), axis=0) for swing in swings]

@@ -37,9 +37,7 @@ angle of a joint between recordings of one gait and skeleton (7 degrees: root me
 
 def measure_foot_slide(motion: Motion) -> float:
     """Measure the sliding speed of feet that bear weight.
-
-    It is the horizontal speed of the slowest point of a foot, relative to the body's speed. The mean is over all feet
-    and all frames in which it is less than half the body's speed. Without known feet it is NaN.
+    It is the horizontal speed of the slowest point of a foot, relative to the body's speed.
     """
     rate, speed_mps = motion.rate_hz, travel_speed_mps(motion)
     found = []
@@ -60,7 +58,6 @@ def check_hybrid(
     entries: Mapping[str, Any],
 ) -> Motion:
     """Check lengths, feet and joints of a hybrid.
-
     The report is added to the motion. ``loose`` holds the positions before the lengths were restored.
     """
     position = made.position_m
@@ -118,7 +115,6 @@ def check_hybrid(
 
 def _find_joints(pairs: IntArray, position: FloatArray) -> IntArray:
     """Find the joints of a body, shape (J, 3).
-
     A joint is three points a, b, c with bones a-b and b-c that are not in one rigid segment.
     """
     bones = {(int(a), int(b)) for a, b in find_bones(position)}

@@ -30,23 +30,7 @@ FEW_STRIDES = 2.0
 
 @dataclass(frozen=True)
 class StrideVariation:
-    """Standard deviations of successive strides about their mean.
-
-    Parameters
-    ----------
-    time, length : float
-        Relative standard deviation of the stride time and of the stride length, which scales with the fore-aft swing of
-        the limbs.
-    length_with_time : float
-        Correlation of stride length and stride time.
-    limb_phase : float
-        Standard deviation of the lead of each limb, in strides.
-    arm, head, tail, trunk : float
-        Relative standard deviation of the swing of the upper body.
-    pose : mapping of str to (float, float, float)
-        Standard deviation of the position of leg, arm, head, tail and trunk relative to the body: ahead, to the side
-        and up, as shares of the stride length.
-    """
+    """Standard deviations of successive strides about their mean."""
 
     time: float
     length: float
@@ -233,7 +217,6 @@ def weigh_feet(motion: Motion) -> FloatArray:
 
 def _find_limb(part: str) -> str:
     """Return the limb of a body part or foot.
-
     A limb is an arm, a leg, the head or the tail; the result is ``""`` for the trunk and unknown points.
     """
     side, _, rest = part.partition("_")
@@ -246,12 +229,7 @@ def _find_limb(part: str) -> str:
 
 
 def _compute_speed_ratio(cycle: Cycle, motion: Motion) -> float:
-    """Return the speed ratio of a clip to its cycle.
-
-    Both speeds are from the net travel of the body centre between the first and the last frame of the clip, that is
-    between the same two phases of the gait. The swing of the body within a stride therefore cancels, even if the number
-    of strides is not whole.
-    """
+    """Return the speed ratio of a clip to its cycle."""
     ends = np.array([0.0, motion.n_frames - 1.0])
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS] or list(range(cycle.shape[1]))
     clip, repeated = motion.position_m[ends.astype(int)][:, central], cycle.at(ends - cycle.seam.start, central)
@@ -268,11 +246,7 @@ def _vary(
     share: float,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, dict[str, FloatArray], float]:
-    """Return frames of the varied cycle.
-
-    The function also returns the clock of each limb (its time in the cycle, in frames) and the factor on the stride
-    length. ``share`` multiplies all spreads.
-    """
+    """Return frames of the varied cycle."""
     seam = cycle.seam
     stride = seam.lag / seam.strides
     frames = np.arange(count, dtype=np.float64)

@@ -31,19 +31,7 @@ FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
 
 @dataclass(frozen=True)
 class PathFacts:
-    """Facts of the path that a motion follows.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the path.
-    length_m, mean_speed_mps : float
-        Distance along the path, and its ratio to the whole time, including pauses.
-    pause_s : float
-        Time at rest.
-    stops_m : tuple of float
-        Distances at which the body comes to rest.
-    """
+    """Facts of the path that a motion follows."""
 
     kind: str
     length_m: float
@@ -333,7 +321,6 @@ def _make_labels(
     markers: tuple[str, ...], parts: tuple[str, ...], frames: int, rate_hz: float, start_s: float
 ) -> xr.DataArray:
     """Make and cache the coordinates of a motion without values.
-
     A model uses the same points and times repeatedly.
     """
     time_s = start_s + np.arange(frames) / rate_hz

@@ -30,17 +30,7 @@ _HALVINGS = 80
 
 @dataclass(frozen=True)
 class CurveElement:
-    """A line or an arc of a curve.
-
-    Parameters
-    ----------
-    length_m : float
-        Length, positive; only that of the last element may be infinite.
-    curvature_per_m : float
-        1 / radius, positive to the left; 0 for a line.
-    turn_rad : float
-        Turn on the spot before the element.
-    """
+    """A line or an arc of a curve."""
 
     length_m: float
     curvature_per_m: float = 0.0
@@ -50,19 +40,7 @@ class CurveElement:
 @dataclass(frozen=True)
 class Curve:
     """Joined lines and arcs, with one array entry per element.
-
-    Parameters
-    ----------
-    start_m : ndarray, shape (n,)
-        Distance at which each element starts; the first is 0.
-    point_m : ndarray, shape (n, 2)
-        Point at which each element starts.
-    heading_rad : ndarray, shape (n,)
-        Tangent at the start, from +x towards +y, without the turns on the spot before it.
-    curvature_per_m, spot_rad : ndarray, shape (n,)
-        Curvature, and the sum of all turns on the spot up to the element.
-    length_m : float
-        Length of all elements; it may be infinite.
+    Shapes: start_m (n,); point_m (n, 2); heading_rad (n,); curvature_per_m, spot_rad (n,).
     """
 
     start_m: FloatArray
@@ -74,7 +52,6 @@ class Curve:
 
     def locate_elements(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """Return the element at each distance, and the remainder.
-
         The first and the last element are extended without limit.
         """
         number = np.clip(np.searchsorted(self.start_m, distance_m, side="right") - 1, 0, None)
@@ -102,7 +79,6 @@ def join(elements: Sequence[CurveElement], *, start_m: tuple[float, float], head
 
 def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_m: npt.ArrayLike) -> FloatArray:
     """Return the vector from an arc's start to a point.
-
     The point is at ``length_m`` on the arc, shape (..., 2); curvature 0 is a line.
     """
     half = np.asarray(length_m) * np.asarray(curvature_per_m) / 2
@@ -120,9 +96,7 @@ def find_points(curve: Curve, distance_m: FloatArray) -> FloatArray:
 
 def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
     """Return the tangent averaged over :data:`HEADING_WINDOW_M`, shape (n,).
-
-    Turns on the spot are not included. The tangent is piecewise linear in the distance, so that its mean is exact and
-    has a continuous rate. It is the tangent itself if the window is inside one element.
+    Turns on the spot are not included.
     """
     half_m = HEADING_WINDOW_M / 2
     whole = _integrate_heading(curve, distance_m + half_m) - _integrate_heading(curve, distance_m - half_m)
@@ -150,17 +124,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Pace:
-    """Speed along a curve: constant except at stops.
-
-    Parameters
-    ----------
-    speed_mps : float
-        Cruising speed v.
-    ramp_s : float
-        Time T to stop and to start again, on a half cosine with the maximum acceleration pi v / (2 T).
-    stops : tuple of Stop
-        Stops in order, at least v T from each other; the first is at v T / 2 or later.
-    """
+    """Speed along a curve: constant except at stops."""
 
     speed_mps: float
     ramp_s: float = 0.0
@@ -179,7 +143,6 @@ class Pace:
 
 def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
     """Return the distance travelled at each time.
-
     The distance is v t less the loss at each stop. Speed and acceleration are continuous.
     """
     lost_s = np.zeros_like(time_s)
@@ -194,7 +157,6 @@ def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
     """Return the integral of a half-cosine ramp.
-
     The ramp is (1 - cos(pi t / T)) / 2. After the ramp, the integral of the loss is constant.
     """
     t = np.clip(time_s, 0.0, ramp_s)
@@ -203,7 +165,6 @@ def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
 
 def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
     """Return the sum of all turns on the spot.
-
     A turn takes its whole pause, except the transitions to standing before and after it.
     """
     turned = np.zeros_like(time_s)
@@ -216,9 +177,7 @@ def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 def compute_stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
     """Return the share of standing posture at a stop.
-
-    The share is 0 for the frozen stride and 1 for the standing body. In a pause shorter than two transition times, it
-    stays below 1, so that limbs do not move faster.
+    The share is 0 for the frozen stride and 1 for the standing body.
     """
     rest_s, stop = pace.rest_s(number), pace.stops[number]
     transition_s = _get_transition_s(stop)
@@ -239,7 +198,6 @@ def _ramp_half_cosine(share: FloatArray) -> FloatArray:
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
     """Find the times at which a monotonic progress reaches values.
-
     The method is bisection in [0, ``stop_s``]; the progress must not decrease.
     """
     goal = np.atleast_1d(np.asarray(wanted, dtype=float))
@@ -436,7 +394,6 @@ def lay_out_stops(path: StopAndGoPath) -> Layout:
 @plugin("path", parameters=TurnAroundPath)
 def lay_out_turn(path: TurnAroundPath) -> Layout:
     """Return a path out, a turn and the path back.
-
     The turn is a U-turn or a turn on the spot.
     """
     if path.radius_m is not None:
@@ -448,7 +405,6 @@ def lay_out_turn(path: TurnAroundPath) -> Layout:
 @plugin("path", parameters=PolylinePath)
 def lay_out_polyline(path: PolylinePath) -> Layout:
     """Return legs and corner arcs of a polyline.
-
     If they do not fit, ValueError is raised.
     """
     legs = np.diff(np.array(path.points_m), axis=0)
@@ -507,7 +463,6 @@ def make_path(table: Mapping[str, Any] | Path) -> Path:
 
 def lay_out(path: Path) -> Layout:
     """Return the layout of a path.
-
     Turns on the spot are only in its stops.
     """
     return PATHS.of(path).run(path)

@@ -20,23 +20,7 @@ FIRST = 0.1
 
 def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
     r"""Measure the repetition frequency of a motion, Hz.
-
-    .. math:: \\rho(\\tau) = \\frac{2 \\sum_t v(t)\\, v(t + \\tau)}{\\sum_t v^2(t) + v^2(t + \\tau)}
-
-    with the velocities v of all points. Both sums are over the times that the motion and its shifted copy share, so
-    that slightly more than one period is enough.
-
-    Parameters
-    ----------
-    swing : ndarray, shape (T, P, C)
-        Positions relative to the body centre, m, no NaN.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    float
-        Frequency; NaN if the motion does not repeat within its duration.
+    Shapes: swing (T, P, C).
     """
     velocity = np.gradient(swing, axis=0)
     return _first_peak_hz(velocity, velocity, rate_hz, PERIOD_S)
@@ -44,23 +28,7 @@ def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
 
 def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
     """Measure the stride frequency from mirrored half strides, Hz.
-
-    In a walk, run, pace or trot, each left part repeats the motion of the right part after half a stride. Slightly more
-    than half a stride is therefore enough.
-
-    Parameters
-    ----------
-    swing : ndarray, shape (T, P, C)
-        Positions relative to the body centre, fore-aft and vertical, m, no NaN.
-    parts : sequence of str, length P
-        Body part of each point.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    float
-        Frequency; NaN if no parts of both sides are known or the half strides are not mirrored.
+    In a walk, run, pace or trot, each left part repeats the motion of the right part after half a stride.
     """
     sides = []
     for part in dict.fromkeys(parts):

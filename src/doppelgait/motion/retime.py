@@ -22,7 +22,6 @@ STILL_BELOW_M = 0.2
 
 def body_centre_m(motion: Motion) -> FloatArray:
     """Return the mean position of the torso or trunk.
-
     Without a known torso or trunk, it is the mean of all points. Values are in m.
     """
     return _average_points(motion.position_m, _find_central_points(motion))
@@ -43,7 +42,6 @@ def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
     """Return the body's net ground displacement.
-
     It is from the first frame to another one, by default the last.
     """
     before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
@@ -52,7 +50,6 @@ def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
 
 def travel_heading_rad(motion: Motion) -> float:
     """Return the ground direction of net travel.
-
     The angle is from +x towards +y; it is 0 for a body that stays in place.
     """
     net = _net_travel_m(motion)
@@ -61,7 +58,6 @@ def travel_heading_rad(motion: Motion) -> float:
 
 def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
     """Return the net ground speed of the body centre.
-
     It is over the first seconds of a motion, by default over the whole motion.
     """
     times = motion.time_s
@@ -139,18 +135,7 @@ def scale_to_height(
 
 def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:
     """Rotate and move a motion to a heading and position.
-
     At the time ``at_s``, its body centre is above the ground position.
-
-    Parameters
-    ----------
-    motion : DataArray (time, marker, space)
-    position_m : (float, float)
-        Ground position (x, y) of the body centre.
-    heading_deg : float
-        Direction of net travel, from +x towards +y.
-    at_s : float
-        Time after the first frame, 0 to the duration.
     """
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     from doppelgait.core.kernels.spline import turn_and_move
@@ -166,7 +151,6 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
 
 def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
     """Interpolate the body centre at a time, shape (3,).
-
     The time is relative to the first frame; the interpolation is linear.
     """
     times = motion.time_s
@@ -180,24 +164,7 @@ def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
 
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Resample positions and velocities by a cubic spline (E-02).
-
     The spline interpolates the frames and is C2; velocities are its slope.
-
-    Parameters
-    ----------
-    motion : DataArray (time, marker, space)
-        Motion of at least 4 frames without NaN.
-    time_s : array_like, shape (I,)
-        Times after the first frame, 0 to the duration.
-
-    Returns
-    -------
-    position_m, velocity_mps : ndarray, shape (I, P, 3)
-
-    Raises
-    ------
-    MotionError
-        If a time is outside the motion, or the motion has gaps or too few frames.
     """
     spline = fit_spline(motion)
     position, velocity = spline.at(check_times(motion, time_s))
@@ -208,7 +175,6 @@ def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatAr
 @dataclass(frozen=True)
 class Spline:
     """Cubic spline through the frames of a motion.
-
     It holds values and second derivatives, shape (T, 3 P), and the frame time.
     """
 
@@ -218,7 +184,6 @@ class Spline:
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return values and slopes at times, both (I, C).
-
         Times are relative to the first frame.
         """
         from doppelgait.core.kernels.spline import positions_and_velocities
@@ -229,19 +194,12 @@ class Spline:
 
 
 def fit_spline(motion: Motion) -> Spline:
-    """Fit a cubic spline to a motion (E-02).
-
-    Raises
-    ------
-    MotionError
-        If the motion has gaps or fewer than 4 frames.
-    """
+    """Fit a cubic spline to a motion (E-02)."""
     return _fit_motion_spline(motion, motion.position_m.reshape(motion.positions.shape[0], -1))
 
 
 def fit_centre(motion: Motion) -> Spline:
     """Fit a spline to the body centre; 3 columns.
-
     It is like :func:`fit_spline`, for :func:`body_centre_m`.
     """
     return _fit_motion_spline(motion, body_centre_m(motion))
@@ -262,7 +220,6 @@ def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
 
 def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
     """Return times as float64 and check their range.
-
     They are relative to the first frame. A time outside the motion raises :class:`MotionError`.
     """
     wanted = np.ascontiguousarray(time_s, dtype=np.float64)

@@ -27,22 +27,7 @@ MIN_TRAVEL_M = 1.0
 
 def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
     """Group points with constant mutual distances.
-
-    The spread of a distance is 1.4826 times its median absolute deviation from its median. Groups grow by complete
-    linkage: every pair of a group is within the limit. Parts of a body without relative motion are one group, and so is
-    a body that stands still.
-
-    Parameters
-    ----------
-    position_m : array_like, shape (T, P, 3)
-        In m, NaN where missing; pairs seen together in fewer than 10 frames count as not rigid.
-    limit_m : float
-        Largest spread of a distance in m, above 0.
-
-    Returns
-    -------
-    list of list of int
-        Indices of the points of every group, rising; largest group first, then by its first point.
+    The spread of a distance is 1.4826 times its median absolute deviation from its median.
     """
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
@@ -60,24 +45,7 @@ def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) 
 
 def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
     """Propose rigid segments and the two feet without names.
-
-    A cluster (:func:`find_rigid_clusters`) is a foot if it is in the lowest 15 % of the body's height, rests at times
-    (below 0.35 of the body's speed) and swings at others (above 1.5 of it). If exactly two clusters are feet and the
-    body travels by 1 m or more, the one on the left of the path is the left foot. Head, torso and other parts are not
-    distinguished, because head and trunk form one rigid cluster in many recordings.
-
-    Parameters
-    ----------
-    position_m : array_like, shape (T, P, 3)
-        In m, z up, no NaN.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    list of str, length P
-        ``"left_foot"``, ``"right_foot"``, ``"segment_1"`` (the largest of the others), ``"segment_2"``, ...; ``""`` for
-        a point without a rigid neighbour.
+    Shapes: position_m (T, P, 3).
     """
     position = np.asarray(position_m, dtype=np.float64)
     groups = find_rigid_clusters(position)
@@ -94,7 +62,6 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
 
 def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
     """Name the two groups that move like feet.
-
     Keys are group indices. The result is empty unless exactly two groups move like feet.
     """
     middle = np.median(position, axis=1)
@@ -124,14 +91,7 @@ def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) ->
 
 def measure_distance_spread(position: FloatArray) -> FloatArray:
     """Return the robust spread of all point distances.
-
-    The spread is a robust standard deviation over time, in m. It is infinite if two points were not seen together often
-    enough.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
+    The spread is a robust standard deviation over time, in m. Shapes: position (T, P, 3).
     """
     looks = np.unique(np.linspace(0, len(position) - 1, min(len(position), N_LOOKS)).round().astype(int))
     position = position[looks]
@@ -157,20 +117,8 @@ TIES = 9
 
 def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     """Return the bones of a moving body.
-
     The bones are a tree through all points with short branches of constant length: the minimum spanning tree (Kruskal
-    1956) of ``mean(d) + 40 sd(d)``, where d is the distance of two points over time. The distance is constant for the
-    two ends of a bone, but not for a hand and the thigh that it passes. No names are needed.
-
-    Parameters
-    ----------
-    position_m : array_like, shape (T, P, 3)
-        Points over time, m. NaN values are ignored; a point that is always NaN has no bone.
-
-    Returns
-    -------
-    ndarray, shape (B, 2)
-        int32 pairs of points in order, with the lower number first; empty for a single point.
+    1956) of ``mean(d) + 40 sd(d)``, where d is the distance of two points over time.
     """
     from scipy.sparse.csgraph import minimum_spanning_tree
 
@@ -196,7 +144,6 @@ NEAR_POINTS = 2
 
 def find_rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
     """Return point pairs of constant distance.
-
     They are bones and neighbouring points of one segment, shape (B, 2).
     """
     bones = find_bones(position)
@@ -222,21 +169,7 @@ def restore_lengths(
     steps: int,
 ) -> FloatArray:
     """Move points as little as possible to wanted pair distances.
-
     Newton's method minimises the weighted sum of squared displacements in every frame.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-    pairs : ndarray, shape (B, 2)
-    wanted_m : ndarray, shape (T, B)
-    weights : ndarray, shape (P,)
-        Weights; a point with a larger weight moves less.
-    ridge : float
-        Regularisation, above 0. A larger value keeps displacements small, hence smooth in time, where no pose has the
-        wanted distances.
-    steps : int
-        Number of steps of Newton's method.
     """
     if not len(pairs):
         return position

@@ -23,19 +23,7 @@ GRID_S = 0.05
 
 @dataclass(frozen=True)
 class SegmentLimits:
-    """Limits of straightness and of constant speed.
-
-    Parameters
-    ----------
-    smoothing_s : float
-        Averaging time of the path of the body centre.
-    lateral_m : float
-        Maximum distance of the path from the line through its ends, above 0.
-    speed_deviation : float
-        Maximum relative deviation of the smoothed speed from its mean, above 0 and below 1.
-    min_duration_s, min_length_m, min_speed_mps : float
-        Minimum time, distance and mean speed.
-    """
+    """Limits of straightness and of constant speed."""
 
     smoothing_s: float = 0.5
     lateral_m: float = 0.12
@@ -51,25 +39,7 @@ QUADRUPED = SegmentLimits(smoothing_s=0.35, lateral_m=0.15, speed_deviation=0.25
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight segment at constant velocity.
-
-    Parameters
-    ----------
-    start_s, stop_s : float
-        Times of the first and the last frame, on the time axis of the motion.
-    mean_speed_mps : float
-        Distance between the ends, divided by the duration.
-    straightness : float
-        Distance between the ends, divided by the length of the smoothed path, 0 to 1.
-    lateral_m : float
-        Maximum distance from the line through the ends.
-    speed_deviation : float
-        Maximum relative deviation of the smoothed speed from its mean.
-    heading_deg : float
-        Direction of travel, from +x towards +y, -180 to 180.
-    gait : GaitFacts
-        Footfalls, stride and step frequency, name of the gait.
-    """
+    """A straight segment at constant velocity."""
 
     start_s: float
     stop_s: float
@@ -173,14 +143,7 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
 
 def crop(motion: Motion, segment: Segment) -> Motion:
     """Extract one segment of a motion.
-
-    The result starts at time 0. Known facts are kept, and footfalls are shifted. Missing facts can be measured in the
-    segment (:func:`doppelgait.motion.gait.add_gait_facts`), as ``read(segment=...)`` does.
-
-    Raises
-    ------
-    MotionError
-        If the segment is not inside the motion.
+    The result starts at time 0. Known facts are kept, and footfalls are shifted.
     """
     times, rate = motion.time_s, motion.rate_hz
     if segment.start_s < times[0] - 0.5 / rate or segment.stop_s > times[-1] + 0.5 / rate:

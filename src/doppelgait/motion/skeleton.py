@@ -74,7 +74,6 @@ _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 
 def _list_words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
     """Return body parts by plain word.
-
     Each sided word is prefixed with all spellings of its side. The words of the midline follow.
     """
     table: dict[str, str] = {}
@@ -99,13 +98,7 @@ _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 def reduce_word(name: str) -> str:
     """Reduce a name to lower-case letters and digits.
-
     The prefix of a rig is removed. ``"UpperLeg_L"`` becomes "lupperleg".
-
-    Parameters
-    ----------
-    name : str
-        Name without subject prefix.
     """
     name, is_end = _END.subn("", _RIG_PREFIX.sub("", name))
     behind = _SIDE_BEHIND.match(name)
@@ -117,7 +110,6 @@ def reduce_word(name: str) -> str:
 
 def look_up(word: str, table: Mapping[str, str]) -> str:
     """Return the body part of a word, with or without a number.
-
     An example is ``"lknee2"``. The result is ``""`` if the word is unknown.
     """
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
@@ -130,7 +122,6 @@ def strip_end(word: str) -> str:
 
 def name_bones(words: set[str]) -> bool:
     """Return True if joints have the names of bones.
-
     That is so in BVH files, which have an upper leg.
     """
     legs = {word for word in words if re.fullmatch(r"(l|r|left|right)(upleg|upperleg|legupper)\d*", word)}
@@ -204,21 +195,7 @@ def strip_subject(marker: str) -> str:
 
 def find_part(name: str, species: Species = "human") -> str:
     """Return the body part of a marker or joint name.
-
     :func:`find_parts` resolves more names, because it uses the whole set.
-
-    Parameters
-    ----------
-    name : str
-        Name in any case, with or without subject prefix, spaces, dots and underscores (``"liu:LFHD"``, ``"r heel"``,
-        ``"UpperLeg_L"``).
-    species : {"human", "dog"}
-        "dog" means any four-legged animal.
-
-    Returns
-    -------
-    str
-        One of :data:`HUMAN_PARTS` or :data:`DOG_PARTS`, or ``""`` if the name is unknown.
     """
     return _find(reduce_word(strip_subject(name)), species, starts=False)
 
@@ -230,17 +207,7 @@ def _find(word: str, species: Species, *, starts: bool) -> str:
 
 
 def guess_species(names: Iterable[str]) -> Species | Literal[""]:
-    """Guess the species from marker or joint names.
-
-    A tail, a paw, withers, a hock or similar indicates a four-legged animal, which is called "dog" here whatever its
-    species. Otherwise, at least 10 of the 14 parts of a person indicate a person. The joints of a leg alone do not,
-    since animals also have hips and knees. If the names indicate neither, the result is ``""``.
-
-    Parameters
-    ----------
-    names : iterable of str
-        All marker or joint names of one body.
-    """
+    """Guess the species from marker or joint names."""
     names = list(names)
     if any(_ONLY_ANIMALS.search(reduce_word(strip_subject(name))) for name in names):
         return "dog"
@@ -249,16 +216,7 @@ def guess_species(names: Iterable[str]) -> Species | Literal[""]:
 
 def find_parts(names: Iterable[str]) -> list[str]:
     """Return the body parts of one body's names.
-
-    The part of an unknown name is ``""``. The species is that of :func:`guess_species`; if it is unknown, the words of
-    a person are used. A joint belongs to the part above it, whatever its name. In skeletons that name joints after the
-    bone that starts there (BVH: ``LeftUpLeg``), ``LeftLeg`` is the knee and belongs to the thigh, ``LeftFoot`` is the
-    ankle and belongs to the shank, and the end of the foot belongs to the foot.
-
-    Parameters
-    ----------
-    names : iterable of str
-        All marker or joint names of one body, with or without a common prefix (``"Skeleton_LThigh1"``).
+    The part of an unknown name is ``""``.
     """
     names = list(names)
     return _find_species_parts(names, guess_species(names) or "human")
@@ -279,13 +237,7 @@ def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:
     """Return the known marker set that the markers contain.
-
     At least 90 % of the set must be present. The result is empty if there is no such set.
-
-    Parameters
-    ----------
-    markers : iterable of str
-        Marker names, with or without subject prefix.
     """
     names = {strip_subject(marker).upper() for marker in markers}
     found = [known for known in KNOWN_SETS.values() if len(known & names) >= 0.9 * len(known)]

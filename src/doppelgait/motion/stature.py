@@ -35,24 +35,7 @@ JOINTS_OF_BONES = ("upleg upperleg legupper thigh", "leg lowerleg calf shin", "f
 
 def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> tuple[float, str]:
     """Measure the height of a body.
-
-    The height of a person with a head is that of its highest point. The height of an animal is that of its withers
-    above the fore paws. For a person without a head, or with joints of the head that end below the eyes, the height is
-    estimated from the legs if hips, knees and ankles are known.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, floor at z = 0, no NaN.
-    names, parts : sequence of str, length P
-        Name and body part of each point.
-
-    Returns
-    -------
-    height_m : float
-        Height; NaN if it is unknown.
-    note : str
-        Note for the report if the height is estimated or unknown, otherwise empty.
+    The height of a person with a head is that of its highest point. Shapes: position (T, P, 3).
     """
     z = position[:, :, 2]
     if "trunk" in parts:
@@ -79,15 +62,7 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
 
 def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
     """Measure leg length and hip height, m.
-
     The leg is from hip over knee to ankle. Values are means of both legs, or NaN if the names include no whole leg.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, no NaN.
-    names : sequence of str, length P
-        Point names.
     """
     words = [reduce_word(strip_subject(name)) for name in names]
     joints = JOINTS_OF_BONES if name_bones(set(words)) else MARKERS_OF_JOINTS
@@ -106,10 +81,7 @@ def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[floa
 
 def _measure_withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
     """Return the withers height above the lower fore paw.
-
-    It is the median over the frames in which the animal stands. If no point is named withers, the highest point of the
-    trunk is used, which is near them. Because the height is above the fore paws, a sofa or a table below the animal has
-    no effect. Without fore paws, the height is above the floor at z = 0.
+    It is the median over the frames in which the animal stands.
     """
     trunk = [i for i, part in enumerate(parts) if part == "trunk"]
     named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]

@@ -32,23 +32,7 @@ N_LOOKS = 200
 
 def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
     """Exchange the paths of swapped names, in place.
-
-    Two points have swapped at a frame if both make a step there (:func:`find_steps`) and an exchange of their samples
-    from that frame on reduces both steps by at least 70 %. The names before the frame are assumed to be correct.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing; changed.
-    names : sequence of str, length P
-        Unique point names.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    list of dict
-        ``frame`` and ``points`` (two names) of every swap in order of time; at most 200.
+    Shapes: position (T, P, 3).
     """
     swaps: list[dict[str, Any]] = []
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3)
@@ -69,7 +53,6 @@ def _find_next_swap(
     position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
 ) -> tuple[list[int], int]:
     """Find the next swap and its frame.
-
     If several pairs have swapped, those with the largest reduction are returned.
     """
     stepping = step[first:] > limit[first:]
@@ -93,22 +76,7 @@ def _find_next_swap(
 
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
     """Find steps off a smooth path.
-
-    The positions are not changed.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    names : sequence of str, length P
-        Point names.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    list of dict
-        ``frame`` (the first after the step), ``point`` and ``step_m`` of every jump, by frame and name.
+    The positions are not changed. Shapes: position (T, P, 3).
     """
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=JUMP_M, jerk_mps3=JUMP_JERK_MPS3)
     edge = np.full((1, step.shape[1]), -1.0)
@@ -123,28 +91,7 @@ def find_steps(
     position: FloatArray, *, rate_hz: float, floor_m: float, jerk_mps3: float
 ) -> tuple[FloatArray, FloatArray]:
     """Measure every step against its prediction.
-
-    The prediction is the sample before, continued with the mean of the velocities before and after. The step of a path
-    of constant acceleration is 0, that of a path of constant jerk j is ``j t^3 / 2``. Gaps of up to 0.1 s are bridged.
-    If a point is not seen in two frames on both sides, the step is NaN.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
-    floor_m : float
-        Minimum of the limit, in m.
-    jerk_mps3 : float
-        Jerk that the limit allows, in m/s^3.
-
-    Returns
-    -------
-    step : ndarray, shape (T, P)
-        In m.
-    limit : ndarray, shape (T, P)
-        ``max(floor_m, jerk_mps3 t^3 / 2)``, t the time since the sample before.
+    The prediction is the sample before, continued with the mean of the velocities before and after.
     """
     last, before, after, gap = _find_paths(position, rate_hz)
     step = np.linalg.norm(position - last - gap[..., np.newaxis] * (before + after) / 2, axis=2)
@@ -153,7 +100,6 @@ def find_steps(
 
 def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return each point's last sample, velocity and gap.
-
     Velocities are per frame, at the last sample and from the current frame on. The gap is in frames.
     """
     n_frames, n_points = position.shape[:2]
@@ -170,27 +116,7 @@ def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, Float
 
 def find_useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
     """Find short-lived, duplicate and distant points.
-
-    - A short-lived point is unknown and seen in less than a fifth of the usual number of frames.
-    - A duplicate is closer than 5 mm to another point in half of the frames, and closer than 2 cm in 95 % of them. Of
-      the two, the point is returned that is seen less, then that without a part, then that with the later name. Points
-      at rest are not compared.
-    - A distant point is farther than 1.5 m, and farther than four times the usual distance, from the middle of the
-      body.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    names : sequence of str, length P
-        Unique point names.
-    parts : sequence of str, length P
-        Body part of each point, ``""`` if unknown.
-
-    Returns
-    -------
-    dict
-        Reason by index of the point.
+    Shapes: position (T, P, 3).
     """
     n_seen = np.isfinite(position).all(axis=2).sum(axis=0)
     usual = float(np.median(n_seen[n_seen > 0])) if (n_seen > 0).any() else 0.0

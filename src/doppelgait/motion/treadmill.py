@@ -25,22 +25,7 @@ DRIFT = 0.2
 
 def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
     """Measure the velocity of a treadmill belt, shape (2,).
-
     It is the median velocity of the feet while they are low, if all feet agree and the body stays in place.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, z up, no NaN.
-    parts : sequence of str, length P
-        Body part of each point; feet must be known on both sides.
-    rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    ndarray or None
-        Horizontal velocity in m/s; None for a body that moves over the ground or stands, or with unknown feet.
     """
     feet: dict[str, list[int]] = {}
     for i, part in enumerate(parts):
@@ -65,28 +50,7 @@ def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: fl
 
 def move_over_ground(motion: Motion) -> Motion:
     """Return a treadmill motion as motion over the ground.
-
     The measured velocity of the belt is subtracted from all points.
-
-    Parameters
-    ----------
-    motion : Motion
-        Cleaned motion on a treadmill.
-
-    Raises
-    ------
-    MotionError
-        If the motion of the feet does not show a belt.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import doppelgait as dg
-    >>> from doppelgait.motion.treadmill import move_over_ground
-    >>> walk = dg.motion.human_gait(speed_mps=1.3, height_m=1.8, duration_s=4.0, rate_hz=120)
-    >>> belt = walk.with_positions(walk.position_m - 1.3 * walk.time_s[:, np.newaxis, np.newaxis] * [1.0, 0.0, 0.0])
-    >>> round(float(move_over_ground(belt).report["belt_speed_mps"]), 1)
-    1.3
     """
     position, rate = motion.position_m, motion.rate_hz
     belt = belt_velocity_mps(position, motion.parts, rate_hz=rate)

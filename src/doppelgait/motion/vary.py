@@ -79,28 +79,7 @@ class Variation(FrozenModel):
 
 
 def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Motion:
-    """Vary a motion.
-
-    Parameters
-    ----------
-    motion : Motion
-        Straight motion with known stride frequency and body parts, without gaps.
-    variation : Variation
-    rng : numpy.random.Generator
-        Source of phases, directions and the noise of the clock.
-
-    Returns
-    -------
-    Motion
-        Varied motion, shorter by the maximum lead of the clocks (:meth:`Variation.needed_s`). Mean speed and path are
-        kept. Stride, step and gait frequency and touchdowns are those of the new clock. Feet may slide if the swing of
-        the legs does not match the path.
-
-    Raises
-    ------
-    MotionError
-        If the stride frequency is unknown, or the motion is too short.
-    """
+    """Vary a motion."""
     stride_hz = motion.facts.stride_frequency_hz
     if not stride_hz > 0:
         raise MotionError(f"{motion.label}: cannot be varied, since its stride frequency is unknown; omit target.vary")
@@ -172,7 +151,6 @@ def _make_clock(
     times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
 ) -> FloatArray:
     """Return a clock of strides with timing and noise.
-
     The timing varies within a stride, the noise from stride to stride.
     """
     strides = stride_hz * times_s

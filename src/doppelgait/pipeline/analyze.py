@@ -127,7 +127,6 @@ def _choose_gates(
 
 def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
     """Compute clutter-free micro-Doppler signatures of several gates.
-
     Only the samples that the gates need are read.
     """
     wavelength_m = recording.radar.wavelength_m
@@ -159,9 +158,7 @@ def compute_gated_signatures(recording: Recording, gates: Sequence[Gate], analys
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:
     """Flag results with ``gates_overlap`` where another target shares range.
-
-    For a tracked target only the time of its result is considered: the longest segment. The target's own echo,
-    reflected by a wall or folded in range, has the same Doppler; it gives the flag ``own_echo_in_gate`` instead.
+    For a tracked target only the time of its result is considered: the longest segment.
     """
     flagged = []
     for number, result in enumerate(results):

@@ -102,7 +102,6 @@ def is_picture(path: str | Path) -> bool:
 
 def find_settings_file(path: Path) -> Path | None:
     """Return a picture's settings file, if it exists.
-
     The file has the stem of the picture, or is ``picture.toml`` in its folder or in one of the three folders above.
     """
     above = list(path.absolute().parents)[: FOLDERS_ABOVE + 1]
@@ -116,30 +115,7 @@ def read_picture(
     path: str | Path, settings: PictureSettings | None = None, *, config: str | Path | None = None
 ) -> xr.DataArray:
     """Read the picture of a spectrogram as a signature.
-
-    Every pixel gets the level of the nearest of the 256 colours of the map. The error is half a step, or up to 2.5
-    steps where colours are equal in 8 bits (measured: 1.5 steps for gray and viridis, 2.5 for jet). The columns are
-    interpolated to integer pulse numbers.
-
-    Parameters
-    ----------
-    path : path-like
-        PNG or JPEG.
-    settings : PictureSettings, optional
-    config : path-like, optional
-        TOML file of the settings; a relative path may also start from the folder of ``path``. By default the file of
-        :func:`find_settings_file`.
-
-    Returns
-    -------
-    DataArray (time, doppler)
-        As from :func:`doppelgait.pipeline.spectrogram.convert_levels_to_signature`. The attribute ``picture`` (JSON)
-        has the colour map, the share of pixels that are not one of its colours, and the step of a level in dB.
-
-    Raises
-    ------
-    RecordingError
-        If the picture or its settings cannot be read, or if more than a fifth of its pixels are not colours of the map.
+    Every pixel gets the level of the nearest of the 256 colours of the map.
     """
     file = Path(path)
     if settings is None:

@@ -35,13 +35,7 @@ IMAGE_QUANTILE, IMAGE_MARGIN = 0.3, 3.0
 @dataclass(frozen=True)
 class Motion:
     """Doppler spectra of a rangeless recording, per scan.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (J,)
-    velocity_mps : ndarray, shape (K,)
-    power_v2 : ndarray, shape (J, K)
-    floor_v2 : float
+    Shapes: time_s (J,); velocity_mps (K,); power_v2 (J, K).
     """
 
     time_s: FloatArray
@@ -62,20 +56,7 @@ class Motion:
 
 
 def transform_motion(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
-    """Transform a one-bin recording, with or without bursts.
-
-    Parameters
-    ----------
-    clean : DataArray (slow_time, range)
-        One range bin, without static clutter.
-    detector : Detector
-    wavelength_m : float
-
-    Raises
-    ------
-    AnalysisError
-        If the recording is too short or too slow for a processing interval.
-    """
+    """Transform a one-bin recording, with or without bursts."""
     if get_burst_pulses(clean) is not None:
         mu = burst_signature(clean, None, Analysis(), wavelength_m=wavelength_m)
         return Motion(read_axis(mu, "time"), read_axis(mu, "velocity"), mu.values, noise_floor_v2(mu))
@@ -89,22 +70,7 @@ def transform_motion(clean: xr.DataArray, detector: Detector, *, wavelength_m: f
 
 
 def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tuple[float, float]]:
-    """Find the intervals in which something moves.
-
-    The rules are those of a track: gaps between scans with motion are at most ``delete_s``, the interval lasts at least
-    ``min_duration_s``, and the share of scans with motion is at least the share that confirms a track.
-
-    Parameters
-    ----------
-    motion : Motion
-    detector : Detector
-    tracker : Tracker
-
-    Returns
-    -------
-    list of (float, float)
-        Start and stop in s, in the order of time.
-    """
+    """Find the intervals in which something moves."""
     moves = motion.moves(detector)
     times_s = motion.time_s[moves]
     found = []
@@ -117,19 +83,7 @@ def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tu
 
 
 def has_both_directions(motion: Motion, start_s: float, stop_s: float) -> bool:
-    """Return True if bodies approach and recede at the same time.
-
-    The condition is power above 0.5 m/s in both directions, above the noise and with levels within 10 dB, for most of a
-    second or longer. A walker's limbs do not move in the opposite direction at this speed. When a body passes the
-    radar, its limbs are stronger than the torso only while the torso is slower than this. The mirror image of a
-    receiver with I/Q imbalance is removed first: its level, at the mirrored Doppler of the strongest cell, is the same
-    in most scans.
-
-    Parameters
-    ----------
-    motion : Motion
-    start_s, stop_s : float
-    """
+    """Return True if bodies approach and recede at the same time."""
     inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
     power, times_s = motion.power_v2[inside].astype(np.float64), motion.time_s[inside]
     if times_s.size < 3:
@@ -153,7 +107,6 @@ def find_steady_segments(
     motion: Motion, start_s: float, stop_s: float, settings: SegmentationSettings
 ) -> tuple[TrackSegment, ...]:
     """Divide an interval of motion where its velocity changes.
-
     The integral of the strongest Doppler is a path far from the radar, which is divided like a range track.
     """
     inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
@@ -166,25 +119,7 @@ def analyze_motion(
     clean: xr.DataArray, motion: Motion, times: list[tuple[float, float]], analysis: Analysis,
     settings: SegmentationSettings, *, wavelength_m: float,
 ) -> Result:  # fmt: skip
-    """Analyse all motion in a recording without range.
-
-    Parameters
-    ----------
-    clean : DataArray (slow_time, range)
-        One range bin, without static clutter.
-    motion : Motion
-    times : list of (float, float)
-        Result of :func:`find_motion`, with one entry or more.
-    analysis : Analysis
-    settings : SegmentationSettings
-    wavelength_m : float
-
-    Returns
-    -------
-    Result
-        Result of the longest steady segment, with all segments. It has the flag ``more_than_one_body`` if bodies
-        approach and recede at the same time.
-    """
+    """Analyse all motion in a recording without range."""
     segments = [
         segment for start_s, stop_s in times for segment in find_steady_segments(motion, start_s, stop_s, settings)
     ]

@@ -58,15 +58,7 @@ FROM_GAIT_FREQUENCY = (
 
 
 class LateArrays(Mapping[str, Any]):
-    """Arrays by name, computed on first use.
-
-    Parameters
-    ----------
-    others : mapping, optional
-        Arrays to which these are added.
-    **arrays
-        Arrays, or functions without arguments that compute them.
-    """
+    """Arrays by name, computed on first use."""
 
     def __init__(self, others: Mapping[str, Any] | None = None, **arrays: Any) -> None:
         made = others._found if isinstance(others, LateArrays) else others or {}

@@ -193,7 +193,6 @@ def _write_values(
     group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
 ) -> None:
     """Write a dataset, or a link to an equal one.
-
     Arrays have common axes, and a target has the same axes as its longest segment.
     """
     values = np.ascontiguousarray(values)

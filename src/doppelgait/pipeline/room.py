@@ -44,26 +44,7 @@ def apply_room(
     effects: Sequence[FrozenModel],
     through: Through,
 ) -> xr.Dataset | None:
-    """Apply the effects of a room to a scatterer table.
-
-    Parameters
-    ----------
-    table : Dataset (slow_time, scatterer)
-        Table of ``bodies``, without the room.
-    placed : PlacedScene
-    bodies : sequence of Scatterers
-    effects : sequence of FrozenModel
-        Effects that ``through`` applies.
-    through : callable
-        Effects and antenna: returns a table with images and gains for a table with directions.
-
-    Returns
-    -------
-    Dataset (slow_time, scatterer) or None
-        The scatterers of ``table`` have angles if ``table`` has them; images have none. The result is None if gains
-        must be computed at every pulse: an effect is not smooth, the pulse rate is low, transmitter and receiver are
-        separate, a person passes very close to the radar, or a scatterer moves through a wall.
-    """
+    """Apply the effects of a room to a scatterer table."""
     smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)
     if not smooth or placed.scene.receiver_position_m is not None or not bodies:
         return None

@@ -234,7 +234,6 @@ def _rows(scatterers: xr.Dataset, radar: Radar, noise: NoiseLevel | None, first:
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
     """Check the noise settings and return the SNR_frame to set.
-
     Raises a :class:`ConfigError` if random numbers are needed and ``rng`` is missing, or if the noise has two levels.
     """
     if snr_db is None and conditions.noise.kind == "snr":
@@ -255,27 +254,7 @@ def observe_scene(
     streams: Streams | None, later: bool = False,
 ) -> tuple[xr.Dataset, list[LineOfSight]]:  # fmt: skip
     """Observe a scene through its environment and the antenna.
-
-    Parameters
-    ----------
-    scene : Scene or PlacedScene
-    radar : Radar
-    slow_time_s : ndarray, shape (I,)
-        Nominal frame times; they label the table even if the frames have jitter.
-    conditions : Conditions
-    angles : bool
-        If True, the table has angles. Directions for environment and antenna are computed where they need them.
-    streams : Streams or None
-        Random streams of the radar cross sections (``scene``) and of the frame times (``impairments``).
-    later : bool
-        Compute the values of each pulse on access, if no environment, antenna or separate receiver changes them.
-
-    Returns
-    -------
-    scatterers : Dataset (slow_time, scatterer)
-        Scatterers at the receiver.
-    tracks : list of LineOfSight
-        Lines of sight to the body centres of the observed targets.
+    Shapes: slow_time_s (I,).
     """
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
@@ -327,7 +306,6 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
     """Compute the pulse times of a scene.
-
     Raises a :class:`ConfigError` if the scene is too short or too large.
     """
     slow_time_s = radar.pulse_times_s(observation_s)
@@ -347,9 +325,7 @@ def build_target_truth(
     *, shown_s: FloatArray | None = None,
 ) -> TargetTruth:  # fmt: skip
     """Build a target's truth from the simulation's geometry.
-
-    Stride, step and gait frequency are computed from the touchdowns in the observation; they are NaN if unknown. The
-    body is included at the times ``shown_s``, if there are any.
+    Stride, step and gait frequency are computed from the touchdowns in the observation; they are NaN if unknown.
     """
     own = read_axis(scatterers, "target") == placed.number
     rows = scatterers if own.all() else select_scatterers(scatterers, own, copy=True)

@@ -35,52 +35,7 @@ def convert_levels_to_signature(
     highest_db: float | None = None, blank_below_mps: float = 0.0, n_gate_bins: float = 1.0,
 ) -> xr.DataArray:  # fmt: skip
     """Convert spectrogram levels to a signature.
-
     Analysis of the result continues after the short-time transform.
-
-    Parameters
-    ----------
-    level_db : array_like, shape (J, K)
-        Power levels, 10 log10, time first, relative to any reference (features do not depend on it).
-    time_s : array_like, shape (J,)
-        Middle of every column's processing interval, evenly spaced and ascending.
-    doppler_hz, velocity_mps : array_like, shape (K,)
-        One of the two: Doppler frequency or radial velocity of every row, positive when approaching, evenly spaced;
-        descending axes are reversed.
-    wavelength_m : float
-        Carrier wavelength.
-    prf_hz : float
-        Pulses (sweeps) per second.
-    cpi_pulses, hop : int
-        Pulses of a processing interval and from column to column, 1 or more. They have no default, because the
-        averaging time of a column determines whether steps can be distinguished.
-    range_m : (float, float)
-        Ranges that are included in the spectrogram, or the possible ranges if the source does not state them. No
-        feature depends on a fixed gate.
-    floor_db, ceiling_db : float, optional
-        Levels at which the display was clipped. Cells at the floor keep its level. If half of the noise cells or more
-        are at the floor, the estimated noise floor is the floor's power over the median of the noise (floor / ln 2 for
-        one range cell), an upper bound. With fewer cells the estimate does not change.
-    highest_db : float, optional
-        Highest level before clipping; it needs ``ceiling_db``. Every run of clipped cells in a column is replaced by a
-        dome with the curvature of a spectral line, or by a flatter one that does not exceed this level. Without this
-        parameter the run stays flat, and the cell with the lowest Doppler is the strongest one.
-    blank_below_mps : float
-        Rows slower than this are set to 0 (the line of static echoes); 0 for none.
-    n_gate_bins : float
-        Number of range cells in the sum of a spectrogram cell, 1 or more; it determines the distribution of the noise.
-
-    Returns
-    -------
-    DataArray (time, doppler)
-        As from :func:`doppelgait.processing.signature`, float32. The attribute ``levels`` (JSON) has the parameters and
-        the shares of clipped cells. ``window_energy`` is 1, because levels are relative.
-
-    Raises
-    ------
-    AnalysisError
-        If shapes, axes or levels are inconsistent; in particular if the time from column to column is not
-        hop / prf_hz.
     """
     level = np.asarray(level_db, dtype=np.float64)
     times_s = _check_uniform(time_s, "time_s", MIN_COLUMNS)
@@ -162,7 +117,6 @@ def _rebuild_clipped_peaks(
     rows_per_cell: float,
 ) -> tuple[FloatArray, dict[str, Any]]:  # fmt: skip
     """Clip levels and rebuild clipped peaks as domes.
-
     Also returns the facts about clipping that are stored.
     """
     if highest_db is not None and (ceiling_db is None or highest_db <= ceiling_db):

@@ -37,17 +37,7 @@ GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 def analyze_gated(
     baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
 ) -> Result:
-    """Analyse the target in a gate without clutter.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-    wavelength_m : float
-    gate : Gate
-    analysis : Analysis
-    label : str or None
-        Only passed on.
-    """
+    """Analyse the target in a gate without clutter."""
     in_bursts = processing.get_burst_pulses(baseband) is not None
     make_signature = processing.burst_signature if in_bursts else processing.signature
     mu = make_signature(baseband, gate, analysis, wavelength_m=wavelength_m)
@@ -56,14 +46,7 @@ def analyze_gated(
 
 
 def add_body_parts(result: Result, baseband: xr.DataArray) -> Result:
-    """Add a body's parts, or a flag (E-40).
-
-    Parameters
-    ----------
-    result : Result
-    baseband : DataArray (slow_time, range)
-        Baseband without clutter that contains the gate and the columns of the signature.
-    """
+    """Add a body's parts, or a flag (E-40)."""
     mask, reason = None, "recorded_in_bursts"
     if processing.get_burst_pulses(baseband) is None:
         mask, reason = locate_parts(baseband, result.signature, result.gate, result.analysis)
@@ -77,18 +60,7 @@ def add_body_parts(result: Result, baseband: xr.DataArray) -> Result:
 
 
 def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
-    """Analyse one target's signature.
-
-    Parameters
-    ----------
-    mu : DataArray (time, doppler)
-        Signature, V^2.
-    gate : Gate
-        Gate of the signature.
-    analysis : Analysis
-    label : str or None
-        Only passed on.
-    """
+    """Analyse one target's signature."""
     liland = analysis.method == "liland2018"
     usable: xr.DataArray | Plain
     if liland:
@@ -169,7 +141,6 @@ def _measure_ground_motion(
     mu: xr.DataArray | Plain, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
 ) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
     """Measure ground speed and aspect from range (E-34b).
-
     Also returns their standard deviations and the flags.
     """
     centre_m = read_axis(mu, "centre_range")
@@ -200,21 +171,7 @@ def _measure_ground_motion(
 
 
 def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observation, Plain]:
-    """Compute the observation of a signature for features (E-28 to E-38).
-
-    Parameters
-    ----------
-    usable : DataArray or Plain (time, doppler)
-        Signature inside the frame, decimated to the lossless hop.
-    analysis : Analysis
-
-    Returns
-    -------
-    observed : Observed
-        Observation with its extraction.
-    normalised : Plain (time, doppler)
-        Normalised signature, not aligned.
-    """
+    """Compute the observation of a signature for features (E-28 to E-38)."""
     mu = usable if isinstance(usable, Plain) else Plain.of(usable, SIGNATURE)
     floor_v2 = processing.noise_floor_v2(mu)
     mu.attrs["n_gate_bins"] = processing.count_independent_bins(mu, floor_v2)

@@ -92,16 +92,7 @@ class Tracking(FrozenModel):
 
 def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> TargetList:
     """Detect and analyse all bodies of a recording.
-
     Moving bodies are first in the list, in order of appearance. An empty list has a reason.
-
-    Parameters
-    ----------
-    recording : Recording
-        The truth is not read.
-    analysis : Analysis
-        Settings from :meth:`doppelgait.processing.Analysis.resolved` for tracks.
-    tracking : Tracking
     """
     baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
     unknown = np.flatnonzero(np.concatenate([~np.isfinite(values).all(axis=1) for _, values in read_tiles(baseband)]))
@@ -166,7 +157,6 @@ def _copy_verdict(judged: Result, before: Result, alone: Result) -> Result:
 
 def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
     """Flag the bandwidth if lost frames were filled.
-
     A recorder that loses frames repeats the last frame or stores zeros. The resulting jumps are wide in Doppler.
     """
     times_s = read_axis(baseband, "slow_time")
@@ -267,7 +257,6 @@ def _explain_missing_track(
 
 def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: FloatArray) -> list[Track]:
     """Join the tracks of a body before and after a rest.
-
     The first track ends at rest, the second starts at the same place, and no third track fits in place of either.
     """
     low_m, high_m = float(range_m[0]) + EDGE_M, float(range_m[-1]) - EDGE_M
@@ -327,10 +316,7 @@ def _analyze_track(
     persons: Sequence[BreathingTarget], analysis: Analysis, tracking: Tracking, found: Track, *,
     taken: npt.NDArray[np.bool_] | None = None,
 ) -> Result:  # fmt: skip
-    """Analyse the segments of a track; return the longest.
-
-    The times in which another target is in the gate (``taken``) are removed from a segment if the rest is long enough.
-    """
+    """Analyse the segments of a track; return the longest."""
     gate = Gate.from_track(
         found, span_m=analysis.gate_span_m, time_s=read_axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
@@ -379,7 +365,6 @@ def _analyze_segment(
     gate: Gate,
 ) -> Result:
     """Analyse one segment, flagging hidden gait and clutter losses.
-
     ``measured`` is the result of :func:`measure_share_removed` for the whole track.
     """
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)

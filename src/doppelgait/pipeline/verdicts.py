@@ -66,14 +66,7 @@ RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 @dataclass(frozen=True)
 class TrackStrip:
     """Track and Doppler of a target over time.
-
-    Parameters
-    ----------
-    time_s, range_m, approach_mps : ndarray, shape (T,)
-    power_v2 : ndarray, shape (T, K)
-        Power above the noise of the strip; 0 where it is not significant.
-    velocity_mps : ndarray, shape (K,)
-        Positive when approaching.
+    Shapes: time_s, range_m, approach_mps (T,); power_v2 (T, K); velocity_mps (K,).
     """
 
     time_s: FloatArray
@@ -103,7 +96,6 @@ class TrackStrip:
 @dataclass(frozen=True)
 class Verdict:
     """Verdict on one target with its evidence.
-
     ``kind`` is body, reflection, folded or thing.
     """
 
@@ -113,17 +105,7 @@ class Verdict:
 
 
 def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, radar: Radar) -> list[Result]:
-    """Add verdict, evidence and flag to tracked targets.
-
-    Parameters
-    ----------
-    results : sequence of Result
-        Results of one recording, with the gates of their tracks.
-    clean : DataArray (slow_time, range)
-        Baseband without clutter.
-    analysis : Analysis
-    radar : Radar
-    """
+    """Add verdict, evidence and flag to tracked targets."""
     first_m, last_m = frame_limits_m(read_axis(clean, "range"))
     seen = {
         n: observe_strip(result.gate, clean, analysis, radar.wavelength_m)
@@ -200,9 +182,7 @@ def _average_significant(mu_v2: npt.NDArray[np.float32], every: int, floor_v2: f
 
 def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None:
     """Recognise slow things with rotating parts.
-
-    An example is a robot vacuum. It moves no faster than a crawling person and has equal Doppler on both sides, while
-    a body on legs moves its legs forward.
+    An example is a robot vacuum.
     """
     clear = np.ones(one.time_s.size, dtype=bool)
     for other in others:
@@ -243,11 +223,7 @@ def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None
 def judge_fold(
     one: TrackStrip, body: TrackStrip, number: int, *, folding_m: float, frame_stop_m: float
 ) -> Verdict | None:
-    """Recognise a folded echo from beyond the frame.
-
-    The range of the echo plus the folding range continues the body's track beyond the end of the frame, before or
-    after it.
-    """
+    """Recognise a folded echo from beyond the frame."""
     later = one.time_s[0] > body.time_s[0]
     first, second = (body, one) if later else (one, body)
     gap_s = float(second.time_s[0] - first.time_s[-1])
@@ -280,10 +256,7 @@ def judge_reflection(
     ghost: TrackStrip, body: TrackStrip, number: int, rhythms: tuple[float, float] | None
 ) -> Verdict | None:
     """Recognise a body's echo from a vertical wall.
-
-    The mirror image has the range g with g^2 = R^2 + 4 q. A path with one reflection in one direction only has the
-    range m with m (m - R) = q. q is the product of the distances of radar and body from the wall, which changes little
-    as the body walks.
+    The mirror image has the range g with g^2 = R^2 + 4 q.
     """
     start_s, stop_s = max(ghost.time_s[0], body.time_s[0]), min(ghost.time_s[-1], body.time_s[-1])
     own, direct = ghost.between(start_s, stop_s), body.between(start_s, stop_s)
@@ -325,7 +298,6 @@ def judge_reflection(
 
 def correlate_rhythms(one: TrackStrip, other: TrackStrip) -> float:
     """Correlate the Doppler rhythms of two targets.
-
     Returns the smaller of both correlations.
     """
     found = []

@@ -23,20 +23,7 @@ BREATHS_IN_WINDOW = 3.0
 @dataclass(frozen=True)
 class BreathSpectrum:
     """Spectra of all windows.
-
-    Parameters
-    ----------
-    frequency_hz : ndarray, shape (F,)
-        Starts at 0.
-    power : ndarray, shape (W, F, N)
-        Power at plus and minus each frequency, divided by the window's level in that bin.
-    mean_power : ndarray, shape (F, N)
-        Median over the windows of the unnormalised power.
-    starts : ndarray, shape (W,)
-        First sample of every window.
-    window_pulses, fft_length : int
-    rate_hz : float
-        Samples per second.
+    Shapes: frequency_hz (F,); power (W, F, N); mean_power (F, N); starts (W,).
     """
 
     frequency_hz: FloatArray
@@ -61,15 +48,7 @@ class BreathSpectrum:
 
 def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
     """Compute spectra of half-overlapping, detrended and tapered windows.
-
-    A straight line is removed from each window and a Hann window is applied.
-
-    Parameters
-    ----------
-    series : ndarray, shape (I, N)
-    rate_hz : float
-    window_s : float
-        A recording shorter than 1.5 windows is one window.
+    A straight line is removed from each window and a Hann window is applied. Shapes: series (I, N).
     """
     total = series.shape[0]
     length = round(window_s * rate_hz)
@@ -97,14 +76,7 @@ def compute_breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: f
 
 def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
     """Compare mean power with the level around each frequency.
-
-    The level is the highest of three medians: over the wide band, and over the cells on each side of the line. A
-    harmonic or a second line hardly changes these medians. They are scaled to the mean of gamma-distributed values.
-    The ratio is 0 outside the band, and where the lower side is narrower than a cell (below three breaths per window).
-
-    Returns
-    -------
-    ndarray, shape (F, N)
+    The level is the highest of three medians: over the wide band, and over the cells on each side of the line.
     """
     mean = spectrum.power.mean(axis=0)
     near, far = (round(cells * PADDING) for cells in SIDE_CELLS)
@@ -122,13 +94,7 @@ def compute_line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: floa
 
 def compute_threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
     """Compute the threshold ratio for a probability of false alarm.
-
     The probability is that of white noise above the threshold at any rate and in any bin.
-
-    The ratio compares the sum of 2 W exponential variables with the level of 2 W n variables, where n is the number of
-    independent cells in the wide band. It has an F distribution with (4 W, 4 W n / 2) degrees of freedom, because a
-    median has the accuracy of a mean over about half the values. The number of trials is the number of independent
-    cells in the band, over all bins. The level of the sides makes false alarms rarer still.
     """
     from scipy.stats import f as f_distribution
 
@@ -156,19 +122,7 @@ RADIUS_ERROR = 0.2
 
 def fit_circle(values: ComplexArray) -> tuple[complex, float]:
     """Fit a circle through points of the complex plane.
-
-    The method is that of Taubin, IEEE PAMI 13, 1991.
-
-    Parameters
-    ----------
-    values : ndarray, shape (I,)
-        Four or more points.
-
-    Returns
-    -------
-    centre : complex
-    radius : float
-        inf for points on a line; the centre is then their mean.
+    The method is that of Taubin, IEEE PAMI 13, 1991. Shapes: values (I,).
     """
     mean = complex(values.mean())
     moved = values - mean
@@ -187,27 +141,7 @@ def fit_circle(values: ComplexArray) -> tuple[complex, float]:
 
 def compute_displacement(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
     r"""Compute displacement along the range from the phase.
-
-    The displacement is relative to its mean and positive away from the radar; its scale may be unknown.
-
-    An echo that moves by d rotates by :math:`-4 \pi d / \lambda` on a circle around the static part of the bin (E-18).
-    Centre and radius are fitted to the points, and the phase is unwrapped. The arc may be too short or too noisy for
-    this: the radius is below four times the spread about it, or the relative error of the radius,
-    :math:`\sigma \sqrt{720 / I} / (r\, \alpha^2)` for an arc of angle alpha, is above 20 %. The points are then
-    projected on their main direction, which gives the shape of the motion without its sign and scale.
-
-    Parameters
-    ----------
-    values : ndarray, shape (I,)
-        One range bin, including its static part.
-    wavelength_m : float
-
-    Returns
-    -------
-    displacement_m : ndarray, shape (I,)
-        Relative to the largest swing if the scale is not known.
-    known : bool
-        True if the scale is known.
+    The displacement is relative to its mean and positive away from the radar; its scale may be unknown (E-18).
     """
     centre, radius = fit_circle(values)
     if math.isfinite(radius):
@@ -233,25 +167,7 @@ PASSES = 3
 
 def remove_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
     r"""Divide each bin's series by the gain of the other bins.
-
-    The gain of frame i for bin n is
-
-    .. math:: g_{i,n} = \sum_m w_m y_{i,m} \bar y_m^* / \sum_m w_m |\bar y_m|^2, \qquad
-              w_m = 1 / \overline{|y_m - \bar y_m|^2}
-
-    over the bins m at least 0.75 m away, so that the motion of a body is never part of its own reference. There are
-    three passes, each with the weights of the series that the last pass corrected. A bin stays unchanged if its
-    reference is too weak, or if the correction increases its fluctuation.
-
-    Parameters
-    ----------
-    values : ndarray, shape (I, N)
-        Still contains the static echoes.
-    range_m : ndarray, shape (N,)
-
-    Returns
-    -------
-    ndarray, shape (I, N)
+    There are three passes, each with the weights of the series that the last pass corrected.
     """
     corrected = values
     own_power = np.maximum(np.var(values, axis=0), 1e-300)

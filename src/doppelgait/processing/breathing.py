@@ -82,26 +82,7 @@ class BreathingSettings(FrozenModel):
 
 @dataclass(frozen=True)
 class BreathingTarget:
-    """A person detected by breathing.
-
-    Parameters
-    ----------
-    range_m : float
-        Centre of the bins within 6 dB of the bin with the strongest breath.
-    rate_hz : float
-        Breaths per second, median over the windows with a breath.
-    displacement_m : float
-        Amplitude (half of peak to peak) of the motion along the range at that rate; NaN if the phase changes too
-        little or is too noisy.
-    snr_db : float
-        Power at the rate over the power next to it, in the spectra of all windows.
-    confidence : float
-        0 to 1: share of the windows with a breath, times the share of the motion at the rate and at twice the rate,
-        relative to all motion between 0.05 Hz and the end of the band.
-    start_s, stop_s : float
-        Start of the first and end of the last window of the longest run with a breath, or of the short windows that
-        show it.
-    """
+    """A person detected by breathing."""
 
     range_m: float
     rate_hz: float
@@ -139,37 +120,7 @@ def find_breathing(
     baseband: xr.DataArray, *, wavelength_m: float, settings: BreathingSettings | None = None
 ) -> list[BreathingTarget]:
     """Detect motionless people by their breathing.
-
-    Pulses are averaged to about 10 Hz. Frames are divided by the gain that distant bins have in common (jitter and
-    drift of the clock), so that static echoes do not seem to breathe. The spectrum of each bin combines both signs of
-    Doppler and is averaged over windows of 30 s. Each window is divided by its level in that bin, so that episodes of
-    body motion have little weight. Single windows of 15 s and 12 s at steps of 3 s detect people who keep still for
-    such a time only.
-
-    A breath is a spectral line with more power than the lower *and* the higher frequencies around it; the slope of a
-    drift has no such line. The threshold is a quantile of the F distribution for all bins and rates together.
-    Neighbouring bins are one person. Multiples of the rate, and places with the same motion as a stronger place,
-    belong to the stronger one. Displacement and rate are measured from the phase around the centre of the arc of the
-    strongest bin.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-        10 s or more at 3 Hz or more, with its static echoes (:func:`remove_clutter` would remove slow breaths and the
-        scale of the displacement).
-    wavelength_m : float
-        Above 0.
-    settings : BreathingSettings, optional
-
-    Returns
-    -------
-    list of BreathingTarget
-        Strongest breath first.
-
-    Raises
-    ------
-    AnalysisError
-        If the recording is shorter than 10 s, below 3 Hz, not finite, or the wavelength is not above 0.
+    Pulses are averaged to about 10 Hz.
     """
     options = settings or BreathingSettings()
     check_signal(baseband, BASEBAND)
@@ -217,7 +168,6 @@ def find_breathing(
 
 def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -> bool:
     """Return True if two breaths are of one person.
-
     They are at the same range, or have the same rate at the same time (a multipath echo).
     """
     if abs(person.range_m - other.range_m) <= extent_m:
@@ -247,7 +197,6 @@ def _find_in(
 
 def _measure_cluster(look: _SlowSeries, bins: npt.NDArray[np.int64]) -> _Candidate | None:
     """Measure rate, displacement and time span of one cluster.
-
     The values are those of its strongest bin; None if the cluster is no breath.
     """
     spectrum, settings = look.spectrum, look.settings
@@ -303,7 +252,6 @@ def _find_windows_with_breath(
     spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
 ) -> npt.NDArray[np.bool_]:
     """Find the windows in which a bin shows the breath.
-
     The line must be within 1.5 cells of the rate; the strongest window is always included.
     """
     single = np.stack(
@@ -324,9 +272,7 @@ def _measure_strongest_rate(
     motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
 ) -> tuple[float, float, float]:
     """Measure rate, share and amplitude of a real-valued motion.
-
-    The share is the part of the slow power at the rate and at twice the rate. The rate is the frequency of the line or
-    half of it, because a motion over a wide arc is strongest at twice its rate.
+    The share is the part of the slow power at the rate and at twice the rate.
     """
     t = np.arange(motion.size) - (motion.size - 1) / 2.0
     taper = np.hanning(motion.size + 2)[1:-1]

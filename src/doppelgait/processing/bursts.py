@@ -101,17 +101,7 @@ def get_burst_pulses(baseband: xr.DataArray) -> int | None:
 
 
 def average_bursts(baseband: xr.DataArray) -> xr.DataArray:
-    """Average the pulses of each burst, to observe slow motion.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-
-    Returns
-    -------
-    DataArray (slow_time, range)
-        One value per burst, at its middle; the same object if there are no bursts.
-    """
+    """Average the pulses of each burst, to observe slow motion."""
     pulses = get_burst_pulses(baseband)
     if pulses is None:
         return baseband
@@ -125,15 +115,7 @@ def average_bursts(baseband: xr.DataArray) -> xr.DataArray:
 @dataclass(frozen=True)
 class _Bursts:
     """Slow time in bursts.
-
-    Parameters
-    ----------
-    count, pulses : int
-        Whole bursts J and pulses in each, M.
-    prf_hz, period_s : float
-        Pulses per second within a burst; time from burst to burst (with a single burst, its duration).
-    time_s : ndarray, shape (J,)
-        Middle of every burst.
+    Shapes: time_s (J,).
     """
 
     count: int

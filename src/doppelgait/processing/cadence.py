@@ -41,33 +41,7 @@ _buffers = local()
 
 def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
     r"""Compute the first magnitudes of every row's zero-padded transform.
-
-    .. math:: X_{q,k} = \left| \sum_j a_j v_{j,k}\, e^{-2 \pi i q j / L} \right|, \quad q = 0 \ldots Q - 1
-
-    A padded transform computes redundant lines, and a fast column rate adds lines that are not wanted. The
-    computation therefore has three steps:
-
-    1. The rows are spread onto a coarser time grid by a kernel. The transform of the kernel vanishes (1e-13) where its
-       aliases fall on wanted lines.
-    2. A transform with little padding gives every d-th line.
-    3. The lines between are interpolated by the same kernel in frequency, which is exact for a record of finite length.
-
-    The responses of both kernels are divided out: that of step 1 after the transform, that of step 3 before it. This
-    is the non-uniform fast Fourier transform (Kaiser-Bessel kernel) on uniform grids.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J, K)
-    weights : ndarray, shape (J,)
-        Weight a of each column.
-    length : int
-        L, at least J.
-    n_kept : int
-        Q, at most L / 2 + 1.
-
-    Returns
-    -------
-    ndarray, shape (Q, K)
+    A padded transform computes redundant lines, and a fast column rate adds lines that are not wanted. 1.
     """
     from scipy import fft
 
@@ -86,15 +60,7 @@ def compute_magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kep
 
 def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
     r"""Compute the sum over all rows of :func:`compute_magnitudes` squared.
-
-    The sum is the transform of the rows' summed autocorrelation. Padding to twice the record is enough for it, which
-    takes a fifth of the time of the magnitudes.
-
-    Parameters and errors are those of :func:`compute_magnitudes`.
-
-    Returns
-    -------
-    ndarray, shape (Q,)
+    The sum is the transform of the rows' summed autocorrelation. Shapes: returns (Q,).
     """
     from scipy import fft
 
@@ -118,7 +84,6 @@ def sum_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
 
 def _find_coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
     """Find the largest allowed decimation of the column rate.
-
     It is an integer, and the decimated rate is at least 1.5 times the two-sided band.
     """
     steps = (d for d in range(1, length // (3 * n_kept) + 1) if length % d == 0)
@@ -137,7 +102,6 @@ def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
     """Apply steps 2 and 3 of :func:`compute_magnitudes`.
-
     The transform has ``length`` values, and each of its lines gives ``between`` lines of the result.
     """
     from doppelgait.core.kernels.cadence import fine_magnitudes, lay_circular
@@ -159,7 +123,6 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
 
 def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
     """Return a reusable buffer of this thread.
-
     The first access to new memory takes longer than the transforms.
     """
     size = math.prod(shape)
@@ -175,7 +138,6 @@ def _get_buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> 
 @lru_cache(maxsize=16)
 def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel at the fine columns around a coarse one.
-
     Returns the kernel, shape (step WIDTH - 1,), and its shape factor.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
@@ -185,7 +147,6 @@ def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
 @lru_cache(maxsize=16)
 def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, float]:
     """Compute the kernel that interpolates fine lines from coarse ones.
-
     Returns the kernel for ``between`` fine lines per coarse step, shape (between, WIDTH), and its shape factor.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
@@ -195,7 +156,6 @@ def _compute_line_taps(between: int, oversampling: float) -> tuple[FloatArray, f
 
 def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
     """Compute the Kaiser-Bessel kernel within W / 2.
-
     The kernel is I_0(b sqrt(1 - (2 s / W)^2)), scaled to avoid overflow.
     """
     inside = 1.0 - (2.0 * distance / WIDTH) ** 2
@@ -206,7 +166,6 @@ def _evaluate_kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
 @lru_cache(maxsize=16)
 def _transform_kernel(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
     """Compute the Fourier transform of the kernel.
-
     The transform is W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length; shape (count,), read-only.
     """
     cycles_per_step = (np.arange(count) - centre) / length
@@ -306,7 +265,6 @@ def _project_rows(values: FloatArray, order: int) -> FloatArray:
 @lru_cache(maxsize=4)
 def _make_orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
     """Compute orthonormal polynomials over the observation.
-
     The result has the shape (J, order + 1) and is read-only.
     """
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
@@ -356,15 +314,7 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
 
 class CadenceParts:
     """Spectrum S and single rows of the diagram D.
-
-    The rows are spread onto a coarser time grid once (step 1 of :func:`compute_magnitudes`).
-
-    Parameters
-    ----------
-    rows : Plain (time, doppler)
-        Normalised signature.
-    order : int
-        Order of the polynomial in time that is removed from every row (E-31).
+    The rows are spread onto a coarser time grid once (step 1 of :func:`compute_magnitudes`) (E-31).
     """
 
     def __init__(self, rows: Plain, order: int) -> None:
@@ -387,7 +337,6 @@ class CadenceParts:
 
     def spectrum(self) -> Plain:
         """Compute the power spectrum S (E-32).
-
         The result equals :func:`cadence_spectrum` of :func:`cadence_map` within 1e-12 of the largest value.
         """
         powers = sum_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
@@ -395,16 +344,7 @@ class CadenceParts:
 
     def rows(self, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
         """Compute some Doppler rows of D up to a cadence.
-
-        Parameters
-        ----------
-        wanted : ndarray of int, shape (R,)
-        highest_hz : float
-
-        Returns
-        -------
-        cadence_hz : ndarray, shape (Q,)
-        magnitudes : ndarray, shape (Q, R)
+        Shapes: wanted (R,); cadence_hz (Q,); magnitudes (Q, R); returns (Q,).
         """
         n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
         found = compute_magnitudes(copy_rows(self._values, wanted), self._weights, self._length, n_kept)
@@ -442,7 +382,6 @@ def _make_grid(
 
 def make_taper(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
     """Compute the Hann taper without zero ends, or ones.
-
     The result has the shape (J,).
     """
     if not tapered:

@@ -149,7 +149,6 @@ def remove_static_clutter(
 
 def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
     """Remove static clutter from planes by ``analysis.clutter``.
-
     The planes have the shape (2, bins, n_pulses or more); see :func:`remove_static_clutter`.
     """
     kind = analysis.clutter
@@ -187,7 +186,6 @@ The function returns the filtered planes and the filter state after the tile.
 
 def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ) -> tuple[Clean, int]:
     """Return a filter along the pulses, and its first averaging length.
-
     The initial level is the mean of this number of pulses.
     """
     from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
@@ -219,7 +217,6 @@ def _make_filter(kind: str, *, prf_hz: float, time_s: float, cutoff_hz: float = 
 
 def _filter_baseband(baseband: xr.DataArray, clean: Clean, start_pulses: int) -> xr.DataArray:
     """Filter a baseband along its pulses.
-
     A long recording is filtered tile by tile, on demand.
     """
     count = baseband.sizes["slow_time"]
@@ -253,7 +250,6 @@ def _filter_baseband(baseband: xr.DataArray, clean: Clean, start_pulses: int) ->
 
 def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
     """Average real values over blocks along the last axis.
-
     A remainder shorter than a block is left out.
     """
     n_blocks = values.shape[-1] // block_pulses

@@ -34,34 +34,7 @@ TINY = float(np.finfo(np.float32).tiny)
 
 def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     r"""Remove the phase that other bins share.
-
     The phase that the bins of other zones have in common is subtracted from each range bin.
-
-    A drifting clock rotates the static echoes of all ranges by the same phase, and rotating static echoes look like a
-    body. For the bins of a zone of 0.75 m, or of five bins if they are wide, the phase of frame i is
-
-    .. math:: \varphi_i = \arg \sum_m w_m y_{i,m} \bar c_m, \qquad w_m = 1 / \mathrm{var}\,|y_m|
-
-    over the bins m of all zones except this zone and its neighbours, so that the motion of a body is not part of its
-    own reference. A common phase leaves :math:`|y_m|` unchanged; a body that moves from cell to cell changes it. This
-    is the reason for the weights. A body that stays in its cell and breathes is a reference for other bins only if
-    there is almost no clutter. The static echoes :math:`c_m` are means over successively aligned blocks, so that the
-    phase may drift by any number of cycles.
-
-    The weight of a reference, :math:`S = \sum w_m |c_m|^2`, must be at least 1000 and at least ten times the weight of
-    the echo that it corrects, because its phase error (variance 1 / 2S) turns a static echo into noise. If the weight
-    in one frame is too small, up to 0.1 s of frames are summed to reach it. A bin stays unchanged if its reference is
-    still too weak, or if the correction increases its variance.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-        Still contains the static echoes.
-
-    Returns
-    -------
-    DataArray (slow_time, range)
-        The same object for a frame of less than 1.5 m or a recording of less than 0.2 s.
     """
     check_signal(baseband, BASEBAND)
     range_m = read_axis(baseband, "range")
@@ -105,7 +78,6 @@ def remove_common_phase(baseband: xr.DataArray) -> xr.DataArray:
 
 def _turn(pointer: Values, pulses: int) -> Values:
     """Return the rotation that corrects a zone.
-
     The reference is summed over ``pulses`` frames around each frame, and over fewer at both ends.
     """
     if pulses > 1:
@@ -118,14 +90,7 @@ def _turn(pointer: Values, pulses: int) -> Values:
 
 def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
     """Average values over whole blocks of pulses.
-
-    The result has the shape (K, N); a remainder shorter than a block is left out.
-
-    Parameters
-    ----------
-    values : ndarray, shape (I, N)
-    block_pulses : int
-        1 to I.
+    The result has the shape (K, N); a remainder shorter than a block is left out. Shapes: values (I, N).
     """
     n_blocks = values.shape[0] // block_pulses
     blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, values.shape[1])
@@ -134,7 +99,6 @@ def average_blocks(values: Values, block_pulses: int) -> ComplexArray:
 
 def _compute_moments(tiles: Callable[[], Iterator[npt.NDArray[Any]]], count: int) -> tuple[FloatArray, FloatArray]:
     """Compute the power of the mean and the variance of each column.
-
     ``tiles`` is called twice; each call yields ``count`` rows in total.
     """
     mean = variance = np.zeros(())

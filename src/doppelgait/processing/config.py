@@ -120,18 +120,7 @@ class Analysis(FrozenModel):
 @dataclass(frozen=True)
 class Transform:
     """Short-time transform of one recording.
-
-    Parameters
-    ----------
-    window : ndarray, shape (M,)
-        Gaussian window (E-23).
-    n_doppler_bins : int
-        K >= M.
-    hop : int
-        Pulses from column to column.
-    first_pulse : int
-        Pulse at which the window of column 0 starts; -h if the ends are zero-padded.
-    n_columns : int
+    Shapes: window (M,) (E-23).
     """
 
     window: npt.NDArray[np.float64]
@@ -167,7 +156,6 @@ def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
 
 def find_fast_length(n_pulses: int) -> int:
     """Find the smallest fast transform length.
-
     It is 2^a, 3 2^a or 5 2^a, and at least ``n_pulses``.
     """
     return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
@@ -175,7 +163,6 @@ def find_fast_length(n_pulses: int) -> int:
 
 def find_lossless_hop(cpi_pulses: int) -> int:
     """Compute the largest lossless hop (E-23).
-
     It is T_d f_p / 12, rounded down. The window limits the bandwidth of the columns.
     """
     return max(1, cpi_pulses // 12)

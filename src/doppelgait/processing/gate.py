@@ -393,7 +393,6 @@ def _make_frame_error(low_m: float, high_m: float, range_m: FloatArray) -> Analy
 
 def compute_bin_share(baseband: xr.DataArray) -> float:
     """Return the independent noise values per range bin.
-
     The number is an attribute of the recording; it is 1 if the attribute is missing.
     """
     return float(baseband.attrs.get("independent_bin_share", 1.0))

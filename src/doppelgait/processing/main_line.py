@@ -34,11 +34,7 @@ ALIGN_ABOVE_HZ = 10.0
 
 
 def find_column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
-    """Find every column's strongest cell and its Doppler.
-
-    Returns the power of the cell in V^2 and its Doppler in Hz, refined by a parabola through its neighbours; both have
-    the shape (J,).
-    """
+    """Find every column's strongest cell and its Doppler."""
     from doppelgait.core.kernels import columns
 
     values, doppler_hz = np.ascontiguousarray(signature.values), read_axis(signature, "doppler")
@@ -86,7 +82,6 @@ def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool =
 
 def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
     """Fit the line of :func:`main_line_hz` through column peaks.
-
     Several fits can share one search for the peaks.
     """
     from doppelgait.core.kernels.robust import robust_fit
@@ -101,7 +96,6 @@ def fit_line(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool =
 @lru_cache(maxsize=8)
 def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the Legendre basis and weights of a fit.
-
     Returns the Legendre polynomials over the observation, shape (order + 1, J), the parabolic taper, and ones.
     """
     position = np.linspace(-1.0, 1.0, n_columns)
@@ -112,7 +106,6 @@ def _make_line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray
 
 def extrapolate_line(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr.DataArray | Plain) -> FloatArray:
     """Extrapolate a straight line to other columns.
-
     The result has the shape (J of ``wanted``,).
     """
     times_s = read_axis(signature, "time")
@@ -165,7 +158,6 @@ def needs_alignment(signature: xr.DataArray | Plain) -> bool:
 
 def has_drift(straight_hz: FloatArray) -> bool:
     """Return True if a straight line drifts over 10 Hz.
-
     The drift is the change over the observation. The line is fitted with order 1 and without taper.
     """
     return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
@@ -222,15 +214,7 @@ def align(array: Signal, line_hz: FloatArray) -> Signal:
 @dataclass(frozen=True)
 class TrackVelocity:
     """Radial velocity of a range track.
-
-    Parameters
-    ----------
-    line_mps : ndarray, shape (J,)
-        Straight line of the velocity; its mean is the slope of a straight line through the ranges.
-    bend_mps : float
-        Mean velocity minus the mean of ``line_mps``.
-    mean_mps : float
-        Mean velocity: change of range over the time.
+    Shapes: line_mps (J,).
     """
 
     line_mps: FloatArray
@@ -240,14 +224,7 @@ class TrackVelocity:
 
 def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
     """Measure the radial velocity of a range track (E-34).
-
-    The ranges are fitted by a cubic R = sum_n a_n P_n(x) in Legendre polynomials. The slope of the straight line is
-    -2 a_1 / T_o. The mean velocity, -2 (a_1 + a_3) / T_o, also contains the third coefficient, which is large for a
-    person who walks past the radar.
-
-    Parameters
-    ----------
-    time_s, range_m : ndarray, shape (J,)
+    The ranges are fitted by a cubic R = sum_n a_n P_n(x) in Legendre polynomials. Shapes: time_s, range_m (J,).
     """
     half_s = float(time_s[-1] - time_s[0]) / 2.0
     fit, position = _make_cubic_basis(time_s.size)
@@ -266,22 +243,7 @@ def choose_velocity(
     signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Choose between main line and track velocity (E-34).
-
-    The track's velocity is chosen if limbs are stronger than the trunk or if a person stops. The condition is that the
-    strongest cells near the track's line are within 10 dB of the strongest cells overall.
-
-    Parameters
-    ----------
-    signature : DataArray (time, doppler)
-    floor_v2 : float
-    line_hz, track_hz : ndarray, shape (J,)
-        Straight main line and straight line of the track.
-
-    Returns
-    -------
-    line_hz : ndarray, shape (J,)
-    agreed : bool
-        False if the lines differ by more than 10 % and there is too little power near the track's line.
+    The track's velocity is chosen if limbs are stronger than the trunk or if a person stops.
     """
     half_m = float(signature.attrs["wavelength_m"]) / 2.0
     seconds = float(np.ptp(read_axis(signature, "time")))
@@ -303,17 +265,7 @@ def choose_velocity(
 
 def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray) -> FloatArray:
     """Follow the torso's radial velocity over time (E-34c).
-
-    The result, shape (J,), in m/s, is the strongest smooth ridge within 0.8 m/s of the gate's range rate, refined by
-    the centroid of three cells. The main line replaces the range rate if the gate is fixed, or if the two differ by
-    more than 0.8 m/s.
-
-    Parameters
-    ----------
-    signature : DataArray (time, doppler)
-    floor_v2 : float
-    line_hz : ndarray, shape (J,)
-        Main line.
+    Shapes: line_hz (J,).
     """
     from doppelgait.core.kernels.lines import follow_ridge, refined_ridge
 

@@ -134,7 +134,6 @@ def count_independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> 
 
 def compute_median(cells: npt.NDArray[np.floating[Any]]) -> float:
     """Compute the median of cells without NaN.
-
     It is several times faster than np.median, which partitions the array around two values.
     """
     middle = cells.size // 2

@@ -58,25 +58,7 @@ BLOCK = 32
 @dataclass(frozen=True)
 class PartMask:
     """Mask of a body's parts in its range-Doppler maps.
-
-    Parameters
-    ----------
-    columns : ndarray of int, shape (J,)
-        Processing intervals of the recording.
-    torso_mps, torso_range_m : ndarray, shape (J,)
-        Torso line: radial velocity, positive when approaching, and range.
-    speed_mps : float
-        Median radial speed of the torso, positive.
-    direction : float
-        1 approaching, -1 receding.
-    width_mps, length_m : float
-        Semi-axes of the torso's ellipse; the length is infinite for a radar without range.
-    beyond_mps : float
-        Doppler resolution, added to the velocity limits of the limbs.
-    floor_v2 : float
-        Noise power of a range-Doppler cell.
-    low, high : ndarray, shape (J,)
-        Edges of the gate in range bins.
+    Shapes: columns (J,); torso_mps, torso_range_m (J,); low, high (J,).
     """
 
     columns: npt.NDArray[np.int64]
@@ -92,20 +74,7 @@ class PartMask:
     high: FloatArray
 
     def power_v2(self, baseband: xr.DataArray, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
-        """Compute the power of every part, noise floor subtracted.
-
-        Parameters
-        ----------
-        baseband : DataArray (slow_time, range)
-            Recording from which the mask was derived, or the echo of some of its scatterers.
-        analysis : Analysis
-        wavelength_m : float
-
-        Returns
-        -------
-        DataArray (part, time, doppler)
-            V^2, float32; the parts are :data:`PARTS`. Single cells may be negative where there is noise.
-        """
+        """Compute the power of every part, noise floor subtracted."""
         found: list[npt.NDArray[np.float32]] = []
         times: list[FloatArray] = []
         for maps, at, share in _iterate_gated_maps(baseband, analysis, self.columns, self.low, self.high, wavelength_m):
@@ -133,23 +102,7 @@ class PartMask:
 def locate_parts(
     baseband: xr.DataArray, signature: xr.DataArray, gate: Gate, analysis: Analysis
 ) -> tuple[PartMask | None, str]:
-    """Locate torso and limbs in range-Doppler maps (E-40).
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-        Without static clutter.
-    signature : DataArray (time, doppler)
-        Signature with the same gate and settings, V^2; the mask has its columns.
-    gate : Gate
-    analysis : Analysis
-
-    Returns
-    -------
-    mask : PartMask or None
-    reason : str
-        Why there is no mask, with the limit; empty if there is one.
-    """
+    """Locate torso and limbs in range-Doppler maps (E-40)."""
     check_signal(signature, SIGNATURE)
     wavelength_m = float(signature.attrs["wavelength_m"])
     nu_v2 = noise_floor_v2(signature)
@@ -215,7 +168,6 @@ def _iterate_gated_maps(
     wavelength_m: float,
 ) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:  # fmt: skip
     """Yield blocks of range-Doppler maps, with columns and shares.
-
     The maps have the bins that the gate touches. A share (J of the block, bins) is the part of a bin inside the gate.
     """
     for start in range(0, columns.size, BLOCK):
@@ -231,21 +183,7 @@ def _iterate_gated_maps(
 
 
 def measure_parts(power: xr.DataArray) -> xr.Dataset:
-    """Measure energy, Doppler and spread per part (E-40).
-
-    Parameters
-    ----------
-    power : DataArray (part, time, doppler)
-        Result of :meth:`PartMask.power_v2`.
-
-    Returns
-    -------
-    Dataset
-        ``power`` (part, time, doppler): V^2. ``label`` (time, doppler): number of the part with the most power, -1 if
-        no part has power. ``share`` (part): share of the energy, with sum 1. ``velocity_mps`` and ``spread_mps``
-        (part, time): centroid and standard deviation of the radial velocity, NaN where a part has no power. The
-        coordinate ``part`` has the names of the parts.
-    """
+    """Measure energy, Doppler and spread per part (E-40)."""
     check_signal(power, PART_POWER)
     values, velocity_mps = power.values.astype(np.float64), read_axis(power, "velocity")
     energy = values.sum(axis=(1, 2))

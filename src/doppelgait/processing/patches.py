@@ -175,13 +175,7 @@ def cut(whole: Levels, start: int, spec: Patch) -> Levels:
 
 def cut_pictures(whole: Levels, spec: Patch) -> Levels:
     """Divide levels into images that cover all columns.
-
-    One centred image is returned if it covers all columns. Otherwise the images are evenly spaced and overlap by half
-    or more.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, n_velocity, n_time)
+    One centred image is returned if it covers all columns. Shapes: returns (n, n_velocity, n_time).
     """
     spare = whole.shape[1] - spec.n_time
     if spare <= 0:
@@ -193,7 +187,6 @@ def cut_pictures(whole: Levels, spec: Patch) -> Levels:
 
 def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Validate a signature; return its power (J, K) and axes.
-
     The axes are evenly spaced and ascending.
     """
     if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
@@ -217,7 +210,6 @@ def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArr
 
 def _average(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:
     """Average along the last axis between edges.
-
     The values belong to cells around evenly spaced centres; the average is NaN where there are no cells.
     """
     width = float(centres[-1] - centres[0]) / (centres.size - 1)

@@ -102,7 +102,6 @@ def range_doppler(
 
 def _make_frame_reader(baseband: xr.DataArray, pad: int, size: int) -> Callable[[Any], Any]:
     """Return a function that reads ``size`` pulses from each first pulse.
-
     The baseband is zero-padded by ``pad`` pulses at both ends.
     """
     count = baseband.sizes["slow_time"]
@@ -183,22 +182,7 @@ def _read_tile(baseband: xr.DataArray, pulses: slice, columns: slice) -> Planes:
 @dataclass(frozen=True)
 class GatedTransform:
     """Gate and transform of one recording.
-
-    Parameters
-    ----------
-    gate : Gate
-    transform : Transform
-    prf_hz : float
-    n_pulses : int
-        Pulses of the recording, I.
-    range_m : ndarray, shape (N,)
-        Its range axis.
-    time_s : ndarray, shape (J,)
-        Times of the columns.
-    low, high : ndarray, shape (J,)
-        Edges of the gate in range bins.
-    bin_share : float
-        Independent noise values per range bin; less than 1 if a window over the sweep correlates neighbouring bins.
+    Shapes: range_m (N,); time_s (J,); low, high (J,).
     """
 
     gate: Gate
@@ -219,20 +203,13 @@ class GatedTransform:
     @property
     def margin_pulses(self) -> int:
         """Number of pulses that are read after the needed ones.
-
         Their weight is zero, and their values must be finite.
         """
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def find_needed_pulses(self) -> npt.NDArray[np.int64]:
         """Return the pulses that the signature needs per range bin.
-
         Each row, shape (N, 2), is the first pulse and one past the last pulse; (I, 0) for none.
-
-        Raises
-        ------
-        AnalysisError
-            If the gate lies outside the frame all the time.
         """
         self.gate.touched_bins(self.low, self.high, self.range_m)
         columns = np.arange(0, self.time_s.size, NEED_BLOCK)
@@ -269,16 +246,7 @@ def compute_plane_signature(
     wavelength_m: float,
 ) -> xr.DataArray:  # fmt: skip
     """Compute the signature from planes of some range bins.
-
     The planes are the real and imaginary parts; the rest is as for :func:`signature`.
-
-    Parameters
-    ----------
-    plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
-        The rows are range bins from ``first_bin`` on; at least those of :meth:`GatedTransform.find_needed_pulses`.
-    first_bin : int
-    cut : GatedTransform
-    wavelength_m : float
     """
     from doppelgait.core.kernels.signature import gated_signature
 
@@ -300,21 +268,7 @@ LANES = 16
 
 def compute_tiled_signature(read_tile: ReadTile, cut: GatedTransform, *, wavelength_m: float) -> xr.DataArray:
     """Compute a long recording's signature tile by tile.
-
-    The bytes are the same as those of :func:`compute_plane_signature`. The memory for pulses and noise does not grow
-    with the recording.
-
-    Parameters
-    ----------
-    read_tile : callable
-        Receives a slice of pulses and a slice of range bins, and returns their planes, as :meth:`Samples.read_tile`.
-    cut : GatedTransform
-    wavelength_m : float
-
-    Raises
-    ------
-    AnalysisError
-        If the gate lies outside the frame all the time.
+    The bytes are the same as those of :func:`compute_plane_signature`.
     """
     from doppelgait.core.kernels.signature import gated_signature
 

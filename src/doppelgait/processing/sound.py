@@ -31,33 +31,8 @@ TINY = float(np.finfo(np.float32).tiny)
 
 def lengthen(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
     r"""Lengthen a signal without changing its frequencies.
-
-    The result has ``factor`` times as many samples. When it is played ``factor`` times as fast, its duration is
-    unchanged and every frequency is ``factor`` times as high.
-
-    Frame u of the result is the short-time spectrum X at the input's sample :math:`u H / P`, where H is the hop of the
-    result and P is the factor, rotated by the phase advance over one hop:
-
-    .. math:: Y_u = X_u \frac{Z}{|Z|}, \qquad Z = \mathcal{L}(Y_{u-1}) \, \overline{\mathcal{L}(X'_u)}
-
-    :math:`X'_u` is the input's spectrum one hop H before :math:`X_u`. The pair is placed so that the frequency measured
-    between them is that of the middle of the hop. No phase is unwrapped, so the hop has no limit. No symmetry of the
-    spectrum is used, so both signs of frequency are allowed. :math:`\mathcal{L}` sums each bin and its two neighbours,
-    which locks the phases of the bins of one line (Puckette 1995, "Phase-locked vocoder").
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        Complex or real.
-    factor : float
-        P, above 0.
-    window_samples : int
-        Length of the Hann window, at least 16. The time resolution is this length, the frequency resolution its
-        inverse.
-
-    Returns
-    -------
-    ndarray of complex64, shape (round(n factor),)
+    No symmetry of the spectrum is used, so both signs of frequency are allowed. :math:`\mathcal{L}` sums each bin and
+    its two neighbours, which locks the phases of the bins of one line (Puckette 1995, "Phase-locked vocoder").
     """
     signal = np.asarray(values, dtype=np.complex64)
     hop = max(window_samples // OVERLAP, 4)
@@ -79,7 +54,6 @@ def _rotate_frames(
     padded: Values, starts: npt.NDArray[np.int64], hop: int, window: npt.NDArray[np.float32]
 ) -> Iterator[Values]:
     """Yield frames with continuous phases, at steps of one hop.
-
     The second window is not applied yet.
     """
     from scipy import fft
@@ -110,7 +84,6 @@ def _sum_neighbours(spectrum: Values) -> Values:
 
 def extend_by_mirroring(values: Values, before: int, after: int) -> Values:
     """Extend a signal at its ends by mirroring.
-
     Time and phase are mirrored, so that tones continue.
     """
     return np.concatenate([_mirror(values, before), values, _mirror(values[::-1], after)[::-1]])
@@ -154,42 +127,8 @@ FULL_SCALE = 32767
 
 def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
     r"""Compute the complex Doppler signal of a gated target.
-
-    The signal has one value per pulse:
-
-    .. math:: d_i = \sum_n g_{i,n} \, y_{i,n} \, e^{-j \theta n}, \qquad
-              \theta = \arg \sum_{i,n} g_{i,n} g_{i,n+1} \, y_{i,n+1} \bar y_{i,n}
-
-    where g is the share of range bin n inside the gate at pulse i. The bins of one echo differ in phase only by a ramp
-    of :math:`\theta` per bin, which is the same for all echoes. It is 0 for an impulse radar with an exactly removed
-    carrier (E-17, E-18) and for a sweep with time counted from its middle, and :math:`\pi` for a sweep with time
-    counted from its first sample. An inexact carrier adds its remainder. Without the ramp the bins add in phase, and
-    every scatterer keeps its amplitude and its Doppler frequency in all bins that it crosses. (A constant rotation of
-    a bin does not change Doppler frequencies.)
-
-    The sum along range is one line of the echo's spectrum: d is the signal that a CW radar at the carrier would receive
-    from the gate alone. The signature sums powers instead, which cannot be played as sound. The spectra agree if echoes
-    do not overlap both in range and in Doppler.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-        V.
-    gate : Gate
-        The signal is 0 before its first and after its last time.
-    analysis : Analysis, optional
-        Its ``clutter`` is used. For a gate with ``source = "track"`` the common phase of the frames is removed first,
-        as in the analysis.
-
-    Returns
-    -------
-    ndarray of complex64, shape (I,)
-        V.
-
-    Raises
-    ------
-    AnalysisError
-        If the recording comes in bursts, or the gate lies outside the frame all the time.
+    The bins of one echo differ in phase only by a ramp of :math:`\theta` per bin, which is the same for all echoes
+    (E-17, E-18).
     """
     check_signal(baseband, BASEBAND)
     _check_steady(baseband)
@@ -224,7 +163,6 @@ def compute_doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysi
 
 def explain_silence(baseband: xr.DataArray) -> str | None:
     """Return why a recording has no sound, or None.
-
     The reason holds for every gate; the recording is (slow_time, range).
     """
     if get_burst_pulses(baseband) is not None:
@@ -243,34 +181,7 @@ def make_doppler_sound(
     channels: Channels = "iq",
 ) -> tuple[int, npt.NDArray[np.int16]]:  # fmt: skip
     """Convert the target in a gate to stereo sound.
-
-    The sound is as long as the recording.
-
-    Parameters
-    ----------
-    baseband, gate, analysis
-        As for :func:`compute_doppler_signal`.
-    pitch : float, optional
-        Factor for every Doppler frequency, 0.1 to 5000; the duration is unchanged
-        (:func:`doppelgait.processing.sound.lengthen`). By default 4, or the largest factor that the audio rate allows,
-        but at least 1: a walker's torso is then well audible at 7 GHz.
-    channels : {"iq", "sides"}
-        ``iq``: left is the real part and right the imaginary part, so that left + j right is the complex signal.
-        ``sides``: left has the approaching motion (positive Doppler frequencies) and right the receding motion, which
-        can be distinguished by ear.
-
-    Returns
-    -------
-    rate_hz : int
-        8000, 16000, 24000 or 48000: the lowest rate that covers the whole Doppler band times the pitch. For a frame
-        rate above 48 kHz the Doppler frequencies up to 24 kHz are kept.
-    samples : ndarray of int16, shape (n, 2)
-        Samples with the loudest 1 dB below full scale, faded over 5 ms at both ends.
-
-    Raises
-    ------
-    AnalysisError
-        As :func:`compute_doppler_signal`, or if the band times the pitch does not fit into the highest audio rate.
+    The sound is as long as the recording. Shapes: samples (n, 2).
     """
     from scipy.fft import next_fast_len
     from scipy.signal import firwin, hilbert, resample_poly
@@ -308,7 +219,6 @@ def make_doppler_sound(
 
 def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
     """Choose pitch and audio rate for a frame rate.
-
     The values and the error are those of :func:`make_doppler_sound`.
     """
     highest_hz = AUDIO_RATES_HZ[-1]
@@ -327,12 +237,7 @@ def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
 
 def write_wav(file: str | IO[bytes], rate_hz: int, samples: npt.NDArray[np.int16]) -> None:
     """Write a WAV file with 16 bits per sample.
-
-    Parameters
-    ----------
-    file : str or binary file
-    rate_hz : int
-    samples : ndarray of int16, shape (n, channels)
+    Shapes: samples (n, channels).
     """
     with wave.open(file, "wb") as sound:
         sound.setnchannels(samples.shape[1])

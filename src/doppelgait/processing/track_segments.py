@@ -40,34 +40,7 @@ def find_best_knots(
     min_segment_s: float,
 ) -> tuple[list[int], float]:
     r"""Find the change points of minimum cost.
-
-    The cost is that of :func:`doppelgait.processing.find_track_segments`.
-
-    All quantities are in s = R^2 (E-34b). Within a segment the state is (s, s', s''), where s'' is constant except for
-    the departures :math:`2 R a`. At a change point s is continuous, and s' and s'' start with new values. For a segment
-    from i to j the least cost for known values at both ends is a quadratic form of these values. A Kalman filter with
-    the first value in its state computes it for all i at once. The least cost up to j for a known value at j is the
-    lower envelope of parabolas, one per history. Parabolas that are nowhere lowest are dropped (the envelope is
-    compared at 25 values). Starts with a cost far above that of a change point at j are dropped, too, so that the
-    computing time is proportional to the length of the track.
-
-    Parameters
-    ----------
-    time_s, range_m : ndarray, shape (J,)
-    range_sd_m : float
-    smooth_mps2 : float
-        Standard deviation of the departures a, averaged over 0.1 s.
-    penalty : float
-        Cost of a change point in units of sd^2.
-    min_segment_s : float
-        Shortest time between change points.
-
-    Returns
-    -------
-    knots : list of int
-        Indices of the change points, ascending, without the ends; both segments contain the sample of a change point.
-    cost : float
-        The lowest cost; inf if the track is shorter than one segment.
+    The cost is that of :func:`doppelgait.processing.find_track_segments`. All quantities are in s = R^2 (E-34b).
     """
     n = time_s.size
     value, noise = range_m**2, 2.0 * range_m * range_sd_m
@@ -85,10 +58,7 @@ def find_best_knots(
 
 
 class _Histories:
-    """Parabolas a (x - b)^2 + c per change point.
-
-    x is the value at the change point ``at``; each parabola represents a history.
-    """
+    """Parabolas a (x - b)^2 + c per change point."""
 
     def __init__(self, value: float, noise: float) -> None:
         self.abc = np.array([[noise**-2], [value], [0.0]])
@@ -100,10 +70,7 @@ class _Histories:
 
     def extend(self, j: int, last_start: int, filters: _Filters, penalty: float, measured: tuple[float, float]) -> None:
         """Add the histories that are lowest at sample j for some value.
-
-        The history with the lowest minimum is also added. The filter gives cost + (z - m)^T P^-1 (z - m) for
-        z = (value at the start, value at j), so a history's a (x - b)^2 acts as a further measurement b of the value
-        at the start, with variance 1 / a.
+        The history with the lowest minimum is also added.
         """
         able = self.alive[: int(np.searchsorted(self.at[self.alive], last_start, side="right"))]
         at, (a, b, c) = self.at[able], self.abc[:, able]
@@ -133,7 +100,6 @@ class _Histories:
 
     def knots(self, last: int) -> tuple[list[int], float]:
         """Return change points and cost of the history of least cost.
-
         The history ends at the last sample. If there is none, the result is no change points and inf.
         """
         ends = np.flatnonzero(self.at == last)
@@ -150,7 +116,6 @@ class _Histories:
 
 class _Filters:
     """Kalman filters of every start i at one sample.
-
     The state is (s_i, s, s', s''); the filters are along axis -1.
     """
 
@@ -163,7 +128,6 @@ class _Filters:
 
     def start(self, i: int, value: float, noise: float, range_m: float) -> None:
         """Start a segment at sample i.
-
         Its initial value is determined by the segment before.
         """
         new = self.count
@@ -249,26 +213,7 @@ class SegmentationSettings(FrozenModel):
 
 @dataclass(frozen=True)
 class TrackSegment:
-    """One segment of a range track.
-
-    Parameters
-    ----------
-    start_s, stop_s : float
-        Limits of the segment, without the time removed at change points.
-    radial_velocity_mps : float
-        -dR/dt at the middle, positive when approaching; NaN for fewer than three ranges.
-    curvature_mps2 : float
-        d^2R/dt^2 at the middle; (v_g^2 - v^2) / R for straight motion at ground speed v_g. NaN for fewer than three
-        ranges.
-    residual_m : float
-        Root-mean-square deviation of the ranges from constant velocity over ground; NaN for fewer than three ranges.
-    straight_probability : float
-        Probability of a larger residual if the motion is straight at constant velocity; NaN for fewer than three
-        ranges.
-    reason : str
-        Why the segment is not usable for gait: ``"too_short"``, ``"stands_still"``, ``"not_straight"``; empty if it is
-        usable.
-    """
+    """One segment of a range track."""
 
     start_s: float
     stop_s: float
@@ -305,8 +250,7 @@ class _Fit:
 
     def straight_probability(self, range_sd_m: float) -> float:
         """Compute the probability of larger residuals for straight motion.
-
-        The range of straight motion has no negative curvature. If the ranges have one, the best fit is a straight line.
+        The range of straight motion has no negative curvature.
         """
         residual_m, n_parameters = self.residuals_m(), PARABOLA
         if self.curvature_mps2() < 0:
@@ -339,37 +283,8 @@ def find_track_segments(
     settings: SegmentationSettings | None = None,
 ) -> tuple[TrackSegment, ...]:
     r"""Divide a track where its ground velocity changes.
-
     A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola at any aspect angle
-    (E-34b), plus a slow change of speed. The path is continuous. The change points :math:`\tau` and the path minimise
-
-    .. math:: \sum_i \frac{(R_i^2 - s_i)^2}{4 R_i^2 \sigma^2} + \sum_i \frac{a_i^2}{\sigma_a^2} + 3 K \ln n
-
-    (s: path in :math:`R^2`; a_i: departure of the acceleration from the parabola between two ranges; K change points).
-    Functional dynamic programming finds the minimum (Fearnhead, Maidstone and Letchford, J. Comput. Graph. Stat. 28,
-    2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.compute_straight_probability`)
-    is then divided at the point of least squared residuals. This is repeated until all segments fit or are too short.
-
-    Parameters
-    ----------
-    time_s : array_like, shape (J,)
-        Ascending times at about 10 Hz.
-    range_m : array_like, shape (J,)
-        Ranges of one body, above 0.
-    range_sd_m : float
-        Standard deviation of a range, above 0; for the track of a tracker, that of its smoothed ranges.
-    settings : SegmentationSettings, optional
-
-    Returns
-    -------
-    tuple of TrackSegment
-        All segments in the order of time, including unusable ones. The time removed at change points lies between them.
-        Empty for a track of fewer than three ranges.
-
-    Raises
-    ------
-    AnalysisError
-        If times and ranges are not of one length, finite, rising and positive, or ``range_sd_m`` is not above 0.
+    (E-34b), plus a slow change of speed. The path is continuous. Stat. 28, 2019). Shapes: time_s (J,); range_m (J,).
     """
     options = settings or SegmentationSettings()
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
@@ -410,7 +325,6 @@ def _merge_similar(
     knots: list[int], times: FloatArray, ranges: FloatArray, settings: SegmentationSettings
 ) -> list[int]:
     """Remove knots where the velocity hardly changes.
-
     The smallest change is removed first.
     """
     while len(knots) > 2:
@@ -430,7 +344,6 @@ def _split_bent(
     knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: SegmentationSettings
 ) -> list[int]:
     """Divide segments until each is straight and steady.
-
     Both parts last at least for the shortest time between change points.
     """
     low, *rest = knots
@@ -482,7 +395,6 @@ def _make_segment(
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
     """Fit a parabola to R^2 with weights 1 / R.
-
     The fit to three ranges is a straight line.
     """
     middle = (times[0] + times[-1]) / 2.0

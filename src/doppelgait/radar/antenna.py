@@ -117,19 +117,7 @@ class Antenna(FrozenModel):
 
 
 def compute_antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
-    """Return a direction's one-way power gain, relative to peak.
-
-    Parameters
-    ----------
-    antenna : Antenna
-    azimuth_rad, elevation_rad : array_like
-        Off-boresight angles (:func:`rotate_to_boresight`), any azimuth and -pi/2 to pi/2; broadcast against each other.
-
-    Returns
-    -------
-    ndarray
-        0 to 1; see :class:`Antenna` for the equations.
-    """
+    """Return a direction's one-way power gain, relative to peak."""
     azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
     if antenna.kind == "cosine":
         # a direction behind the antenna has a negative cosine
@@ -149,10 +137,7 @@ def compute_antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation
 
 
 def compute_cosine_exponent(hpbw_deg: float) -> float:
-    """Return the cosine exponent of a half-power beam width.
-
-    q = -3 / (10 lg cos(HPBW / 2)): the power is 3 dB down at half the beam width.
-    """
+    """Return the cosine exponent of a half-power beam width."""
     return -3.0 / (10.0 * math.log10(math.cos(math.radians(hpbw_deg) / 2.0)))
 
 
@@ -164,23 +149,7 @@ def rotate_to_boresight(
     boresight_tilt_rad: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     r"""Rotate directions into the frame of an antenna.
-
     The antenna is tilted up and then rotated about the vertical axis.
-
-    Parameters
-    ----------
-    azimuth_rad, elevation_rad : array_like
-        Direction in the world: azimuth from +x towards +y, elevation up.
-    boresight_azimuth_rad, boresight_tilt_rad : float
-        Direction of the boresight in the same angles. The antenna's horizontal axis stays horizontal (no roll).
-
-    Returns
-    -------
-    azimuth_rad, elevation_rad : ndarray
-        -pi to pi and -pi/2 to pi/2, from the exact rotation: with :math:`\delta` the azimuth from the boresight's, t
-        the tilt, :math:`x = \cos\epsilon \cos\delta \cos t + \sin\epsilon \sin t`, :math:`y = \cos\epsilon \sin\delta`,
-        :math:`z = \sin\epsilon \cos t - \cos\epsilon \cos\delta \sin t` are the direction's components forward, to the
-        left and up.
     """
     turn = np.asarray(azimuth_rad, dtype=float) - boresight_azimuth_rad
     elevation = np.asarray(elevation_rad, dtype=float)
@@ -195,28 +164,7 @@ def rotate_to_boresight(
 def apply_antenna(
     scatterers: xr.Dataset, antenna: Antenna, *, boresight_azimuth_rad: float = 0.0, boresight_tilt_rad: float = 0.0
 ) -> xr.Dataset:
-    """Multiply path gains by the two-way antenna pattern.
-
-    Parameters
-    ----------
-    scatterers : Dataset (slow_time, scatterer)
-        Table with ``azimuth`` and ``elevation`` (rad) in the world frame: the direction from the transmitter. For a
-        bistatic table, every scatterer is assumed to have the same off-boresight angles at the receiver.
-    antenna : Antenna
-    boresight_azimuth_rad, boresight_tilt_rad : float
-        Direction of the boresight: azimuth from +x towards +y, tilt up.
-
-    Returns
-    -------
-    Dataset
-        A new table with its ``path_gain`` multiplied by the square of :func:`compute_antenna_gain`, since transmission
-        and reception have the same pattern; the table itself for an isotropic antenna.
-
-    Raises
-    ------
-    ConfigError
-        If the pattern needs angles that are not in the table.
-    """
+    """Multiply path gains by the two-way antenna pattern."""
     if antenna.kind == "isotropic":
         return scatterers
     missing = [name for name in ("azimuth", "elevation") if name not in scatterers.variables]

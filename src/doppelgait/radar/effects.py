@@ -16,7 +16,6 @@ RECEIVER_ERRORS = {
 
 def describe_effects(radar: Radar, impairments: Collection[str] = ()) -> dict[str, str]:
     """Describe noise, integration, folding and receiver errors by name.
-
     ``impairments`` are the kinds that act on the radar's samples.
     """
     waveform = radar.waveform

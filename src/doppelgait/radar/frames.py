@@ -61,12 +61,7 @@ SAME = 1e-6
 @dataclass(frozen=True, eq=False)
 class Header:
     """Radar of a stream, and its range bins.
-
-    Parameters
-    ----------
-    radar : Radar
-    range_m : ndarray, shape (N,)
-        Evenly spaced ranges of the bins.
+    Shapes: range_m (N,).
     """
 
     radar: Radar
@@ -81,7 +76,6 @@ class Header:
 
     def difference(self, other: Header, *, keys: Iterable[str] = FACTS, tolerance: float = SAME) -> str:
         """Return the first differing fact of two headers.
-
         The text has both values; it is empty if the headers agree.
         """
         for key in keys:
@@ -94,7 +88,6 @@ class Header:
 @dataclass(frozen=True, eq=False)
 class Frame:
     """Frame as received: counter, sender's time, samples in V.
-
     Without a counter, the sender's time is used unchanged.
     """
 
@@ -119,15 +112,7 @@ def encode_header(header: Header) -> bytes:
 
 def encode_frame(counter: int, clock_s: float, row: npt.NDArray[Any]) -> bytes:
     """Return the record of one frame.
-
-    Parameters
-    ----------
-    counter : int
-        Number of the frame, one more than the last.
-    clock_s : float
-        Time at the sender.
-    row : ndarray, shape (N,)
-        Samples, V.
+    Shapes: row (N,).
     """
     return encode_record(FRAME, STAMP.pack(counter, clock_s) + np.asarray(row, dtype="<c8").tobytes())
 
@@ -137,13 +122,7 @@ END_RECORD = encode_record(END, b"")
 
 
 def parse_header(payload: bytes, where: str) -> Header:
-    """Check the content of a header.
-
-    Raises
-    ------
-    RecordingError
-        If the content is not a JSON object with the keys of the format, or a value is not allowed.
-    """
+    """Check the content of a header."""
     try:
         table = parse_json(payload.decode())
     except ValueError:
@@ -182,19 +161,7 @@ def parse_header(payload: bytes, where: str) -> Header:
 
 
 class FrameParser:
-    """Parse bytes into headers and frames, skipping other content.
-
-    Attributes
-    ----------
-    header : Header or None
-        Last header; frames before the first header are skipped.
-    malformed : int
-        Number of records that are incomplete, have a wrong length or checksum, and of runs of other bytes.
-    fault : str
-        Fault of the last malformed record.
-    ended : bool
-        True after the end record.
-    """
+    """Parse bytes into headers and frames, skipping other content."""
 
     def __init__(self, where: str) -> None:
         self.where, self.malformed, self.fault, self.ended = where, 0, "", False
@@ -202,13 +169,7 @@ class FrameParser:
         self._buffer, self._lost = bytearray(), False
 
     def feed(self, content: bytes) -> Iterator[Header | Frame]:
-        """Yield the headers and frames that further bytes complete.
-
-        Raises
-        ------
-        RecordingError
-            If a complete header is not allowed, or the stream has another version of the format.
-        """
+        """Yield the headers and frames that further bytes complete."""
         self._buffer += content
         at = 0
         try:
@@ -267,7 +228,6 @@ class FrameParser:
 
     def _check_head(self, version: int, kind: int, length: int) -> str:
         """Return the fault of a record's head, or "".
-
         A length is valid only if it is that of the header, or short.
         """
         if version != VERSION or kind not in (HEADER, FRAME, END):
@@ -296,15 +256,7 @@ def sniff_frames(path: Path) -> bool:
 
 @plugin("radar_writer", "frames", suffix=".dgf")
 def write_frames(recording: Recording, path: str | Path) -> None:
-    """Write a recording as frames, without its truth.
-
-    Raises
-    ------
-    RecordingError
-        If its range bins are not evenly spaced.
-    OutputError
-        If the file cannot be written.
-    """
+    """Write a recording as frames, without its truth."""
     header = make_recording_header(recording)
     with open_atomically(path) as place, place.open("wb") as file:
         file.write(encode_header(header))
@@ -327,7 +279,6 @@ def make_header(
     radar: Radar, range_m: npt.NDArray[np.float64], facts: Mapping[str, Any], slow_time_s: npt.NDArray[np.float64]
 ) -> Header:
     """Return the header of frames.
-
     If only the recording states bursts, they are added to the radar.
     """
     pulses = int(facts.get("burst_pulses", 1))
@@ -339,18 +290,7 @@ def make_header(
 
 @plugin("radar_reader", "frames", sniff=sniff_frames, suffixes=(".dgf",))
 def read_frames(path: Path) -> Recording:
-    """Read frames that were saved as a file.
-
-    Raises
-    ------
-    RecordingError
-        If the file does not exist, has no header, has headers of two radars, or has fewer than two frames.
-
-    Warns
-    -----
-    DoppelgaitWarning
-        If frames are malformed or missing.
-    """
+    """Read frames that were saved as a file."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     parser, header, start_s = FrameParser(str(path)), None, 0.0

@@ -100,7 +100,6 @@ def echo_amplitude_v(
 
 def comparator_noise_v(radar: Radar) -> float:
     """Return one pulse's rms noise at the comparator, V.
-
     It is real input noise up to half the sampling rate, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b).
     """
     density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
@@ -108,12 +107,7 @@ def comparator_noise_v(radar: Radar) -> float:
 
 
 def compute_counter_noise_ratio(radar: Radar) -> float:
-    """Return the noise power ratio of a swept-threshold counter to averaging.
-
-    It is d / (sqrt(pi) s), the ratio of the variances d s / (sqrt(pi) n) and s^2 / n (E-18b); 1 for a radar that
-    averages. It is below 1 if the thresholds are closer than 1.77 s, because several thresholds with n pulses each use
-    more than n pulses.
-    """
+    """Return the noise power ratio of a swept-threshold counter to averaging (E-18b)."""
     if radar.threshold_step_v is None:
         return 1.0
     return radar.threshold_step_v / (math.sqrt(math.pi) * comparator_noise_v(radar))
@@ -121,18 +115,13 @@ def compute_counter_noise_ratio(radar: Radar) -> float:
 
 def find_noise_slope(radar: Radar) -> float:
     """Return dB of noise per dB of noise figure or gain.
-
     It is 1 for a receiver that averages, and 1/2 for a swept-threshold counter (E-18b).
     """
     return 1.0 if radar.threshold_step_v is None else 0.5
 
 
 def sample_noise_v2(radar: Radar) -> float:
-    """Return the mean square noise of one receiver sample, V^2.
-
-    It is E|w|^2 = 2 Z0 k T0 F B_n G_rx / N_eff (complex noise, E-18); for a swept-threshold counter it is multiplied by
-    :func:`compute_counter_noise_ratio` (E-18b).
-    """
+    """Return the mean square noise of one receiver sample, V^2 (E-18, E-18b)."""
     density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
     single_v2 = 2.0 * REFERENCE_IMPEDANCE_OHM * density_w * radar.receiver_bandwidth_hz
     return float(single_v2 / radar.averages_per_frame * compute_counter_noise_ratio(radar))
@@ -162,18 +151,13 @@ FACTOR_ROWS = 2000
 
 
 def make_noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
-    """Return the taps that correlate white noise over range bins.
-
-    They are the minimum-phase factor g of the radar's ``noise_correlation``, sum_k g_k g_(k+l) = rho_l (E-18c):
-    float32, shape (K + 1,), with unit energy; a single 1 for white noise.
-    """
+    """Return the taps that correlate white noise over range bins (E-18c)."""
     return np.array(_factorise(radar.noise_correlation), dtype=np.float32)
 
 
 @lru_cache(maxsize=64)
 def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
     """Factorise a correlation by Bauer's method.
-
     The rows of the Cholesky factor of its Toeplitz matrix converge to the taps (Bauer, Arch. Elektr. Uebertragung 9,
     1955). Plain arithmetic makes the result independent of the processor and of libraries.
     """
@@ -223,19 +207,7 @@ def compute_scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any,
 
 def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
     """Place earlier pulses' echoes where they appear (E-10b).
-
-    An echo from R appears at R - k c / (2 pulse rate), with the amplitude and phase of R. An echo that overlaps both
-    ends of the frame becomes two.
-
-    Parameters
-    ----------
-    scatterers : Dataset (slow_time, scatterer)
-    radar : Radar
-
-    Returns
-    -------
-    Dataset (slow_time, scatterer)
-        Table with the folded ranges; ``scatterers`` themselves if no echo folds.
+    An echo from R appears at R - k c / (2 pulse rate), with the amplitude and phase of R.
     """
     range_m, waveform = scatterers["range"].values, radar.waveform
     if not radar.folds_pulses or range_m.size == 0:

@@ -22,7 +22,6 @@ CHECK_ROWS = 4096
 
 def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf, most: float = math.inf) -> float:
     """Return a finite number within limits.
-
     It must be above ``above`` and at most ``most``; other values raise a :class:`RecordingError`.
     """
     number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
@@ -38,16 +37,7 @@ def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf,
 
 def adapt_preset(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
     """Return a preset radar with a recording's own facts.
-
     These are its frame, its number of range bins, and further parameters.
-
-    The range axis of a file may differ by a few tenths of a per cent (drivers use c = 3e8 m/s) and may begin below 0 m;
-    the axis of the recording is valid, and the radar's frame approximates it.
-
-    Raises
-    ------
-    RecordingError
-        If the preset is unknown, or not possible for the recording.
     """
     if not isinstance(preset, str | Path):
         raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
@@ -71,25 +61,7 @@ def label_measured(
     attrs: Mapping[str, Any] | None = None,
 ) -> Recording:
     """Make a recording of measured values.
-
-    Parameters
-    ----------
-    path : Path
-        File; its name becomes the source.
-    values : ndarray, shape (I, N)
-        Complex baseband, V.
-    radar : Radar
-    slow_time_s, range_m : ndarray, shapes (I,), (N,)
-        Axes of the file.
-    notes : sequence of str
-        Assumptions for values that the file does not state.
-    attrs : mapping, optional
-        Further attributes of the baseband.
-
-    Raises
-    ------
-    RecordingError
-        If a value is NaN or infinite, or there are fewer than two pulses.
+    Shapes: values (I, N).
     """
     check_shape(path, values)
     check_finite(path, values)
@@ -110,20 +82,7 @@ def label_sweeps(
     attrs: Mapping[str, Any] | None = None,
 ) -> Recording:
     """Make a recording of the beat samples of frequency sweeps.
-
-    Parameters
-    ----------
-    path : Path
-        File; its name becomes the source.
-    samples : ndarray, shape (I, S)
-        Beat signal of every sweep, V; a real signal has half the amplitude of an echo, which is corrected.
-    radar : Radar
-        Radar with the waveform ``fmcw`` and S samples per sweep; its frame and window determine the range bins.
-    slow_time_s : ndarray, shape (I,)
-    conjugate : bool
-        True if the phase increases with distance.
-    notes, attrs
-        As of :func:`label_measured`.
+    Shapes: samples (I, S); slow_time_s (I,).
     """
     window = "without a window" if radar.range_window == "none" else f"with a {radar.range_window.title()} window"
     said = [
@@ -149,7 +108,6 @@ def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
 
 def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
     """Refuse values that are not finite.
-
     These are NaN, infinity, and values beyond single precision. The error states their number and the first position.
     """
     faults, first = 0, (0, 0)
@@ -173,7 +131,6 @@ CW_FRAME_M = (0.0, 10.0)
 
 def make_radar(path: Path, **facts: Any) -> Radar:
     """Make a radar from facts of a file.
-
     A parameter that is not allowed raises a :class:`RecordingError` that names the file.
     """
     try:
@@ -184,18 +141,7 @@ def make_radar(path: Path, **facts: Any) -> Radar:
 
 def make_cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
     """Make a continuous-wave radar with one range bin.
-
     It has one sample per pulse; the bin represents the whole frame.
-
-    Parameters
-    ----------
-    path : Path
-        File, for messages.
-    name : str
-    carrier_hz, prf_hz : float
-        Carrier, and complex samples per second.
-    **facts
-        Further parameters of :class:`~doppelgait.radar.parameters.Radar`.
     """
     start_m, stop_m = CW_FRAME_M
     return make_radar(

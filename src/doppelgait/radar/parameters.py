@@ -244,7 +244,6 @@ def _parse_waveform(value: Any) -> Any:
 
 def _serialise_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
     """Return a waveform as its name, or as a table.
-
     The name alone where it has no parameters of its own.
     """
     if set(type(waveform).model_fields) == {"kind"}:
@@ -588,7 +587,6 @@ class Radar(FrozenModel):
 
 def check_correlation(noise_correlation: tuple[float, ...]) -> None:
     """Check that a correlation over bins is possible for noise.
-
     The spectrum 1 + 2 sum rho_l cos(l w) must not be negative (``ValueError``).
     """
     least = _find_least_density(noise_correlation)
@@ -602,9 +600,7 @@ def check_correlation(noise_correlation: tuple[float, ...]) -> None:
 
 def find_possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
     """Return an estimated correlation, shrunk to a possible one.
-
-    Estimates have errors, and are truncated where they are not significant. All values are multiplied by the factor
-    that raises the minimum spectral density to 0, and rounded to four decimals. At most 16 values are kept.
+    Estimates have errors, and are truncated where they are not significant.
     """
     found = np.asarray(tuple(estimate)[:MAX_CORRELATED_BINS], dtype=np.float64)
     while True:

@@ -49,19 +49,7 @@ NEW_TRACK_S = 1.0
 @dataclass(frozen=True)
 class PointTrack:
     """One body of a log, frame by frame.
-
-    Parameters
-    ----------
-    track : int
-        Track number in the log.
-    times_s : ndarray, shape (T,)
-    range_m, velocity_mps : ndarray, shape (T,)
-        Medians over the points: distance from the sensor, and radial velocity (positive approaching).
-    position_m : ndarray, shape (T, 3)
-        Medians over the points, in the sensor's frame.
-    spread_mps : float
-        Difference of the 90 % and 10 % quantiles of the points' velocities relative to the median of their frame.
-    n_points : int
+    Shapes: times_s (T,); range_m, velocity_mps (T,); position_m (T, 3).
     """
 
     track: int
@@ -76,29 +64,7 @@ class PointTrack:
 def read_points(
     path: str | Path, *, frame_period_s: float | None = None, approaching_positive: bool = False
 ) -> pd.DataFrame:
-    """Read the points of a log.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.csv`` with a first line that names the columns (x, y, doppler or velocity, track; optional z, snr, time in s,
-        frame), or ``.json`` of the Industrial Visualizer.
-    frame_period_s : float, optional
-        Time from frame to frame, for logs with frame numbers only.
-    approaching_positive : bool
-        False for TI's sign convention, in which a receding body has positive Doppler.
-
-    Returns
-    -------
-    DataFrame
-        One row per point: ``time_s`` (from the first frame), ``x_m``, ``y_m``, ``z_m``, ``velocity_mps`` (positive
-        approaching), ``snr`` (NaN if not stated), ``track`` (-1 for none).
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read, a column is missing, a value is not a number, or times are missing or decrease.
-    """
+    """Read the points of a log."""
     import pandas as pd
 
     file = Path(path)
@@ -167,10 +133,7 @@ def _read_csv(file: Path) -> dict[str, Any]:
 
 def _read_json(file: Path) -> list[dict[str, float]]:
     """Read the frames of the Industrial Visualizer.
-
-    A point is x, y, z, Doppler, SNR, noise and track; times are in ms. The list ``trackIndexes`` of a frame has the
-    tracks of the previous frame's points (TI's "3D people tracking" guide), and takes precedence over those of the
-    points.
+    A point is x, y, z, Doppler, SNR, noise and track; times are in ms.
     """
     rows: list[dict[str, float]] = []
     where, before = "the file", slice(0, 0)
@@ -201,13 +164,7 @@ def _read_json(file: Path) -> list[dict[str, float]]:
 
 def collect_tracks(points: pd.DataFrame) -> list[PointTrack]:
     """Collect a log's tracks with five frames or more.
-
     A number that reappears after :data:`NEW_TRACK_S` belongs to another body, because sensors reuse numbers.
-
-    Parameters
-    ----------
-    points : DataFrame
-        Points from :func:`read_points`.
     """
     tracks = []
     seen = points[points["track"] >= 0].sort_values("time_s", kind="stable")
@@ -233,16 +190,7 @@ def collect_tracks(points: pd.DataFrame) -> list[PointTrack]:
 
 
 def tabulate_tracks(tracks: Sequence[PointTrack]) -> pd.DataFrame:
-    """Tabulate tracks: times, ranges and speeds.
-
-    Returns
-    -------
-    DataFrame
-        ``track``, ``start_s``, ``stop_s``, ``frames``, ``points``, ``range_start_m``, ``range_stop_m``;
-        ``torso_velocity_mps``, the median over frames; ``range_rate_mps``, the negative slope of the range, which must
-        agree with it (otherwise Doppler is aliased or has the opposite sign); ``ground_speed_mps``, the speed of a
-        straight line through the positions on the floor, NaN for a curved track; ``velocity_spread_mps``.
-    """
+    """Tabulate tracks: times, ranges and speeds."""
     import pandas as pd
 
     rows = []
@@ -273,19 +221,7 @@ def interpolate_ranges(
     tracks: Sequence[PointTrack], times_s: npt.ArrayLike, *, longest_gap_s: float = 0.5
 ) -> FloatArray:
     """Interpolate the ranges of tracks, for their evaluation.
-
-    Parameters
-    ----------
-    tracks : sequence of PointTrack
-    times_s : array_like, shape (T,)
-        Times on the time axis of the log.
-    longest_gap_s : float
-        Maximum time without points that is interpolated.
-
-    Returns
-    -------
-    ndarray, shape (T, number of tracks)
-        Ranges, m, NaN where a track is absent, for :func:`doppelgait.testing.tracking.compare_tracks`.
+    Shapes: times_s (T,); returns (T, number of tracks).
     """
     times = np.asarray(times_s, dtype=np.float64)
     found = np.full((times.size, len(tracks)), np.nan)

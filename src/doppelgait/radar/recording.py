@@ -336,19 +336,7 @@ FASTEST_MPS = 1e4
 
 def check_plausible(recording: Recording, where: str) -> None:
     """Check that axes and facts are plausible for a radar.
-
     The readers check the samples, because they have the position in the file.
-
-    Parameters
-    ----------
-    recording : Recording
-    where : str
-        The file, for the message.
-
-    Raises
-    ------
-    RecordingError
-        If a value is not plausible; the message names the key, its value and the allowed values.
     """
     times_s, range_m = recording.slow_time_s, recording.range_m
     for key, values, (low, high) in (("slow_time_s", times_s, TIMES_S), ("range_m", range_m, RANGES_M)):
@@ -401,7 +389,6 @@ def _refuse(where: str, key: str, value: str, allowed: str) -> None:
 
 def make_baseband_facts(radar: Radar) -> dict[str, str | float]:
     """Return the attributes of a baseband array.
-
     These are the radar as JSON, and the independent noise values per range bin if below 1.
     """
     share = radar.waveform.independent_bins(radar)
@@ -410,7 +397,6 @@ def make_baseband_facts(radar: Radar) -> dict[str, str | float]:
 
 def list_further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
     """Return the baseband's facts without a field of their own in files.
-
     An example is the number of pulses in a burst.
     """
     facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in baseband.attrs.items()}

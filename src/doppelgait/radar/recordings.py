@@ -145,7 +145,6 @@ def _put_tiles(group: Any, name: str, values: xr.Variable, dtype: str, units: st
 
 def sniff_hdf5(path: Path) -> bool:
     """Return whether a file is a doppelgait recording.
-
     A damaged HDF5 file without the attribute ``format`` counts, too.
     """
     with path.open("rb") as file:
@@ -160,13 +159,7 @@ def sniff_hdf5(path: Path) -> bool:
 
 @plugin("radar_reader", "doppelgait", sniff=sniff_hdf5, suffixes=(".h5",))
 def read_hdf5(path: Path) -> Recording:
-    """Read a recording written by :func:`write_recording`.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, damaged or not a doppelgait recording, or has links to another file.
-    """
+    """Read a recording written by :func:`write_recording`."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:
@@ -281,7 +274,6 @@ def _read_stamp(path: Path) -> tuple[int, int, int]:
 
 def _read_truth(group: Any, slow_time_s: Any, number: int, path: Path | None) -> TargetTruth:
     """Read the truth of one target.
-
     With a ``path``, values per pulse and scatterer remain in that file and are read on demand.
     """
     parts, markers = (parse_json(group.attrs[key]) for key in ("part", "marker"))

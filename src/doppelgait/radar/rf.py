@@ -23,18 +23,7 @@ FILTER_BETA = 9.5
 
 def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
     """Return full-rate real samples of the received RF frames (E-16).
-
-    Parameters
-    ----------
-    scatterers : Dataset (slow_time, scatterer)
-    radar : Radar
-    margin : int
-        Samples before and after the frame, so that filter transients are outside it.
-
-    Returns
-    -------
-    ndarray, shape (I, n_full + 2 margin)
-        ``sum_l a p(t - 2R/c) cos(2 pi f_c t + theta - 4 pi R / lambda)``, V.
+    Shapes: returns (I, n_full + 2 margin).
     """
     n_full = (radar.n_range_bins - 1) * radar.decimation + 1
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
@@ -58,7 +47,6 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
 
 def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
     """Return the taps of a symmetric Kaiser low-pass (E-17).
-
     It passes the pulse and rejects the image at twice the carrier.
     """
     from scipy.signal import firwin
@@ -71,15 +59,7 @@ def make_low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
 
 def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
     """Convert real RF frames to complex baseband (E-17).
-
-    The steps are: mix with exp(-j 2 pi f_c t), low-pass, decimate by D.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (I, n_full + 2 margin)
-    radar : Radar
-    margin : int
-        Margin of :func:`sample_rf_frames`, at least half the filter's length.
+    The steps are: mix with exp(-j 2 pi f_c t), low-pass, decimate by D. Shapes: frames (I, n_full + 2 margin).
     """
     from scipy.signal import oaconvolve
 

@@ -107,7 +107,6 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
 
 def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
     """Synthesise receiver samples in their fastest layout.
-
     The values are those of :func:`synthesise_samples`; :func:`doppelgait.pipeline.simulate` calls this function.
     """
     return radar.waveform.synthesise_planes(fold_scatterers(scatterers, radar), radar)
@@ -115,7 +114,6 @@ def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
 
 def synthesise_bins(scatterers: xr.Dataset, radar: Radar) -> Samples:
     """Synthesise noise-free range bins of all scatterers.
-
     The values are those of :func:`synthesise`, without labels.
     """
     return Samples.own(radar.waveform.synthesise_bins(fold_scatterers(scatterers, radar), radar))
@@ -211,7 +209,6 @@ def add_receiver_noise(
     samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator, factor: Factor = WHITE
 ) -> npt.NDArray[np.complex64]:
     """Return samples or range bins with noise.
-
     The noise is that of :func:`add_noise`, with the correlation of ``factor``; the result is a new array.
     """
     from doppelgait.core.kernels.noise import add_noise_matrix
@@ -223,7 +220,6 @@ def add_receiver_noise(
 
 def compress_samples(samples: Samples, radar: Radar) -> Samples:
     """Compress receiver samples to range bins.
-
     The values are those of :func:`compress`; samples that are the range bins are returned unchanged.
     """
     return samples if radar.waveform.samples_are_bins else Samples.own(compress(samples.matrix, radar))
@@ -231,7 +227,6 @@ def compress_samples(samples: Samples, radar: Radar) -> Samples:
 
 def frame_power_v2(bins: Samples) -> float:
     """Return the signal level of SNR_frame, V^2.
-
     It is the time mean of the strongest bin's |y|^2.
     """
     return 0.0 if 0 in bins.shape else float(strongest_powers_v2(bins).mean(dtype=np.float64))
@@ -249,13 +244,7 @@ def strongest_powers_v2(bins: Samples) -> npt.NDArray[np.float32]:
 
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
     """Return the noise level to add, V^2.
-
     It is the thermal level (E-18), or the level for an SNR_frame in dB; inf gives 0.
-
-    Raises
-    ------
-    ConfigError
-        If an SNR is set but there is no signal, because every target is outside the frame.
     """
     if snr_db is None:
         return noise_power_v2(radar)
@@ -271,7 +260,6 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
 
 def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
     """Return SNR_frame in dB.
-
     It is inf without noise, and -inf without an echo in the frame.
     """
     if not noise_v2 > 0:
@@ -302,14 +290,7 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
 
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     """Warn of scatterers that the radar cannot show.
-
-    The warnings state the values.
-
-    The causes are sparse range bins (spacing above twice the half-power width of an echo), aliasing in Doppler (E-06),
-    and targets outside the frame (E-15) or beyond the range at which echoes fold. Scatterers that belong to no target
-    (number -1) may be at any range. A carrier too low for its band is refused when the radar is made. Range migration
-    needs no warning: from frame to frame it is simulated, and within a sweep a scatterer that does not alias moves by
-    less than a quarter wavelength and its range-Doppler coupling, f_c v T_c / B, stays below c / (4 B), half a cell.
+    The warnings state the values (E-06, E-15).
     """
     if radar.n_range_bins > 1 and radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
         warn_caller(

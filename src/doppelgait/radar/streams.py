@@ -49,23 +49,7 @@ EXPECTED_TOLERANCE = 5e-3
 
 @dataclass
 class Counts:
-    """Numbers of received, missing and faulty frames of a stream.
-
-    Parameters
-    ----------
-    received : int
-        Complete frames, including those that are dropped later.
-    missing : int
-        Frames that the counter skipped, that is, frames lost before reception.
-    dropped : int
-        Oldest frames of the queue, dropped because the consumer was too slow.
-    malformed : int
-        Incomplete or damaged records.
-    jumps : int
-        Jumps of the sender's clock, and restarts of its counter.
-    refused : int
-        Datagrams of other senders.
-    """
+    """Numbers of received, missing and faulty frames of a stream."""
 
     received: int = 0
     missing: int = 0
@@ -501,7 +485,6 @@ def _tcp_bytes(listener: socket.socket, stream: Stream) -> Iterator[bytes]:
 
 def _receive_udp_frames(listener: socket.socket, stream: Stream) -> Iterator[Header | Frame]:
     """Yield the frames of one sender of datagrams.
-
     A new sender with the same header replaces it.
     """
     parser, sender, heard = FrameParser(stream.source), None, math.inf

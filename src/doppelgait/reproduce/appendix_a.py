@@ -43,7 +43,6 @@ SAME_DB = 1.0
 
 def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
     """Analyse the walk of chapter 4 with another T_d.
-
     Returns the result and the true step frequency.
     """
     recording = material.recording(material.make_walker(), prf_hz=PRF_HZ)

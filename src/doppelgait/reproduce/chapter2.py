@@ -74,7 +74,6 @@ def make_2_6(material: Material) -> EntryResult:
 
 def _measure_doppler_hz(radar: Radar, velocity_mps: float) -> float:
     """Measure the Doppler shift of a moving point.
-
     By the mean phase step from frame to frame of the range bin that it passes.
     """
     table = make_point_table(radar, FRAMES_2_6, range_m=8.0, velocity_mps=velocity_mps)

@@ -46,7 +46,6 @@ def _make_radar(material: Material) -> Radar:
 
 def simulate_tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
     """Simulate equal points at Doppler shifts.
-
     They are in phase in the middle of the frames.
     """
     speeds = doppler_to_velocity_mps(np.atleast_1d(np.asarray(shifts_hz, dtype=float)), radar.wavelength_m)
@@ -194,7 +193,6 @@ def make_3_13(material: Material) -> EntryResult:
 
 def count_and_dip(power: FloatArray) -> tuple[int, float]:
     """Count maxima within 6 dB and their dip.
-
     The dip between the outermost two is in dB, 0 for one maximum.
     """
     peaks = find_peaks(power, height=float(power.max()) * 10 ** (PEAK_LEVEL_DB / 10))[0]
@@ -206,7 +204,6 @@ def count_and_dip(power: FloatArray) -> tuple[int, float]:
 
 def smallest_spacing_hz(radar: Radar) -> float:
     """Return the smallest spacing with two peaks, 0.1 Hz steps.
-
     Of two equal points in phase.
     """
     for spacing_hz in np.arange(5.0, 30.0, 0.1):

@@ -31,7 +31,6 @@ def compute_spectrum(values: npt.ArrayLike, rate_hz: float, *, points: int) -> t
 
 def measure_half_power_width(axis: FloatArray, power: FloatArray) -> float:
     """Return the highest peak's width at half height.
-
     By linear interpolation.
     """
     peak, level = int(power.argmax()), power.max() / 2.0

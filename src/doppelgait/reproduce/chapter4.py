@@ -59,7 +59,6 @@ TORSO_HZ, TORSO_READ_HZ = 100.0, 15.0
 
 def walk(material: Material) -> tuple[Recording, Result]:
     """Simulate and analyse the scenario of chapter 4.
-
     Five gait cycles towards the radar at 1000 Hz, by the report's method.
     """
     walker = material.make_walker()

@@ -64,7 +64,6 @@ FEWEST_STRIDES = 1.2
 
 def make_study_table(material: Material) -> pd.DataFrame:
     """Return study features by scenario and method.
-
     Speeds and step lengths are without sign.
     """
 
@@ -163,7 +162,6 @@ def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
 
 def _compare_with_line(part: pd.DataFrame, label: str) -> pd.Series:
     """Return step lengths relative to the people's line.
-
     At the same speed.
     """
     slope, offset = _fit_line(part)
@@ -178,7 +176,6 @@ def _count_near_line(part: pd.DataFrame) -> float:
 
 def _read_distance_below_line(part: pd.DataFrame, name: str) -> list[Reading]:
     """Read how far dogs lie below the line.
-
     By kind of gait, with the separation of the classes.
     """
     people_m, dogs_m = (_compare_with_line(part, label) for label in CLASSES)
@@ -198,7 +195,6 @@ def _read_distance_below_line(part: pd.DataFrame, name: str) -> list[Reading]:
 
 def read_wrong_shares(part: pd.DataFrame, name: str) -> list[Reading]:
     """Read the shares of wrong step frequencies.
-
     Of all, by class, and beyond the resolution of its bin.
     """
     part = part[part["true_gait_frequency_hz"].notna()]

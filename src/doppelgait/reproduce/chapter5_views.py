@@ -56,7 +56,6 @@ PRF_HZ = 1491.0
 
 def find_fast_dog(material: Material) -> NamedMotion:
     """Return the fastest recorded galloping dog, or a model.
-
     The model has the speed of the report's f_d = 263 Hz, 5.41 m/s.
     """
     recorded = [one for one in material.dogs() if one.real and one.gait in RUNS]
@@ -236,7 +235,6 @@ def make_aspect(material: Material) -> EntryResult:
 
 def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
     """Simulate and analyse a person on four parallel lanes.
-
     Towards the radar and away in turn. Returns the recording, the report's result and ours.
     """
     person = material.person()
@@ -315,7 +313,6 @@ def tabulate_segments(result: Result) -> pd.DataFrame:
 
 def sign_changes(values: npt.ArrayLike, still: float) -> int:
     """Count the sign changes of a curve.
-
     Values nearer to 0 than ``still`` have no sign.
     """
     curve = np.asarray(values, dtype=np.float64)

@@ -50,19 +50,7 @@ def plot_cadence_amplitude(
     axes: Axes, spectrum: xr.DataArray, found_hz: Sequence[float | None], *, true_hz: float | None = None,
     max_cadence_hz: float = MAX_CADENCE_HZ, title: str = "",
 ) -> None:  # fmt: skip
-    """Plot D_g over cadence with f_m, f_2 and f_3.
-
-    Parameters
-    ----------
-    axes : Axes
-    spectrum : DataArray (cadence)
-    found_hz : sequence of float or None
-        f_m, f_2, f_3; None for one that was not found.
-    true_hz : float, optional
-        True fundamental: dotted, with its harmonics.
-    max_cadence_hz : float
-    title : str
-    """
+    """Plot D_g over cadence with f_m, f_2 and f_3."""
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     axes.plot(cadence_hz, values, color=LINE, lw=1.3, marker=".", ms=3)
     axes.set(xlim=(0.0, min(max_cadence_hz, float(cadence_hz[-1]))), ylim=(0.0, 1.22 * float(values.max())))
@@ -81,20 +69,7 @@ def plot_mean_doppler(
     threshold: float | None = None, normalised: bool = False, title: str = "",
 ) -> None:  # fmt: skip
     """Plot D_1 over Doppler.
-
-    As it is with its peak, or over its maximum with the threshold of the bandwidth.
-
-    Parameters
-    ----------
-    axes : Axes
-    values, doppler_hz : array_like, shape (K,)
-    peak_hz : float, optional
-        f_d: marked with its height A_fd.
-    threshold : float, optional
-        t_mu, plotted with the band from the first to the last crossing.
-    normalised : bool
-        Divide by the maximum.
-    title : str
+    As it is with its peak, or over its maximum with the threshold of the bandwidth. Shapes: values, doppler_hz (K,).
     """
     level, frequency = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
     if normalised:

@@ -26,28 +26,7 @@ compare."""
 
 @dataclass(frozen=True)
 class Reading:
-    """One number measured in a reproduced entry.
-
-    Attributes
-    ----------
-    name : str
-        The quantity, in words.
-    ours : float
-        Measured value; NaN if it could not be measured.
-    unit : str
-        "Hz", "m/s", ...; "1" for pure numbers.
-    stated : float, optional
-        Value in the report; None without one.
-    tolerance : float, optional
-        Largest absolute difference of ``ours`` and ``stated`` that still agrees, in ``unit``. It comes from the
-        precision of the report's number (a value printed, a value read off an axis), not from the measured value. None
-        requires exact agreement.
-    note : str
-        Reason of a difference, or source of the number.
-    fixed : bool
-        True if the value was set as in the report, or follows from a substitute model. Agreement is then no evidence
-        and does not count; a difference still counts.
-    """
+    """One number measured in a reproduced entry."""
 
     name: str
     ours: float
@@ -74,14 +53,7 @@ class Reading:
 
 def summarise_readings(readings: Sequence[Reading]) -> str:
     """Summarise the readings of an entry in words.
-
     The words begin a judgement.
-
-    Returns
-    -------
-    str
-        "Agrees" if every number compared with the report does, "Differs in part" or "Differs" if some or all do not;
-        "Set as stated" if all that the report states was set here, "Not compared" if it states no number.
     """
     kinds = {reading.kind for reading in readings}
     if "differs" in kinds:
@@ -99,18 +71,7 @@ def format_judgement(readings: Sequence[Reading], text: str) -> str:
 
 @dataclass(frozen=True)
 class EntryResult:
-    """Figure, readings and judgement of an entry.
-
-    Attributes
-    ----------
-    figure : Figure, optional
-        Drawing of the entry; None for a table.
-    readings : sequence of Reading
-    judgement : str
-        One to three sentences: agreement, or the reason of a difference.
-    table : DataFrame, optional
-        Table shown on the page next to or instead of the figure.
-    """
+    """Figure, readings and judgement of an entry."""
 
     figure: Figure | None
     readings: Sequence[Reading]
@@ -120,19 +81,7 @@ class EntryResult:
 
 @dataclass(frozen=True)
 class Entry:
-    """A figure or table of the report.
-
-    Attributes
-    ----------
-    number : str
-        As in the report: "fig-4.13", "table-3.2".
-    title : str
-        Its subject, in our words.
-    stated : str
-        The statement of the report about it, in our words.
-    make : callable
-        Function that makes the entry from the material of the run.
-    """
+    """A figure or table of the report."""
 
     number: str
     title: str
@@ -146,21 +95,7 @@ STORED_NAMES = {"fixed": "given"}
 
 @dataclass(frozen=True)
 class Outcome:
-    """An entry with its outcome.
-
-    Attributes
-    ----------
-    entry : Entry
-    made : Made, optional
-        Result; None if the entry failed, with the reason in ``error``.
-    used : sequence of str
-        Sources it was made from: "model: ..." or "recording: ...".
-    remarks : sequence of str
-        Warnings while it was made.
-    seconds : float
-        Time with plotting; shared results count for the first entry that needs them.
-    error : str
-    """
+    """An entry with its outcome."""
 
     entry: Entry
     made: EntryResult | None
@@ -215,7 +150,6 @@ class Outcome:
 
 def _convert_finite(value: str | float | None) -> str | float | None:
     """Convert to a float, None if not finite.
-
     Texts, truth values and None are returned unchanged.
     """
     if value is None or isinstance(value, (str, bool)):
@@ -239,7 +173,6 @@ def collect_entries() -> tuple[Entry, ...]:
 
 def place_of(number: str) -> tuple[int, str, int]:
     """Return a number's sort key: chapter, kind, position.
-
     Appendices come last.
     """
     kind, _, rest = number.partition("-")
@@ -249,13 +182,7 @@ def place_of(number: str) -> tuple[int, str, int]:
 
 def pick(entries: Sequence[Entry], only: Sequence[str]) -> tuple[Entry, ...]:
     """Select entries by number, in report order.
-
     Without numbers all entries are selected.
-
-    Raises
-    ------
-    ConfigError
-        If a number is not known; the message names the nearest ones.
     """
     by_number = {entry.number: entry for entry in entries}
     for number in only:

@@ -38,19 +38,7 @@ SHOWN_REASONS = 3
 
 @dataclass(frozen=True)
 class NamedMotion:
-    """A named motion.
-
-    Attributes
-    ----------
-    name : str
-        "walker", or the file and the number of its segment.
-    label : str
-        "human" or "dog".
-    motion : Motion
-        m, z up; travels straight ahead.
-    real : bool
-        True for a recording, False for a model.
-    """
+    """A named motion."""
 
     name: str
     label: str
@@ -80,14 +68,7 @@ class NamedMotion:
 
 def make_chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> NamedMotion:
     """Make the walker of the published program (Chen 2011).
-
     For whole gait cycles, right foot landing first.
-
-    Parameters
-    ----------
-    speed_mps : float
-        Nominal speed V; the published program then moves at V over the leg length, 2.0 m/s for the default.
-    cycles : int
     """
     from doppelgait.motion import boulic_walk
 
@@ -103,7 +84,6 @@ def make_chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> N
 
 def make_model_people() -> list[NamedMotion]:
     """Make model walkers and a runner.
-
     By the jointed model, with feet locked to the floor.
     """
     from doppelgait.motion import human_gait
@@ -118,7 +98,6 @@ def make_model_people() -> list[NamedMotion]:
 
 def make_model_dogs() -> list[NamedMotion]:
     """Make the report's bounding dog, and other gaits.
-
     A bound moves left and right legs together.
     """
     from doppelgait.motion import quadruped_gait
@@ -144,20 +123,7 @@ def check_folder(folder: Path) -> None:
 
 
 def read_recorded(folder: Path, label: str) -> list[NamedMotion]:
-    """Read a label's straight, steady segments, longest first.
-
-    Parameters
-    ----------
-    folder : Path
-        The motion folder, with a folder per label.
-    label : str
-        "human" or "dog".
-
-    Warns
-    -----
-    DoppelgaitWarning
-        If files are left out, with their number and the reasons of the first.
-    """
+    """Read a label's straight, steady segments, longest first."""
     from doppelgait.motion import find_segments, read
     from doppelgait.motion.gait import add_gait_facts
     from doppelgait.motion.segments import crop
@@ -189,21 +155,7 @@ def make_point_table(
     radar: Radar, n_frames: int, *, range_m: npt.ArrayLike, velocity_mps: npt.ArrayLike, rcs_m2: npt.ArrayLike = 1.0
 ) -> xr.Dataset:
     """Make a table of points at constant velocity.
-
-    Parameters
-    ----------
-    radar : Radar
-        Gives the frame rate.
-    n_frames : int
-    range_m : array_like, shape (L,)
-        Ranges in the middle of the frames.
-    velocity_mps : array_like, shape (L,)
-        Positive approaching.
-    rcs_m2 : array_like, shape (L,) or scalar
-
-    Returns
-    -------
-    Dataset (slow_time, scatterer)
+    Shapes: range_m (L,); velocity_mps (L,); rcs_m2 (L,).
     """
     time_s = slow_time_axis_s(n_frames, radar.prf_hz)
     ranges, speeds, sections = np.broadcast_arrays(
@@ -249,20 +201,7 @@ RUNS = ("gallop", "canter", "bound", "transverse_gallop")
 
 class Material:
     """Radar, targets, recordings and results of one run.
-
     Each is computed on first use.
-
-    Parameters
-    ----------
-    seed : int
-        Root seed of the study of scenarios.
-    motion_folder : Path, optional
-        Folder with ``human/`` and ``dog/``; their recordings take the place of models.
-
-    Raises
-    ------
-    ConfigError
-        If the motion folder has neither.
     """
 
     def __init__(self, *, seed: int = 2018, motion_folder: Path | None = None) -> None:
@@ -315,7 +254,6 @@ class Material:
 
     def make_walkers(self) -> list[NamedMotion]:
         """Return people walking with known feet.
-
         The most points first: the report's person had 41.
         """
         parts = {"left_foot", "right_foot", "torso"}
@@ -327,14 +265,12 @@ class Material:
 
     def person(self) -> NamedMotion:
         """Return the recorded walk of the report.
-
         The first of :meth:`make_walkers`.
         """
         return self.use(self.make_walkers()[0])
 
     def find_galloping_dog(self) -> NamedMotion:
         """Return the longest gallop, canter or bound.
-
         It stands for the recorded dog of the report.
         """
         return self.use(next((one for one in self.dogs() if one.gait in RUNS), self.dogs()[0]))
@@ -348,19 +284,7 @@ class Material:
         duration_s: float | None = None,
     ) -> Recording:  # fmt: skip
         """Simulate a target's noise-free recording.
-
         The radar is the report's.
-
-        Parameters
-        ----------
-        body : NamedMotion
-        prf_hz : float
-        aspect_deg : float
-            psi at the middle of the observation, 0 approaching.
-        range_m : float, optional
-            Ground range of the body there; by default as near as keeps it 2 m away.
-        duration_s : float, optional
-            Observation time; the whole motion by default.
         """
         self.use(body)
         key = ("recording", body.name, prf_hz, aspect_deg, range_m, duration_s)
@@ -373,17 +297,7 @@ class Material:
         )
 
     def result(self, body: NamedMotion, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
-        """Analyse a target in its true gate.
-
-        Parameters
-        ----------
-        body : NamedMotion
-        method : {"liland2018", "standard"}
-        cpi_s : float
-            T_d.
-        **recording
-            As for :meth:`recording`.
-        """
+        """Analyse a target in its true gate."""
         seen = self.recording(body, **recording)
         analysis = Analysis(
             method=method, cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]

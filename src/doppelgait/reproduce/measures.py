@@ -25,7 +25,6 @@ CLEAR_DB = 6.0
 
 def make_printed_window(n_pulses: int, steepness: float) -> FloatArray:
     """Return the window of Eq. 4.4, shape (M,).
-
     It is half a sample off its centre.
     """
     m = np.arange(1, n_pulses + 1)
@@ -34,10 +33,7 @@ def make_printed_window(n_pulses: int, steepness: float) -> FloatArray:
 
 def side_lobe_db(window: npt.ArrayLike) -> float:
     """Return a real window's highest side lobe, dB.
-
     Relative to the main lobe, hence negative.
-
-    The main lobe ends at the first minimum of the magnitude of the zero-padded transform.
     """
     weights = np.asarray(window, dtype=np.float64)
     magnitude = np.abs(np.fft.rfft(weights, FINE))
@@ -47,7 +43,6 @@ def side_lobe_db(window: npt.ArrayLike) -> float:
 
 def half_power_width_bins(window: npt.ArrayLike) -> float:
     """Return the main lobe's half-power width, bins.
-
     A bin is 1 / T_d.
     """
     weights = np.asarray(window, dtype=np.float64)
@@ -59,7 +54,6 @@ def half_power_width_bins(window: npt.ArrayLike) -> float:
 
 def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
     """Return the upper envelope of a signature, shape (J,).
-
     The highest Doppler at which a column reaches a share of its maximum.
     """
     values, doppler_hz = signature.values, read_axis(signature, "doppler")
@@ -70,16 +64,7 @@ def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
 
 def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> npt.NDArray[np.int64]:
     """Find a curve's peaks above half its usual height.
-
-    The usual height is from the 5th to the 95th percentile; both ends count.
-
-    Parameters
-    ----------
-    values : array_like, shape (J,)
-    rate_hz : float
-        Samples per second.
-    smoothing_s : float
-        Standard deviation of a Gaussian that smooths the curve first.
+    The usual height is from the 5th to the 95th percentile; both ends count. Shapes: values (J,).
     """
     from scipy import signal
     from scipy.ndimage import gaussian_filter1d
@@ -93,7 +78,6 @@ def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> 
 
 def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
     """Return a curve's strongest frequency.
-
     The highest bin of the zero-padded spectrum without its trend.
     """
     from scipy.signal import detrend
@@ -106,7 +90,6 @@ def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
 
 def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
     """Return the power-weighted mean Doppler per column, shape (J,).
-
     Within a reach of the strongest row of all.
     """
     doppler_hz = read_axis(signature, "doppler")
@@ -119,13 +102,7 @@ def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
 def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *,
                      reach_hz: float) -> float:  # fmt: skip
     """Return the power share near Doppler lines.
-
-    Parameters
-    ----------
-    signature : DataArray (time, doppler)
-    lines_hz : array_like, shape (I, L)
-    line_time_s : array_like, shape (I,)
-    reach_hz : float
+    Shapes: lines_hz (I, L); line_time_s (I,).
     """
     times, doppler_hz = np.asarray(line_time_s), read_axis(signature, "doppler")
     nearest = np.abs(times[None, :] - read_axis(signature, "time")[:, None]).argmin(axis=1)
@@ -136,22 +113,7 @@ def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time
 
 def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float:
     """Return the prominence of a harmonic in D_g, dB.
-
     Its peak over the median from half a fundamental below it to half a fundamental above it.
-
-    Parameters
-    ----------
-    spectrum : DataArray (cadence)
-        Amplitudes.
-    frequency_hz : float
-        True fundamental.
-    harmonic : int
-        1 for f_m, 2 for f_2, 3 for f_3.
-
-    Returns
-    -------
-    float
-        About 0 dB means no peak; the peak is the largest value within 15 % of the fundamental of the expected place.
     """
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     off_hz = np.abs(cadence_hz - harmonic * frequency_hz)
@@ -163,7 +125,6 @@ def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) ->
 
 def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> float:
     """Return D_g's highest side lobe from f_m to f_2.
-
     Relative to the peak of f_m, within 0.3 to 0.7 of the interval.
     """
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
@@ -176,7 +137,6 @@ def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> floa
 
 def column_level_rise_db(signature: xr.DataArray) -> float:
     """Return the level of last over first columns, dB.
-
     The mean maximum of a tenth of the columns each.
     """
     top = signature.values.max(axis=1)
@@ -191,19 +151,7 @@ def measure_column_rate_hz(signature: xr.DataArray) -> float:
 
 def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
     """Return start and duration of a foot's first cycle.
-
     Between its first two touchdowns.
-
-    Parameters
-    ----------
-    motion : Motion
-    foot : str
-        As in the motion's footfalls: "right_foot", "left_hind".
-
-    Raises
-    ------
-    MotionError
-        If the foot does not touch down twice.
     """
     touchdowns = motion.facts.footfalls.get(foot, [])
     if len(touchdowns) < 2:
@@ -216,7 +164,6 @@ def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
 
 def forward_m(motion: Motion) -> xr.DataArray:
     """Return every point's position along the travel, m.
-
     Relative to the mean of all points; lines (time, marker).
     """
     ground = motion.position_m[:, :, :2]
@@ -227,13 +174,7 @@ def forward_m(motion: Motion) -> xr.DataArray:
 
 
 def average_part_line(lines: xr.DataArray, part: str) -> FloatArray:
-    """Average a body part's lines, shape (I,).
-
-    Raises
-    ------
-    MotionError
-        If no point belongs to it.
-    """
+    """Average a body part's lines, shape (I,)."""
     chosen = read_axis(lines, "part").astype(str) == part
     if not chosen.any():
         raise MotionError(f"no point is known to be of the {part.replace('_', ' ')}; its line is needed")
@@ -254,25 +195,7 @@ def measure_departure(values: npt.ArrayLike) -> float:
 
 def phase_between_deg(first: npt.ArrayLike, second: npt.ArrayLike, *, stride_hz: float, rate_hz: float) -> float:
     """Return two lines' phase at the stride frequency.
-
-    A straight line and a wave are fitted to whole strides of each.
-
-    Parameters
-    ----------
-    first, second : array_like, shape (I,)
-    stride_hz : float
-    rate_hz : float
-        Samples per second.
-
-    Returns
-    -------
-    float
-        0 (together) to 180 degrees (opposite).
-
-    Raises
-    ------
-    MotionError
-        If the lines do not cover one stride.
+    A straight line and a wave are fitted to whole strides of each. Shapes: first, second (I,).
     """
     samples = round(np.floor(len(np.asarray(first)) * stride_hz / rate_hz + 1e-6) * rate_hz / stride_hz)
     if samples < 2:

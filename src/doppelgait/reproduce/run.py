@@ -39,14 +39,7 @@ font-variant-numeric: tabular-nums; white-space: nowrap; }
 
 def format_page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
     """Format the page as HTML.
-
     It needs only the figures next to it.
-
-    Parameters
-    ----------
-    outcomes : sequence of Outcome
-    recordings : bool
-        True for a run with a motion folder.
     """
     links = " ".join(
         f'<a href="#{one.entry.number}">{escape(format_heading(one.entry.number))}</a>' for one in outcomes
@@ -151,37 +144,7 @@ def reproduce(
     out: Path, *, only: Sequence[str] = (), motion_folder: Path | None = None, seed: int = 2018,
     figure_format: str = "png", progress: Callable[[int, int], None] | None = None,
 ) -> list[Outcome]:  # fmt: skip
-    """Make the report's figures, tables and judgements.
-
-    Parameters
-    ----------
-    out : Path
-        Folder to make, or one of an earlier run to replace: ``index.html``, ``readings.json``, ``figures/*.png`` and
-        ``tables/*.csv``.
-    only : sequence of str
-        Numbers to make, such as "fig-4.13"; all by default.
-    motion_folder : Path, optional
-        Folder with ``human/`` and ``dog/``: real recordings in place of the models.
-    seed : int
-        Root seed of the study of scenarios.
-    figure_format : {"png", "svg", "pdf"}
-        Format of the figures. The page shows PNG; vector files are written next to them.
-    progress : callable, optional
-        Called with (entries made, entries in total).
-
-    Returns
-    -------
-    list of Outcome
-        In the order of the report. An entry that cannot be made has an error; the others are made.
-
-    Raises
-    ------
-    ConfigError
-        If ``out`` holds something else or an earlier page with other entries, a number is not known, or the motion
-        folder has no people and no dogs.
-    OutputError
-        If the folder cannot be written; an earlier one then stays unchanged.
-    """
+    """Make the report's figures, tables and judgements."""
     check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
     entries = pick(collect_entries(), only)
     _keep_other_entries(out, {entry.number for entry in entries})

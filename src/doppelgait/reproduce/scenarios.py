@@ -37,18 +37,7 @@ def _drop_unknown(values: npt.ArrayLike) -> FloatArray:
 
 def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     """Return Cohen's d from pooled standard deviation.
-
     NaN with fewer than two values in a class.
-
-    Parameters
-    ----------
-    first, second : array_like
-        Values of the two classes; NaN are left out.
-
-    Returns
-    -------
-    float
-        ``(mean_1 - mean_2) / sqrt(((n_1 - 1) s_1^2 + (n_2 - 1) s_2^2) / (n_1 + n_2 - 2))``.
     """
     a, b = _drop_unknown(first), _drop_unknown(second)
     if min(a.size, b.size) < 2:
@@ -59,11 +48,7 @@ def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     """Return the area under the ROC curve.
-
     The share of pairs in which the first class has the larger value, ties counted half.
-
-    0.5 carries no information on the class, 0 and 1 separate the classes; NaN values are left out, NaN without a value
-    in either class.
     """
     a, b = _drop_unknown(first), np.sort(_drop_unknown(second))
     if not a.size or not b.size:
@@ -73,16 +58,7 @@ def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def tabulate_separation(table: pd.DataFrame, features: Sequence[str], *, classes: tuple[str, str]) -> pd.DataFrame:
-    """Tabulate medians, Cohen's d and ROC area by method.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With the columns ``method``, ``label`` and the features.
-    features : sequence of str
-    classes : (str, str)
-        d and the area are those of the first against the second.
-    """
+    """Tabulate medians, Cohen's d and ROC area by method."""
     import pandas as pd
 
     rows = []
@@ -101,17 +77,7 @@ def tabulate_separation(table: pd.DataFrame, features: Sequence[str], *, classes
 
 def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Series:
     """Mark gait frequencies that are missing or wrong.
-
     Wrong by more than a share of the true one; NaN truths give False.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With ``gait_frequency_hz``, ``true_gait_frequency_hz`` and ``observation_s``.
-    share : float
-        Relative error that is still right.
-    bins : float
-        Errors up to so many bins of 1 / T_o are right, too: the resolution of a spectrum without zero padding.
     """
     error_hz = (table["gait_frequency_hz"] - table["true_gait_frequency_hz"]).abs()
     allowed_hz = np.maximum(share * table["true_gait_frequency_hz"], bins / table["observation_s"])
@@ -120,11 +86,7 @@ def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Seri
 
 def fit_line(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
     """Return a robust line's slope and offset (Theil, Sen).
-
-    The slope is the median of the slopes of all pairs.
-
-    Up to 29 % of outliers do not affect it. Offset: the median of ``y - slope x``. NaN are
-    left out; NaN below three points.
+    The slope is the median of the slopes of all pairs. Up to 29 % of outliers do not affect it.
     """
     from scipy.stats import theilslopes
 
@@ -161,21 +123,7 @@ METHOD_NAMES = {"liland2018": "the report's method", "standard": "ours"}
 
 @dataclass(frozen=True)
 class Scenario:
-    """Target that moves straight towards or away from radar.
-
-    Parameters
-    ----------
-    group : str
-        "recorded person", "model person", "Boulic walker", "recorded dog" or "model dog".
-    label : str
-        "human" or "dog".
-    name : str
-        Source of the motion.
-    motion : Motion
-    seconds : float
-        Observation time T_o.
-    away : bool
-    """
+    """Target that moves straight towards or away from radar."""
 
     group: str
     label: str
@@ -189,16 +137,7 @@ def make_scenarios(
     people: Mapping[str, Motion], dogs: Mapping[str, Motion], *, seed: int,
     counts: tuple[int, int, int] = (N_PEOPLE, N_WALKERS, N_DOGS),
 ) -> list[Scenario]:  # fmt: skip
-    """Make the scenarios of the study.
-
-    Parameters
-    ----------
-    people, dogs : mapping of name to DataArray (time, marker, space)
-        Recorded segments, straight and steady; taken first, as long as they are.
-    seed : int
-    counts : (int, int, int)
-        People, walkers and dogs; recordings beyond are left out.
-    """
+    """Make the scenarios of the study."""
     n_people, n_walkers, n_dogs = counts
     found = [_make_recorded_scenario("human", name, motion) for name, motion in list(people.items())[:n_people]]
     found += [_sample_person(seed, number) for number in range(n_people - len(found))]
@@ -218,7 +157,6 @@ def _make_recorded_scenario(label: str, name: str, motion: Motion) -> Scenario:
 
 def _sample_person(seed: int, number: int) -> Scenario:
     """Sample a person who walks or runs.
-
     A walk has 0.7 to 1.4 of the preferred speed.
     """
     rng = Streams(seed, number).generator("motion", "person")
@@ -237,7 +175,6 @@ def _sample_person(seed: int, number: int) -> Scenario:
 
 def _sample_dog(seed: int, number: int) -> Scenario:
     """Sample a dog of 0.25 to 0.65 m per gait.
-
     Its Froude number is in the middle of the range of the gait.
     """
     rng = Streams(seed, number).generator("motion", "dog")
@@ -260,7 +197,6 @@ def _sample_seconds(speed_mps: float, rng: np.random.Generator) -> float:
 
 def observe(scenario: Scenario, radar: Radar) -> Recording:
     """Simulate a scenario without noise.
-
     The frame rate is the lowest unaliased one.
     """
     height_m = PERSON_M if scenario.group == "recorded person" else None
@@ -277,22 +213,7 @@ def observe(scenario: Scenario, radar: Radar) -> Recording:
 def run_study(
     scenarios: Sequence[Scenario], radar: Radar, *, on_progress: Callable[[int, int], None] | None = None
 ) -> pd.DataFrame:
-    """Measure the features of every scenario by both methods.
-
-    Parameters
-    ----------
-    scenarios : sequence of Scenario
-    radar : Radar
-        Its frame rate and the end of its frame are set for each scenario.
-    on_progress : callable, optional
-        Called with (scenarios done, scenarios in total).
-
-    Returns
-    -------
-    DataFrame
-        One row per scenario and method, with the truth and the six features; scenarios that cannot be observed are left
-        out and listed with the reason in ``attrs["left_out"]``.
-    """
+    """Measure the features of every scenario by both methods."""
     import pandas as pd
 
     rows: list[dict[str, Any]] = []

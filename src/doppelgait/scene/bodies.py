@@ -25,24 +25,7 @@ CHEN_HEIGHT_M = 1.80
 
 @dataclass(frozen=True)
 class Segment:
-    """One ellipsoid: its place between two joints and its semi-axes.
-
-    Parameters
-    ----------
-    name, part : str
-        Name of the scatterer, and the body part that it belongs to.
-    start, end : str
-        Joints; the ellipsoid's long axis is along the line between them.
-    across, upright : float
-        Transverse semi-axes divided by the body's height (stature or withers height): from side to side, and
-        perpendicular to that.
-    along : float, optional
-        Semi-axis along the segment divided by the body's height; by default half the distance between the joints.
-    sideways : (str, str), optional
-        Two joints that define the direction of ``across``; needed only where the two transverse semi-axes differ.
-    at : float
-        Position of the centre between the joints, from 0 (start) to 1 (end).
-    """
+    """One ellipsoid: its place between two joints and its semi-axes."""
 
     name: str
     part: str
@@ -58,7 +41,6 @@ class Segment:
 @dataclass(frozen=True)
 class Body:
     """Segments and joints of a body.
-
     Every joint is the mean of one or more points.
     """
 
@@ -149,11 +131,7 @@ def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 def _describe_marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
     """Describe a person's joints as means of markers.
-
-
     The markers are on the skin over the joints, that is, outside the true centre of rotation.
-    Waist markers are above the hips: a hip is placed at a fifth of the distance from them to the knee (assumed; hip at
-    0.53, waist at 0.58, knee at 0.285 of the stature).
     """
     waist = (waist_front, waist_back, waist_front, waist_back, "KNE")
     middle = {
@@ -192,20 +170,7 @@ BODIES: Mapping[str, Body] = {
 
 def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
     """Find a motion's body and every joint's points.
-
     A joint is the mean of its points.
-
-    Parameters
-    ----------
-    markers : sequence of str
-        Point names, with or without subject prefix, in any case.
-    source : str
-        Name of the motion, for messages.
-
-    Raises
-    ------
-    ConfigError
-        If the points match no body; the message names the nearest point set and its missing points.
     """
     number = {strip_subject(marker).upper(): n for n, marker in enumerate(markers)}
     lacking: dict[str, list[str]] = {}
@@ -223,7 +188,6 @@ def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list
 
 def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
     """Average groups of points.
-
     The result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
     """
     values = motion.position_m
@@ -236,14 +200,7 @@ def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArr
 @dataclass(frozen=True)
 class Ellipsoids:
     """Ellipsoids at I times.
-
-    Parameters
-    ----------
-    centre_m : ndarray, shape (I, S, 3)
-    along, across : ndarray, shape (I, S, 3)
-        Unit vectors along the long axis and from side to side; ``across`` is zero for ellipsoids of revolution.
-    semi_axes_m : ndarray, shape (S, 3)
-        Semi-axes across, upright and along, constant in time.
+    Shapes: centre_m (I, S, 3); along, across (I, S, 3); semi_axes_m (S, 3).
     """
 
     centre_m: FloatArray
@@ -255,7 +212,6 @@ class Ellipsoids:
 @dataclass(frozen=True)
 class Skeleton:
     """Joints, segments and semi-axes of one body.
-
     Joints are a motion table; semi-axes are (S, 3), m: across, upright, along.
     """
 
@@ -304,11 +260,7 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
 
 def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
     r"""Average :func:`ellipsoid_rcs_m2` over all horizontal directions.
-
     The result has the shape (I, S), m^2.
-
-    With N the horizontal 2 x 2 block of :math:`\sum_k s_k^2 e_k e_k^T` (semi-axes s, axes e) the mean over azimuth is
-    :math:`\pi (a b c)^2 \, \mathrm{tr} N / (2 (\det N)^{3/2})`.
     """
     across, upright, along = body.semi_axes_m.T
     wide, long = across**2 - upright**2, along**2 - upright**2
@@ -321,18 +273,7 @@ def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
 
 
 def build_skeleton(motion: Motion) -> Skeleton:
-    """Build joints and ellipsoids of a motion.
-
-    Parameters
-    ----------
-    motion : Motion
-        It has the points of one of :data:`doppelgait.scene.bodies.BODIES` and a known ``height_m``.
-
-    Raises
-    ------
-    ConfigError
-        If the joints or the height are unknown, or two joints of a segment coincide.
-    """
+    """Build joints and ellipsoids of a motion."""
     source, height_m = motion.facts.source, motion.facts.height_m
     body, points = find_body(motion.markers, source)
     if not height_m > 0:
@@ -352,23 +293,7 @@ def build_skeleton(motion: Motion) -> Skeleton:
 
 def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
     r"""Compute the motion of the reflecting points.
-
-    A smooth convex body reflects where its surface faces the radar (stationary phase), at the surface point nearest to
-    the radar. On a distant ellipsoid this point is Q u / h in front of the centre, with
-    :math:`Q = \sum_k s_k^2 e_k e_k^T` and :math:`h = \sqrt{u^T Q u}`, and the range is shorter by h (E-08f).
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-    body : Ellipsoids
-        Ellipsoids at the frames of the motion (:func:`compute_frame_ellipsoids`).
-    radar_position_m : array_like, shape (3,)
-
-    Returns
-    -------
-    Motion
-        One point per segment, with its name and body part. The point slides over the limb, so its velocity differs
-        from that of the skin.
+    Shapes: radar_position_m (3,) (E-08f).
     """
     from doppelgait.core.kernels import occlusion as kernel
 
@@ -381,7 +306,6 @@ def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: 
 
 def compute_ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
     """Compute the ellipsoids at times after the first frame.
-
     Positions are on the spline of E-02.
     """
     return _compute_ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
@@ -417,7 +341,6 @@ def _multiply_dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 def mean_rcs_m2(body: Ellipsoids) -> float:
     """Compute the body's RCS averaged over times and horizontal directions.
-
     The result is the sum over the ellipsoids, m^2.
     """
     return float(horizontal_mean_rcs_m2(body).mean(axis=0).sum())
@@ -425,7 +348,6 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
 
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
     """Compute every ellipsoid's RCS at its distance (E-08c, E-08g).
-
     The result has the shape (I, S), m^2, and is not scaled to a total.
     """
     from doppelgait.core.kernels import occlusion as kernel
@@ -454,30 +376,7 @@ def compute_visible_power(
     edge_m: float = EDGE_M,
 ) -> FloatArray:
     r"""Compute the two-way gain past the body's ellipsoids (E-08e).
-
     The gain is 1 for a visible point and 0 for a hidden point.
-
-    Consider the point of the line of sight where the quadratic form :math:`q = x^T K x` of the ellipsoid is smallest.
-    Its clearance is, to first order, :math:`d = (q - 1) / (2 |K x|)` (negative inside). The amplitude rises from 0 at
-    d = -edge to 1 at d = +edge with two continuous derivatives. Only ellipsoids between the radar and the point count;
-    the same ramp applies over the first ``edge`` of the path. The amplitudes of several ellipsoids are multiplied; the
-    gain is the square of the product. Creeping waves around the body and waves through it are neglected.
-
-    Parameters
-    ----------
-    point_m : ndarray, shape (I, P, 3)
-    body : Ellipsoids
-        Ellipsoids at the same I times.
-    own : ndarray of bool, shape (P, S)
-        Ellipsoids that never hide a point (:func:`find_own_points`).
-    radar_position_m : array_like, shape (3,)
-    edge_m : float
-        Half width of the shadow boundary, above 0.
-
-    Returns
-    -------
-    ndarray, shape (I, P)
-        0 to 1.
     """
     from doppelgait.core.kernels.occlusion import sight_amplitudes
 
@@ -492,9 +391,7 @@ def compute_visible_power(
 
 def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
     """Determine which ellipsoids contain which points.
-
-    An ellipsoid contains a point that is inside it (up to a tenth beyond its surface) at least half of the time. The
-    result has the shape (P, S).
+    An ellipsoid contains a point that is inside it (up to a tenth beyond its surface) at least half of the time.
     """
     step = -(-point_m.shape[0] // 100)
     offset = point_m[::step, :, None] - body.centre_m[::step, None]

@@ -100,19 +100,7 @@ def bistatic_line_of_sight(
     receiver_position_m: npt.ArrayLike,
 ) -> LineOfSight:
     """Compute the bistatic geometry of moving points.
-
     These are range, radial velocity and angles for a radar with separate transmitter and receiver positions.
-
-    Parameters
-    ----------
-    position_m, velocity_mps : ndarray, shape (..., 3)
-    transmitter_position_m, receiver_position_m : array_like, shape (3,)
-
-    Returns
-    -------
-    LineOfSight
-        Range (R_t + R_r) / 2, half the length of the echo's path; radial velocity -v . (u_t + u_r) / 2, so that the
-        Doppler frequency is 2 / lambda times it (Willis, Bistatic Radar, ch. 6); angles from the transmitter.
     """
     sight = line_of_sight(position_m, velocity_mps, transmitter_position_m)
     back = line_of_sight(position_m, velocity_mps, receiver_position_m)
@@ -124,17 +112,7 @@ def bistatic_line_of_sight(
 
 
 def compute_bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
-    r"""Compute the two-way power gain from monostatic to bistatic radar.
-
-    The radar equation (E-14) uses :math:`R^{-4}` with :math:`R = (R_t + R_r) / 2`; with the gain :math:`(R^2 / (R_t
-    R_r))^2` the echo is proportional to :math:`R_t^{-2} R_r^{-2}` (Willis, Bistatic Radar, ch. 4). The gain is 1 for
-    :math:`R_t = R_r`, and above 1 otherwise.
-
-    Parameters
-    ----------
-    transmitter_range_m, receiver_range_m : array_like
-        Ranges R_t and R_r; smaller values are replaced by 0.2 m, as in the radar equation.
-    """
+    r"""Compute the two-way power gain from monostatic to bistatic radar (E-14)."""
     there, back = np.asarray(transmitter_range_m, dtype=float), np.asarray(receiver_range_m, dtype=float)
     mean = np.maximum((there + back) / 2.0, MIN_RANGE_M)
     ratio = mean * mean / (np.maximum(there, MIN_RANGE_M) * np.maximum(back, MIN_RANGE_M))
@@ -209,7 +187,6 @@ def tabulate(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:  # fmt: skip
     """Observe scatterers at some times as a table.
-
     It is the table of :func:`assemble` with the ``wanted`` angles.
     """
     return _label(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
@@ -219,9 +196,7 @@ def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:  # fmt: skip
     """Observe scatterers as :func:`tabulate`, partly on demand.
-
-    Ranges, velocities and angles are computed when they are read. The radar is monostatic, so that gains do not
-    depend on ranges.
+    Ranges, velocities and angles are computed when they are read.
     """
     splines, count = _fit_splines(bodies), sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
@@ -323,7 +298,6 @@ def _make_scatterers(
     target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None
 ) -> Scatterers:
     """Compute a target's scatterers with occlusion.
-
     Occlusion applies to the path from the transmitter and to the path to the receiver.
     """
     motion, rcs = target.motion, target.target.rcs
@@ -346,13 +320,7 @@ def compute_ranges_and_velocities(
     motion: Motion, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and radial velocities of all points (E-03, E-04).
-
     Both have the shape (I, P); the velocity is positive when approaching.
-
-    Raises
-    ------
-    MotionError
-        If the motion does not cover the times.
     """
     return _compute_ranges(fit_spline(motion), check_times(motion, time_s), radar_position_m)
 

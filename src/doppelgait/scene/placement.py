@@ -169,7 +169,6 @@ def make_scaled_motion(target: Target) -> Motion:
 
 def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
     """Scale a motion to the target's height, on its path.
-
     A motion on a path is then in the frame of the scene.
     """
     if target.height_m is not None:
@@ -189,7 +188,6 @@ def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
 
 def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -> Motion:
     """Rotate and translate a scaled motion to its position.
-
     A motion on a path is already in position.
     """
     if target.path is not None:
@@ -208,7 +206,6 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
 
 def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> list[Motion]:
     """Make the motions of all targets.
-
     Files are read first, because the shortest one determines the duration of the models' motions.
     """
     models = None if streams is None else streams.generator("motion")
@@ -256,7 +253,6 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
 
 def _choose_range_m(motion: Motion, observation_s: float) -> float:
     """Return the range at mid-observation of a target without one.
-
     It is 5 m, or more where the closest approach would be below 2 m.
     """
     return max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
@@ -264,7 +260,6 @@ def _choose_range_m(motion: Motion, observation_s: float) -> float:
 
 def state_ranges(scene: Scene) -> Scene:
     """Return a scene that states where :func:`place` puts its targets.
-
     Variations of the motion are left out: they need random numbers. The scene is unchanged if it cannot be placed.
     """
     if all(target.range_m is not None or target.start_position_m is not None for target in scene.targets):
@@ -288,9 +283,7 @@ def build_motion(
     table: Mapping[str, Any], *, duration_s: float, folder: Path | None = None, rng: np.random.Generator | None = None
 ) -> Motion:
     """Make a motion from a ``{ kind = ... }`` table.
-
-    The table is a model with ``duration_s``, or a file that is read, cleaned, combined to a hybrid and looped. The clip
-    of a file is read once; hybrid and loop are computed every time.
+    The table is a model with ``duration_s``, or a file that is read, cleaned, combined to a hybrid and looped.
     """
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
@@ -336,9 +329,7 @@ def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:
 
 def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
     """Read a motion file, cached while it is unchanged.
-
-    The examples of a dataset use the same segments of the same files repeatedly. Each example gets the warnings of the
-    reader, so that its row does not depend on the cache.
+    The examples of a dataset use the same segments of the same files repeatedly.
     """
     from doppelgait.motion.readers import read
 

@@ -184,7 +184,6 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
 
 def is_split_by_part(parts: Sequence[str]) -> bool:
     """Return True if ``auto`` splits by body part.
-
     This is the case if the trunk is known, or the part of every point.
     """
     return any(part in BODY_CENTRE_PARTS for part in parts) or all(part in PART_WEIGHTS for part in parts)
@@ -192,8 +191,7 @@ def is_split_by_part(parts: Sequence[str]) -> bool:
 
 def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
     """Warn of points without a known body part.
-
-    The message states their cross sections. A computed motion without any known part, such as a fan, causes no warning.
+    The message states their cross sections.
     """
     unknown = [name for name, part in zip(motion.markers, motion.parts, strict=True) if part not in PART_WEIGHTS]
     is_body = motion.facts.kind == "recording" or len(unknown) < len(motion.parts)
@@ -214,7 +212,6 @@ def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
 
 def total_rcs_m2(spec: RcsSpec, mass_kg: float) -> float:
     """Compute the mean total sigma, m^2.
-
     It is the stated total, or 0.01 m^2 per kilogram (E-08b); an unknown mass is replaced by 80 kg.
     """
     mass = mass_kg if mass_kg > 0 else ASSUMED_MASS_KG
@@ -251,31 +248,7 @@ def sample_fluctuation(
     rng: np.random.Generator,
 ) -> FloatArray:
     r"""Draw slowly fluctuating factors of mean 1 (E-08d).
-
-    They are independent from scatterer to scatterer.
-
-    .. math:: \xi = \frac{1}{D} \sum_{d=1}^{D} g_d^2, \quad
-              \overline{g_d(t) g_d(t + \tau)} = e^{-\tau^2 / (2 T_c^2)}
-
-    with D = 2 (Swerling 1) or 4 (Swerling 3) independent standard Gaussian processes. The factor has the variance 2/D,
-    and its autocovariance falls as :math:`e^{-\tau^2 / T_c^2}`, to 1/e at the correlation time. The processes are
-    smooth, so that they do not broaden the Doppler spectrum by jumps.
-
-    Parameters
-    ----------
-    kind : {"swerling1", "swerling3"}
-    time_s : array_like, shape (I,)
-        Times from 0 on, in any order.
-    n_scatterers : int
-    correlation_s : float
-        T_c, positive; 0.05 to 0.2 s is usual for people at 7 GHz.
-    rng : numpy.random.Generator
-        Generator of which one number is used; the factor at one time does not depend on the other times.
-
-    Returns
-    -------
-    ndarray, shape (I, n_scatterers)
-        Factors, not negative.
+    They are independent from scatterer to scatterer. Shapes: time_s (I,); returns (I, n_scatterers).
     """
     from doppelgait.core.kernels.fluctuation import smoothed_chi_square
 
@@ -291,7 +264,6 @@ def sample_fluctuation(
 
 def sample_spread(spread_db: float, rng: np.random.Generator) -> float:
     """Draw a log-normal factor of mean 1 (E-08b).
-
     Its decibels have the standard deviation ``spread_db``.
     """
     deviation = spread_db * np.log(10.0) / 10.0

@@ -74,14 +74,7 @@ class Scatterers:
 @dataclass(frozen=True)
 class View:
     """Arguments of a radar cross section.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion in the scene's world frame.
-    time_s : ndarray, shape (I,)
-        Pulse times after the motion's first frame.
-    radar_position_m : ndarray, shape (3,)
+    Shapes: time_s (I,); radar_position_m (3,).
     """
 
     motion: Motion
@@ -91,7 +84,6 @@ class View:
     @cached_property
     def skeleton(self) -> Skeleton:
         """Joints and ellipsoids of the body.
-
         A :class:`ConfigError` is raised if its joints or height are unknown.
         """
         return build_skeleton(self.motion)
@@ -114,15 +106,11 @@ class View:
 
 class RcsKind(Protocol):
     """Kind of radar cross section.
-
     The function returns points of the placed motion and their mean cross sections.
-
-    Spread, fluctuation, merging and occlusion are applied afterwards, for every kind.
     """
 
     def __call__(self, view: View, parameters: Any, /) -> tuple[Motion, FloatArray]:
         """Return the motion and cross sections of L points.
-
         Cross sections in m^2, shape (L,) or (I, L).
         """
 
@@ -197,7 +185,6 @@ def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
     """Return the ellipsoid points facing the radar (E-08c, E-08f, E-08g).
-
     Far from the radar, the mean sum of their cross sections (I, S) is the stated total.
     """
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
@@ -252,7 +239,6 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 
 def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
     """Group points with median distances below the limit.
-
     All pairs within a group are below the limit; the groups are in the order of their first points.
     """
     from scipy.cluster.hierarchy import fcluster, linkage
@@ -273,7 +259,6 @@ def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
 
 def median_distances_m(motion: Motion) -> FloatArray:
     """Compute median distances over time between all points.
-
     The result has the shape (P, P), m.
     """
     step = -(-motion.n_frames // MAX_FRAMES)

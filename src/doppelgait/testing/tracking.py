@@ -18,7 +18,6 @@ FloatArray = npt.NDArray[np.float64]
 
 class Gospa(NamedTuple):
     """GOSPA at one time.
-
     ``distance`` is the p-th root of the sum of the other parts.
     """
 
@@ -32,22 +31,7 @@ class Gospa(NamedTuple):
 
 def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> float:
     """Compute the optimal subpattern assignment distance (OSPA).
-
-    Schuhmacher, Vo, Vo, IEEE Trans. Signal Process. 56, 2008, 3447.
-
-    Parameters
-    ----------
-    found, reference : array_like, shape (M,) and (N,), or (M, D) and (N, D)
-        Points; NaN rows are left out.
-    cutoff : float
-        c, in the unit of the points.
-    order : float
-        p, 1 or more.
-
-    Returns
-    -------
-    float
-        ((min over assignments of sum min(d, c)^p + c^p |M - N|) / max(M, N))^(1/p); 0 for two empty sets.
+    Schuhmacher, Vo, Vo, IEEE Trans. Signal Process. 56, 2008, 3447. Shapes: found, reference (M,).
     """
     a, b = _to_points(found), _to_points(reference)
     n = max(len(a), len(b))
@@ -61,19 +45,7 @@ def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0,
 
 def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Gospa:
     """Compute the generalised OSPA with alpha = 2.
-
     Rahmathullah, Garcia-Fernandez, Svensson, FUSION 2017, Proposition 1.
-
-    Parameters
-    ----------
-    found, reference, cutoff, order
-        As in :func:`ospa`.
-
-    Returns
-    -------
-    Gospa
-        ``localisation`` is sum d^p over the pairs nearer than the cutoff, ``missed`` and ``false`` are c^p/2 for every
-        point without partner.
     """
     a, b = _to_points(found), _to_points(reference)
     near = np.minimum(_measure_distances(a, b), cutoff) ** order
@@ -89,11 +61,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
 
 def range_iou(gate: Gate, reference: Gate) -> FloatArray:
     """Compute intersection over union of two gates over time.
-
-    Returns
-    -------
-    ndarray, shape (T,)
-        0 where the gate has not started or has ended.
+    Shapes: returns (T,).
     """
     times_s, own_s = reference.time_s, gate.time_s
     low, high = (np.interp(times_s, own_s, limit) for limit in (gate.low_m, gate.high_m))
@@ -107,24 +75,7 @@ def range_iou(gate: Gate, reference: Gate) -> FloatArray:
 @dataclass(frozen=True)
 class Agreement:
     """Tracks against reference tracks over all times.
-
-    Parameters
-    ----------
-    gospa, ospa : float
-        Mean over time.
-    rms : float
-        Of the matched pairs' distances.
-    completeness : ndarray, shape (N,)
-        Share of each reference track's time that is matched.
-    purity : ndarray, shape (M,)
-        Largest share of each track's time that is matched with one and the same reference; below a half, the track is
-        false.
-    owner : ndarray of int, shape (M,)
-        That reference; -1 for a track that is never matched.
-    switches : int
-        Changes of the track that a reference track is matched with.
-    first_match : ndarray of int, shape (N,)
-        Time index of each reference's first match; -1 for none.
+    Shapes: completeness (N,); purity (M,); owner (M,); first_match (N,).
     """
 
     gospa: float
@@ -141,15 +92,7 @@ def compare_tracks(
     found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0
 ) -> Agreement:
     """Compare tracks with reference tracks.
-
-    Parameters
-    ----------
-    found : array_like, shape (T, M)
-        One value (a range) per time and track; NaN where a track is absent.
-    reference : array_like, shape (T, N)
-        The same for the reference.
-    cutoff, order : float
-        As in :func:`ospa`; no pair further apart than the cutoff is matched.
+    Shapes: found (T, M); reference (T, N).
     """
     tracks, truths = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (found, reference))
     matches = np.full(truths.shape, -1, dtype=np.int64)
@@ -180,7 +123,6 @@ def _match(
     tracks: FloatArray, truths: FloatArray, *, cutoff: float, order: float, before: dict[int, int]
 ) -> dict[int, int]:
     """Match tracks to references at one time.
-
     Pairs persist while they are near (as in CLEAR MOT).
     """
     cost = np.abs(tracks[:, None] - truths[None, :])

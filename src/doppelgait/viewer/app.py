@@ -71,23 +71,7 @@ NOTEBOOKS = b"frame-ancestors http://localhost:* http://127.0.0.1:*"
 
 
 class Guard:
-    """ASGI middleware for requests of the viewer's page.
-
-    A page of another site can make the browser send requests to any port of this computer, and can resolve its own host
-    name to 127.0.0.1 (DNS rebinding). Therefore the host must be a name of this computer, and the first part of the
-    path must be the secret token, which is removed before the request is passed on. Only the page itself may be opened
-    from another site with the token, because the file that opens the browser redirects to it.
-
-    Parameters
-    ----------
-    app : ASGI application
-    token : str
-        Random secret of this start.
-    port : int
-        Port of the server.
-    framed : bool
-        If True, a notebook on this computer may show the page in a frame.
-    """
+    """ASGI middleware for requests of the viewer's page."""
 
     def __init__(self, app: App, *, token: str, port: int, framed: bool = False) -> None:
         self.app = app
@@ -185,22 +169,7 @@ def make_app(
     live: Rolling | None = None,
     framed: bool = False,
 ) -> Guard:
-    """Make the ASGI application of the viewer.
-
-    Parameters
-    ----------
-    opened : Opened or None
-        From :func:`doppelgait.viewer.source.open_path`; None for "Try it" alone.
-    token : str
-        First part of every path.
-    port : int
-        Port of the server.
-    settings : Settings, optional
-    live : Rolling, optional
-        Stream that the page shows instead of "Try it".
-    framed : bool
-        If True, a notebook on this computer may show the page in a frame.
-    """
+    """Make the ASGI application of the viewer."""
     chosen = settings or Settings()
     shelf, lock = RunCache(opened), anyio.Lock()
     table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
@@ -264,7 +233,6 @@ def _encode_scene(run: Run, reference: Reference) -> bytes:
 
 def _make_dataset_routes(opened: OpenedSource | None) -> list[Route]:
     """Make the routes of the dataset browser.
-
     Without an open dataset every route answers with an error.
     """
 
@@ -305,7 +273,6 @@ def _encode_live(live: Rolling | None, query: Pairs) -> bytes:
 
 def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
     """Make an endpoint that needs no run.
-
     The answer is computed in a thread; several may run at the same time.
     """
 
@@ -319,9 +286,7 @@ def _make_endpoint(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 
 def return_memory() -> None:
     """Return free memory to the system (glibc).
-
-    The arrays of successive answers have different sizes. Without this call a server of long recordings needs a third
-    more memory.
+    The arrays of successive answers have different sizes.
     """
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
@@ -331,7 +296,6 @@ def return_memory() -> None:
 
 async def run_in_thread(make: Callable[[], T]) -> T:
     """Run a slow function in a thread.
-
     A server that stops does not wait for the thread.
     """
     return await anyio.to_thread.run_sync(make, abandon_on_cancel=True)
@@ -341,7 +305,6 @@ def _run_answer(
     make: Callable[[Run, Reference], bytes], names: tuple[str, ...], media_type: str, shelf: RunCache, lock: anyio.Lock
 ) -> Endpoint:
     """Make an endpoint about one run.
-
     One request is processed at a time; a request is dropped if its page has disconnected.
     """
 
@@ -360,7 +323,6 @@ def _run_answer(
 
 def read_static_files() -> dict[str, tuple[bytes, str]]:
     """Read content and type of the page's files.
-
     No other files can be requested.
     """
     folder = resources.files("doppelgait.viewer") / "static"
@@ -399,7 +361,6 @@ async def _prepare_app(
     live: Rolling | None,
 ) -> AsyncIterator[dict[str, Any]]:
     """Read the page's files and prepare its first answers.
-
     This is done while the browser starts.
     """
 
@@ -416,9 +377,7 @@ async def _prepare_app(
 
 def _prepare(shelf: RunCache, opened: OpenedSource | None, settings: Settings) -> None:
     """Analyse the opened run in advance.
-
-    An error is reported on the page's request. Nothing is prepared for a dataset: its plan is simulated only when the
-    user opens an example.
+    An error is reported on the page's request.
     """
     describe_session(opened, settings)
     if opened is None or opened.browser is None:

@@ -41,14 +41,7 @@ MOST_THUMBNAILS = 96
 
 class Browser:
     """Answers about an open dataset.
-
     Arrays are read only for the contact sheet and an opened example.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    motion_folder : Path, optional
-        Folder with the motion files of the plan. Without it no file is used.
     """
 
     def __init__(self, dataset: Dataset, motion_folder: Path | None = None) -> None:
@@ -170,13 +163,7 @@ class Browser:
         return pack({**named, **facts, "n_matching": int(found.size), "offset": offset}, arrays)
 
     def get_row_id(self, number: int) -> dict[str, Any]:
-        """Return id and class of a row.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such row.
-        """
+        """Return id and class of a row."""
         if not 0 <= number < len(self.dataset):
             raise ConfigError(f"row: {number} is not allowed; this dataset has rows 0 to {len(self.dataset) - 1}")
         row = self.dataset.index.iloc[number]
@@ -188,7 +175,6 @@ class Browser:
 
     def _sort_rows(self, filters: Filters, parameters: dict[str, str]) -> Rows:
         """Return the matching rows in the requested order.
-
         Unknown values are last in both directions; equal values have the order of the index.
         """
         descending = parse_whole(parameters, "descending", 0, least=0, most=1)
@@ -202,7 +188,6 @@ class Browser:
     @cached_property
     def _lots(self) -> npt.NDArray[np.int64]:
         """Random rank of every row, always the same.
-
         The choice of points that are shown is therefore independent of the filters.
         """
         return np.random.default_rng(0).permutation(len(self.dataset))
@@ -229,15 +214,7 @@ class Browser:
 
 def choose_evenly(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
     """Choose up to ``most`` rows randomly, classes by share.
-
-    The same rows give the same choice. Every n-th row would not be representative, because classes and the values of a
-    plan's ``cycle`` alternate in an index.
-
-    Parameters
-    ----------
-    rows, classes, lots : ndarray, shape (n,)
-        Ascending row numbers, their classes and their random ranks; the lowest ranks of every class are chosen.
-    most : int
+    The same rows give the same choice. Shapes: rows, classes, lots (n,).
     """
     if rows.size <= most:
         return rows
@@ -261,20 +238,7 @@ def make_thumbnails(
     dataset: Dataset, rows: npt.NDArray[np.int64]
 ) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.uint8]]]:
     """Make small images of the signatures of some rows.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    rows : ndarray, shape (n,)
-        Numbers of rows of the index.
-
-    Returns
-    -------
-    facts : dict
-        ``image``: axes, ``db`` and ``unit`` as for the viewer's other images, with 255 levels; None if nothing can be
-        shown. ``reasons``: for every row, why it has no image, or None.
-    arrays : dict
-        ``thumbnails``, uint8 (n, columns, rows); cells without data are 0.
+    Shapes: rows (n,).
     """
     found = [_read_signature(dataset, int(row)) for row in rows]
     signatures = [signature for signature, _ in found if signature is not None]
@@ -327,7 +291,6 @@ def _read_signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, st
 
 def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray) -> FloatArray:
     """Return the strongest level of every cell in dB.
-
     The level is NaN in cells outside the signature.
     """
     from doppelgait.viz.maps import compute_level_db
@@ -342,19 +305,7 @@ def _reduce_signature(signature: xr.DataArray, times_s: FloatArray, velocities: 
 
 def find_strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
     """Return each cell's largest sample along the first axis.
-
-    A cell without samples is NaN.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, m)
-    samples : ndarray, shape (n,)
-        Ascending, evenly spaced; each sample covers half a step on each side.
-    edges : ndarray, shape (cells + 1,)
-
-    Returns
-    -------
-    ndarray, shape (cells, m)
+    A cell without samples is NaN. Shapes: values (n, m); samples (n,); edges (cells + 1,); returns (cells, m).
     """
     half = float(samples[1] - samples[0]) / 2.0
     first = np.searchsorted(samples + half, edges[:-1], side="right")

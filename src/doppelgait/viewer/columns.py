@@ -41,13 +41,7 @@ OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"),
 
 
 class Columns:
-    """Index columns that can be shown, filtered and plotted.
-
-    Parameters
-    ----------
-    index : DataFrame
-        Index of a dataset.
-    """
+    """Index columns that can be shown, filtered and plotted."""
 
     def __init__(self, index: pd.DataFrame) -> None:
         self.index = index
@@ -60,7 +54,6 @@ class Columns:
     @cached_property
     def kinds(self) -> dict[str, str]:
         """Kind of every offered column: ``number``, ``category`` or ``text``.
-
         The order is that of the index. A column without any known value is not offered.
         """
         kinds = {}
@@ -77,7 +70,6 @@ class Columns:
 
     def _is_category(self, name: str) -> bool:
         """Return True if a text column is a category.
-
         The first rows are enough to exclude most other columns.
         """
         if name in ("label", "split"):
@@ -108,7 +100,6 @@ class Columns:
 
     def read_codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
         """Return every row's text code, and the distinct texts.
-
         An unknown value is the empty text.
         """
         if name not in self._codes:
@@ -121,13 +112,7 @@ class Columns:
         return [value or UNKNOWN for value in self.read_codes(name)[1]]
 
     def check_kind(self, name: str, *kinds: str, key: str) -> str:
-        """Return ``name`` if its column has one of these kinds.
-
-        Raises
-        ------
-        ConfigError
-            With the name of the parameter ``key``, if the column has another kind.
-        """
+        """Return ``name`` if its column has one of these kinds."""
         if self.kinds.get(name) not in kinds:
             known = (column for column, kind in self.kinds.items() if kind in kinds)
             raise ConfigError(f"{key}: {name!r} is no {' or '.join(kinds)} column here{suggest_names(name, known)}")
@@ -144,7 +129,6 @@ class Columns:
 
     def select_flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
         """Select rows with a flag that matches a pattern.
-
         ``*`` matches any text.
         """
         codes, texts = self._flag_texts
@@ -159,7 +143,6 @@ class Columns:
 
     def order(self, name: str) -> npt.NDArray[np.float64]:
         """Return the sort key of every row; shape (rows,).
-
         The key is the number or the alphabetical rank; it is NaN for unknown values.
         """
         if self.kinds[name] == "number":
@@ -179,13 +162,7 @@ def _convert_to_texts(column: pd.Series[Any]) -> pd.Series[str]:
 
 
 def describe_column(name: str) -> dict[str, str]:
-    """Return description, unit and group of a column by name.
-
-    Returns
-    -------
-    dict
-        ``words``, ``unit`` (empty for a pure number or a text) and ``group``.
-    """
+    """Return description, unit and group of a column by name."""
     from doppelgait.viz.style import describe_quantity
 
     if name in OWN_WORDS:
@@ -203,19 +180,7 @@ LIMITS = (".min", ".max")
 
 @dataclass
 class Filters:
-    """Conditions that a row must meet, combined by AND.
-
-    Parameters
-    ----------
-    values : dict
-        Allowed values by category column.
-    limits : dict
-        Lower and upper limit by number column, both included; rows with an unknown number are left out.
-    flags, no_flags : list of str
-        Patterns: a row has a flag that matches each pattern of ``flags``, and no flag that matches one of ``no_flags``.
-    text : str
-        Part of the id; upper and lower case are equivalent.
-    """
+    """Conditions that a row must meet, combined by AND."""
 
     values: dict[str, list[str]] = field(default_factory=dict)
     limits: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -242,26 +207,7 @@ class Filters:
 
 
 def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> tuple[Filters, dict[str, str]]:
-    """Parse filters and further parameters of a request.
-
-    Parameters
-    ----------
-    query : sequence of (str, str)
-        Parameters by name, as sent.
-    columns : Columns
-    further : sequence of str
-        Names that are no filters; each is allowed once.
-
-    Returns
-    -------
-    filters : Filters
-    parameters : dict
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown or repeated, or if its value is not allowed.
-    """
+    """Parse filters and further parameters of a request."""
     filters, parameters = Filters(), {}
     for key, value in query:
         if key in further:

@@ -47,13 +47,7 @@ PATH_KEYS = ("path", "skeleton")
 
 
 def check_size(run: pipeline_run.Run) -> None:
-    """Reject an example that is too large to simulate.
-
-    Raises
-    ------
-    DatasetError
-        If the example has more samples than :data:`MOST_SAMPLES`, or is too long.
-    """
+    """Reject an example that is too large to simulate."""
     scene, radar = run.scene, run.radar
     seconds = scene.duration_s if scene.duration_s is not None else DEFAULT_DURATION_S
     pulses = seconds * radar.prf_hz
@@ -67,22 +61,7 @@ def check_size(run: pipeline_run.Run) -> None:
 
 
 def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
-    """Reject an example that uses files outside the user's folder.
-
-    Parameters
-    ----------
-    plan : PlanConfig
-        Plan of the dataset.
-    number : int
-        Number of the example.
-    folder : Path or None
-        Folder of the user, or None: then no file is used.
-
-    Raises
-    ------
-    DatasetError
-        With the name of the file.
-    """
+    """Reject an example that uses files outside the user's folder."""
     motion = resolve(
         plan.classes[find_class(plan, number)[0]].motion,
         seed=plan.dataset.seed, example=number, key="motion", turn=find_class(plan, number)[1],
@@ -135,15 +114,7 @@ FACT_TOLERANCE = 1e-2
 
 
 class ExampleRuns:
-    """Opener of the examples of a dataset.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    folder : Path, optional
-        Folder with the motion files of the plan. Without it no file is used, and examples that need one have no
-        recording.
-    """
+    """Opener of the examples of a dataset."""
 
     def __init__(self, dataset: Dataset, folder: Path | None = None) -> None:
         self.dataset = dataset
@@ -151,18 +122,7 @@ class ExampleRuns:
 
     def run(self, example_id: str) -> Run:
         """Open the stored results of an example.
-
         Its recording is simulated again if possible.
-
-        Parameters
-        ----------
-        example_id : str
-            Id of a row; for a simulated dataset all targets of its scene are shown.
-
-        Raises
-        ------
-        DatasetError
-            If there is no such row.
         """
         index = self.dataset.index
         found = np.flatnonzero((index["id"] == example_id).to_numpy(dtype=bool))
@@ -222,7 +182,6 @@ class ExampleRuns:
 
     def _view(self, row: int, place: int, run: Run) -> TargetView:
         """Build a target's view from its stored row.
-
         Only its gate comes from the simulation.
         """
         example = self.dataset.example(row)
@@ -286,7 +245,6 @@ def _select_prefix(row: dict[str, Any], prefix: str) -> dict[str, Any]:
 
 def _read_truth(row: dict[str, Any]) -> dict[str, Any] | None:
     """Return true values by feature and frequency name.
-
     It is None for measured data and empty scenes.
     """
     known = _select_prefix(row, "truth_")
@@ -303,9 +261,7 @@ def _read_truth(row: dict[str, Any]) -> dict[str, Any] | None:
 
 def _find_cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
     """Return the stored cadence map, or compute it (E-28 to E-31).
-
-    The result is None if neither is possible. The noise floor is that of the row, because the coordinates for its
-    estimation are not stored.
+    The result is None if neither is possible.
     """
     signature, floor_v2 = example.arrays.get("signature"), _number(example.row.get("quality_noise_floor_v2"))
     if "cadence_map" in example.arrays or signature is None or floor_v2 is None:

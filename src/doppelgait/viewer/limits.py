@@ -37,18 +37,7 @@ Phase = Literal["idle", "headers", "body", "answer"]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one server.
-
-    Parameters
-    ----------
-    connections : int
-        Largest number of open connections. A further connection closes the one with the longest waiting time. If all
-        connections are being answered, the new one is rejected.
-    idle_s, headers_s, body_s : float
-        Longest time until the first byte of a request, the end of its headers, and the end of its body.
-    answer_s : float
-        Longest time in which a client reads nothing of an answer.
-    """
+    """Limits of one server."""
 
     connections: int = 100
     idle_s: float = 30.0
@@ -62,16 +51,7 @@ class Limits:
 
 
 class LimitedConnection(H11Protocol):
-    """Connection that closes when its client is slow.
-
-    Parameters
-    ----------
-    *arguments, **named
-        Arguments of uvicorn.
-    limits : Limits
-    waiting : dict
-        All connections on which the server waits, longest waiting time first.
-    """
+    """Connection that closes when its client is slow."""
 
     def __init__(self, *arguments: Any, limits: Limits, waiting: dict[LimitedConnection, None], **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -158,14 +138,7 @@ class LimitedConnection(H11Protocol):
 
 class LimitedServer(uvicorn.Server):
     """Server that continues after a lack of open files.
-
     It reports the lack in one line, and continues when files can be opened again.
-
-    Parameters
-    ----------
-    config : uvicorn.Config
-    waiting : dict
-        Connections on which the server waits, longest waiting time first.
     """
 
     def __init__(self, config: uvicorn.Config, waiting: dict[LimitedConnection, None]) -> None:
@@ -182,10 +155,7 @@ class LimitedServer(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Stop in an orderly manner at a signal.
-
-        uvicorn would raise the signal again, which has the effect of a second signal.
-        """
+        """Stop in an orderly manner at a signal."""
         with super().capture_signals():
             yield
             self._captured_signals.clear()
@@ -214,13 +184,7 @@ class LimitedServer(uvicorn.Server):
 
 
 def make_server(app: App, limits: Limits | None = None) -> LimitedServer:
-    """Make a server that does not run yet, with limits.
-
-    Parameters
-    ----------
-    app : ASGI application
-    limits : Limits, optional
-    """
+    """Make a server that does not run yet, with limits."""
     known = limits or Limits()
     waiting: dict[LimitedConnection, None] = {}
     # uvicorn accepts any callable with these parameters

@@ -37,16 +37,7 @@ MOST_MARKS = 2000
 
 class Rolling:
     """Last half minute of pictures, tracks and decisions.
-
     One thread adds windows; other threads read the payload.
-
-    Parameters
-    ----------
-    source : str
-        Name of the stream.
-    radar : str
-        Name of the radar.
-    model : Model
     """
 
     def __init__(self, source: str, radar: str, model: Model) -> None:
@@ -70,19 +61,7 @@ class Rolling:
         self, window: Window, decisions: Sequence[TrackDecision], results: Sequence[Result], counts: Mapping[str, Any],
         processor_share: float,
     ) -> None:  # fmt: skip
-        """Add the new part of a window.
-
-        Parameters
-        ----------
-        window : Window
-        decisions : sequence of TrackDecision
-        results : sequence of Result
-            Results of the same targets.
-        counts : mapping
-            Numbers of frames and windows so far.
-        processor_share : float
-            Processor time per time of the stream.
-        """
+        """Add the new part of a window."""
         recording = window.recording
         moving = recording.samples.matrix - recording.samples.matrix.mean(axis=0)
         alarm = self._alarm

@@ -25,21 +25,7 @@ DTYPES = ("uint8", "uint16", "uint32", "int16", "int32", "float32", "float64")
 
 def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
     """Pack magic, length of the header (uint32), header and arrays.
-
-    All parts are little-endian. The header is JSON (UTF-8), padded with spaces. Every array starts at a multiple of 8
-    bytes, so that typed arrays can access it without a copy.
-
-    Parameters
-    ----------
-    facts : mapping
-        Content of the header for :func:`as_json`.
-    arrays : mapping
-        Arrays by name; the header's ``arrays`` states ``dtype``, ``shape`` and ``offset`` (bytes from its end) of each.
-
-    Raises
-    ------
-    ValueError
-        If a browser has no typed array for the type of an array.
+    All parts are little-endian. The header is JSON (UTF-8), padded with spaces.
     """
     table, offset, parts = {}, 0, []
     for name, array in arrays.items():
@@ -57,22 +43,14 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 def as_json(value: Any) -> bytes:
     """Encode a value as JSON in UTF-8.
-
-    A number that is not finite becomes null. NumPy's numbers and arrays become plain numbers and lists, and other
-    objects become text.
+    A number that is not finite becomes null.
     """
     return json.dumps(convert_to_json(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
 def remove_folders(text: str, *folders: Path) -> str:
     """Replace folders in a text by their last name.
-
     The working folder is replaced, too.
-
-    Parameters
-    ----------
-    text : str
-    *folders : Path
     """
     forms = {str(form): folder.resolve().name for folder in (*folders, Path()) for form in (folder, folder.resolve())}
     for form in sorted(forms, key=len, reverse=True):  # a folder before its parents
@@ -96,7 +74,6 @@ Axis = dict[str, Any]
 
 def level_db(power: npt.ArrayLike) -> FloatArray:
     """Convert powers to levels in dB, in their own precision.
-
     Powers of 0 and below give -inf.
     """
     return np.asarray(power_to_db(np.maximum(np.asarray(power), 0.0)))
@@ -104,12 +81,7 @@ def level_db(power: npt.ArrayLike) -> FloatArray:
 
 def describe_axis(name: str, unit: str, values: npt.ArrayLike) -> Axis:
     """Describe a uniform axis: first value, step and number.
-
-    Parameters
-    ----------
-    name, unit : str
-    values : array_like, shape (n,)
-        Evenly spaced values; the step of a single value is 0.
+    Shapes: values (n,).
     """
     even = np.asarray(values, dtype=np.float64)
     step = float((even[-1] - even[0]) / (even.size - 1)) if even.size > 1 else 0.0
@@ -118,7 +90,6 @@ def describe_axis(name: str, unit: str, values: npt.ArrayLike) -> Axis:
 
 def describe_doppler(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
     """Describe a Doppler axis and its velocity scale.
-
     The velocity scale is missing if the wavelength is unknown.
     """
     facts = describe_axis("Doppler", "Hz", doppler_hz)
@@ -132,26 +103,7 @@ def encode_image(
     name: str, power: FloatArray | xr.DataArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
 ) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
     """Encode a picture of levels.
-
-    Parameters
-    ----------
-    name : str
-        Name of its array in the payload.
-    power : ndarray, or DataArray (slow_time, ...), shape (x.n, y.n)
-        Powers, shown as levels, 10 log10; 0, negative powers and NaN have the lowest level. An array of pulses is read
-        in tiles.
-    x, y : dict
-        Axes from :func:`describe_axis`.
-    unit : str
-        Unit of the levels, with their reference.
-    most : (int, int)
-        Largest numbers of columns and rows; more are combined in blocks by their maximum.
-
-    Returns
-    -------
-    facts : dict
-        ``array``, ``x``, ``y``, ``db`` (levels of code 0 and 65535), ``shown_db`` (initial limits) and ``unit``.
-    codes : ndarray of uint16, shape (x.n, y.n)
+    Shapes: power (x.n, y.n); codes (x.n, y.n).
     """
     blocks = [find_block_size(size, limit) for size, limit in zip(power.shape, most, strict=True)]
     every = max(1, power.size // MEDIAN_OF)
@@ -197,7 +149,6 @@ def find_block_size(size: int, most: int) -> int:
 
 def find_block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
     """Return the strongest cell per block of ``columns`` times ``rows``.
-
     The last blocks may have fewer cells.
     """
     for dim, block in enumerate((columns, rows)):
@@ -216,7 +167,6 @@ def _average_axis(facts: Axis, block: int) -> Axis:
 
 def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
     """Return the limits of finite levels, within 160 dB.
-
     They are -1 and 0 dB if no level is finite.
     """
     finite = levels_db[np.isfinite(levels_db)]
@@ -228,7 +178,6 @@ def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
 
 def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
     """Return the initial limits of the levels, 20 to 40 dB apart.
-
     The lower limit is 3 dB below the median, so that noise is dark.
     """
     finite = levels_db[np.isfinite(levels_db)]
@@ -238,7 +187,6 @@ def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
 
 def encode(levels_db: FloatArray, low_db: float, high_db: float) -> npt.NDArray[np.uint16]:
     """Encode levels within the limits as codes 0 to 65535.
-
     Levels outside are clipped, NaN is 0.
     """
     scaled = (levels_db - np.float64(low_db)) * (CODES / (high_db - low_db))

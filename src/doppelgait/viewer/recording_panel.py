@@ -45,15 +45,7 @@ TRUTH_FACTS = (
 
 
 def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = ()) -> bytes:
-    """Make the payload of ``api/recording``.
-
-    Parameters
-    ----------
-    run : Run
-    gate : str, (float, float) or None
-    changes : tuple of (name, value)
-        Analysis parameters. The range-time map shows the removal of static clutter.
-    """
+    """Make the payload of ``api/recording``."""
     recording = run.recording
     if recording is None:
         known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
@@ -170,14 +162,7 @@ def _describe_truth(number: int, truth: TargetTruth, recording: Recording, array
 
 def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[list[str], npt.NDArray[np.float32]]:
     """Return true body-part Doppler at each ``step``-th pulse.
-
-    Scatterers of one part are averaged, because a picture has no room for all of them.
-
-    Returns
-    -------
-    groups : list of str, length L
-    lines : ndarray, shape (L, I / step)
-        Hz.
+    Scatterers of one part are averaged, because a picture has no room for all of them. Shapes: lines (L, I / step).
     """
     from doppelgait.core.units import velocity_to_doppler_hz
     from doppelgait.viz.motion import find_part_group
@@ -207,14 +192,7 @@ IN_BURSTS = "this recording has bursts of pulses; its signature has one column p
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a recording with common levels.
-
-    Parameters
-    ----------
-    columns : ndarray of int
-        Numbers of the processing intervals that are shown.
-    db, shown_db : (float, float)
-    """
+    """Frames of a recording with common levels."""
 
     columns: npt.NDArray[np.int64]
     db: tuple[float, float]
@@ -224,13 +202,7 @@ class Frames:
 def make_range_doppler_payload(
     run: Run, gate: GateChoice | None, *, start: int, count: int, changes: Changes = ()
 ) -> bytes:
-    """Make the payload of ``api/range-doppler``.
-
-    Raises
-    ------
-    ConfigError
-        If there is no frame ``start``.
-    """
+    """Make the payload of ``api/range-doppler``."""
     reason = explain_missing_maps(run)
     if reason is not None:
         return pack({"frames": None, "reason": reason}, {})
@@ -293,7 +265,6 @@ def explain_missing_maps(run: Run) -> str | None:
 
 def make_frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
     """Return the analysis of the frames.
-
     A recording with a low frame rate, as for people who keep still, has a longer interval.
     """
     least_s = SLOW_PULSES / sampling_rate_hz(read_axis(baseband, "slow_time"))
@@ -307,7 +278,6 @@ def find_strongest_v(baseband: xr.DataArray) -> float:
 
 def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float, strongest_v: float) -> Frames:
     """Choose the intervals to show, and common levels.
-
     The upper limit of the levels is that of all echoes in phase.
     """
     transform, _ = plan_for(baseband, analysis)
@@ -334,24 +304,7 @@ MOST_PITCH = 1e6
 
 
 def make_sound_wav(run: Run, gate: GateChoice | None, parameters: Mapping[str, str], changes: Changes = ()) -> bytes:
-    """Make a target's WAV file of the recording's length.
-
-    Parameters
-    ----------
-    run : Run
-    gate : str, (float, float) or None
-    parameters : mapping
-        ``target`` (number, the first by default), ``pitch`` and ``channels`` as for
-        :func:`doppelgait.processing.sound.make_doppler_sound`.
-    changes : tuple of (name, value)
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is not allowed.
-    DoppelgaitError
-        If there is no recording, or no such target in it.
-    """
+    """Make a target's WAV file of the recording's length."""
     pitch = parse_number("pitch", parameters["pitch"], least=0.0, most=MOST_PITCH) if "pitch" in parameters else None
     channels = parameters.get("channels", get_args(Channels)[0])
     if channels not in get_args(Channels):

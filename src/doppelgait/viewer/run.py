@@ -46,16 +46,7 @@ def find_span(result: Result) -> Span:
 
 def match_truths(recording: Recording, results: Sequence[Result]) -> list[Truths]:
     """Match every result to a body of the simulation.
-
-    Each item is a function that returns the truth of the body between two times. A gate of the truth belongs to the
-    body of the same number. Other gates are matched by range: each body is matched to the result with the nearest gate,
-    by median distance over the times of the result and within 0.8 m, and to no other result of the same time. A fixed
-    gate is matched to the only body inside it.
-
-    Parameters
-    ----------
-    recording : Recording
-    results : sequence of Result
+    Each item is a function that returns the truth of the body between two times.
     """
     times_s = recording.slow_time_s
     # Number of the body for every result.
@@ -120,15 +111,7 @@ def _make_truths(
 
 def compute_true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
     """Return the true features and frequencies by their names.
-
-    Further facts of the simulation have separate names.
-
-    Parameters
-    ----------
-    truth : TargetTruth
-    wavelength_m : float
-    during : ndarray of bool, shape (I,)
-        Pulses over which speeds are averaged. Gait frequencies are known only for the whole recording.
+    Further facts of the simulation have separate names. Shapes: during (I,).
     """
     radial_mps = round(float(np.mean(truth.centre_velocity_mps[during])), DIGITS) + 0.0
     steps = truth.gait not in STILL and truth.gait_frequency_hz > 0
@@ -166,36 +149,7 @@ MOST_KEPT = 20
 
 @dataclass(frozen=True)
 class TargetView:
-    """View of a target: analysis, result file or dataset.
-
-    Parameters
-    ----------
-    label : str or None
-    gate : str
-        Source of the gate: ``truth``, ``track`` or ``given`` (set by the user).
-    features : mapping
-        The six features by name, None where undetermined.
-    gait_frequency_hz, torso_doppler_hz : float or None
-    harmonics_hz : tuple of float or None
-        Measured second and third harmonic of the gait frequency.
-    quality, standard_deviation, extended : mapping
-    flags : tuple of str
-    signature, cadence_map, cadence_spectrum : DataArray, optional
-        None if not stored.
-    main_line_hz : ndarray, optional
-        Main line at the columns of the signature.
-    gate_limits : Gate, optional
-    truth : mapping, optional
-        True values of the features and frequencies, by name.
-    segments : tuple of (float, float)
-        Start and stop of the segments of steady motion, s.
-    segment : int, optional
-        Segment that is shown, or None for the whole recording.
-    segment_views : tuple of TargetView
-        The view of each segment.
-    track_picture : (dict, ndarray of uint16), optional
-        Encoded signature of the whole track.
-    """
+    """View of a target: analysis, result file or dataset."""
 
     label: str | None
     gate: str
@@ -226,23 +180,7 @@ Analysed = tuple[list[TargetView], list[str]]
 @dataclass(eq=False)
 class Run:
     """Recording with its analyses, computed on first use.
-
     It is not safe for several threads at once.
-
-    Parameters
-    ----------
-    name : str
-    kind : {"recording", "result", "example", "try"}
-    settings : Settings
-        Settings with the gate that is shown first.
-    load : callable, optional
-        Returns the recording. There is no recording without it, or if it raises a DoppelgaitError.
-    reason : str
-        Why there is no recording, as a message.
-    stored : callable, optional
-        Returns the stored targets, which are shown unless a gate is requested.
-    notes : tuple of str
-        Messages in addition to those of the recording.
     """
 
     name: str
@@ -280,9 +218,7 @@ class Run:
 
     def analysis(self, gate: GateChoice | None, changes: Changes = ()) -> Analysis:
         """Return the analysis parameters of targets in a gate.
-
-        Static clutter of a recording is removed by the median unless the user chooses a method. A simulation of "Try
-        it" has no clutter. An example of a dataset has the settings of the dataset.
+        Static clutter of a recording is removed by the median unless the user chooses a method.
         """
         known = self.settings.analysis
         if changes:
@@ -293,7 +229,6 @@ class Run:
 
     def analysis_facts(self, gate: GateChoice | None, changes: Changes = ()) -> dict[str, Any]:
         """Return the analysis parameters that a request may change.
-
         If there is a recording, the hop is the one in use, in pulses.
         """
         analysis = self.analysis(gate, changes)
@@ -323,13 +258,7 @@ class Run:
 
     def targets(self, gate: GateChoice | None, changes: Changes = ()) -> list[TargetView]:
         """Return the targets in a gate.
-
         Without a gate these are the stored targets, or those in the gate that is shown first.
-
-        Raises
-        ------
-        DoppelgaitError
-            If there is no recording, or it cannot be analysed with these settings.
         """
         if self.has_stored_targets(gate):
             return self.stored_targets
@@ -366,7 +295,6 @@ class Run:
 
 def track_picture(result: Result, clean: xr.DataArray, wavelength_m: float) -> Picture | None:
     """Encode the signature of a whole track, or None without segments.
-
     Only the picture is stored, because the array may be as large as those of all segments together.
     """
     if not result.segments:
@@ -383,7 +311,6 @@ def clutter_key(analysis: Analysis) -> str:
 
 def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
     """Call a function and return its result and doppelgait's warnings.
-
     Each text of a warning appears once.
     """
     with warnings.catch_warnings(record=True) as caught:
@@ -395,14 +322,7 @@ def collect_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
 
 def make_view(result: Result, truths: Truths) -> TargetView:
     """Build the view of an analysed target.
-
     The view of a tracked target shows its longest segment, and has views of all segments.
-
-    Parameters
-    ----------
-    result : Result
-    truths : callable
-        Returns the true values of the target from start to stop, or None if they are unknown.
     """
     spans = tuple(find_span(segment) for segment in result.segments)
     shown = replace(_view(result, truths), segments=spans)

@@ -35,25 +35,7 @@ def serve(
     on_ready: Callable[[str], None] = lambda url: None,
 ) -> None:  # fmt: skip
     """Serve the viewer until it is interrupted.
-
     Only this computer can reach it.
-
-    Parameters
-    ----------
-    opened : Opened or None
-        From :func:`doppelgait.viewer.source.open_path`; None for "Try it" alone.
-    settings : Settings, optional
-    port : int
-        Where to listen; 0 for any free one.
-    on_ready : callable
-        Called with the address of the page when the server is ready.
-
-    Raises
-    ------
-    DoppelgaitError
-        If starlette or uvicorn is not installed.
-    ConfigError
-        If the port cannot be used.
     """
     with _prepare_server(port, opened, settings) as (server, listener, url):
         try:
@@ -66,24 +48,7 @@ def serve(
 @contextmanager
 def serve_live(live: Rolling, port: int = 0) -> Iterator[str]:
     """Serve the page of a stream from a thread.
-
     The page is served within the ``with`` block.
-
-    Parameters
-    ----------
-    live : Rolling
-    port : int
-        Where to listen; 0 for any free one.
-
-    Yields
-    ------
-    str
-        Address of the page.
-
-    Raises
-    ------
-    DoppelgaitError, ConfigError
-        As :func:`serve`.
     """
     with _prepare_server(port, live=live) as (server, listener, url):
         thread = threading.Thread(target=server.run, args=([listener],), daemon=True, name="page of live")
@@ -117,20 +82,7 @@ def _prepare_server(
 
 
 class View:
-    """Page of the viewer, served from a thread until it is stopped.
-
-    Parameters
-    ----------
-    opened : Opened
-    settings : Settings
-    port : int
-        Where to listen; 0 for any free one.
-
-    Raises
-    ------
-    DoppelgaitError, ConfigError
-        As :func:`serve`.
-    """
+    """Page of the viewer, served from a thread until it is stopped."""
 
     def __init__(self, opened: OpenedSource, settings: Settings, port: int = 0) -> None:
         self.name = opened.name
@@ -174,15 +126,7 @@ PAGE = (
 @contextmanager
 def open_in_browser(url: str) -> Iterator[None]:
     """Open the page in the user's browser.
-
-    Every user of a computer can read the command lines of all programs, and the address contains the secret. The
-    browser is therefore started with the name of a file that only this user can read, and that redirects to the
-    address. The file exists within the ``with`` block.
-
-    Parameters
-    ----------
-    url : str
-        Address of the page.
+    Every user of a computer can read the command lines of all programs, and the address contains the secret.
     """
     import webbrowser
 
@@ -205,7 +149,6 @@ def open_in_browser(url: str) -> Iterator[None]:
 
 def check_installed() -> None:
     """Raise a DoppelgaitError if a server package is missing.
-
     The message has the command that installs it.
     """
     from importlib.util import find_spec
@@ -215,13 +158,7 @@ def check_installed() -> None:
 
 
 def open_socket(port: int) -> socket.socket:
-    """Open a socket that listens on localhost only.
-
-    Raises
-    ------
-    ConfigError
-        If the port is taken or not allowed.
-    """
+    """Open a socket that listens on localhost only."""
     # the protocol is set explicitly: otherwise asyncio delays the body of an answer by 40 ms, until the client's ACK
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     # on Windows "reuse" would allow another program to use the same port

@@ -18,13 +18,7 @@ Pairs = Sequence[tuple[str, str]]
 
 
 def parse_parameters(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
-    """Return parameters by name, each known and present once.
-
-    Raises
-    ------
-    ConfigError
-        With the name of the parameter that is unknown or repeated.
-    """
+    """Return parameters by name, each known and present once."""
     found: dict[str, str] = {}
     for key, value in query:
         if not allowed:
@@ -41,13 +35,7 @@ def parse_parameters(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
 
 
 def parse_number(key: str, value: str, *, least: float = -math.inf, most: float = math.inf) -> float:
-    """Parse a finite number between two limits.
-
-    Raises
-    ------
-    ConfigError
-        With the name of the parameter ``key``, if it is no such number.
-    """
+    """Parse a finite number between two limits."""
     try:
         number = float(value)
     except ValueError:
@@ -60,13 +48,7 @@ def parse_number(key: str, value: str, *, least: float = -math.inf, most: float 
 
 def parse_whole(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
     """Parse an integer between two limits.
-
     A ``default`` outside the limits means that the parameter is required.
-
-    Raises
-    ------
-    ConfigError
-        With the name of the parameter ``key``, if it is no integer, or missing without a default.
     """
     if key not in parameters and not least <= default <= most:
         raise ConfigError(f"{key}: is missing; it must be a whole number from {least} to {most}")
@@ -84,13 +66,7 @@ CHANGEABLE = ("clutter", "cpi_s", "window_steepness", "hop")
 
 
 def parse_changes(parameters: Mapping[str, str]) -> Changes:
-    """Parse the analysis parameters of a request.
-
-    Raises
-    ------
-    ConfigError
-        With the name of the parameter that has an invalid value.
-    """
+    """Parse the analysis parameters of a request."""
     found: dict[str, Any] = {}
     for key in CHANGEABLE:
         if key in parameters:
@@ -102,21 +78,7 @@ def parse_changes(parameters: Mapping[str, str]) -> Changes:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings for reading and analysing recordings.
-
-    Parameters
-    ----------
-    gate : str or (float, float)
-        Gate that is shown first.
-    gate_asked : bool
-        True if the user set the gate. Otherwise all ranges are shown for a recording that cannot be tracked.
-    analysis : Analysis
-    tracking : Tracking
-    options : mapping
-        Options for values that the file of a recording does not store.
-    motion_folder : Path, optional
-        Folder with the motion files of a dataset's plan. Without it no motion file is opened.
-    """
+    """Settings for reading and analysing recordings."""
 
     gate: GateChoice = "track"
     analysis: Analysis = field(default_factory=Analysis)
@@ -127,13 +89,7 @@ class Settings:
 
 
 def parse_settings(gate: str | None, changes: Sequence[str], options: Sequence[str]) -> Settings:
-    """Parse ``--gate``, ``--set KEY=VALUE`` and ``--option KEY=VALUE`` into settings.
-
-    Raises
-    ------
-    ConfigError
-        If one of them is not allowed.
-    """
+    """Parse ``--gate``, ``--set KEY=VALUE`` and ``--option KEY=VALUE`` into settings."""
     table = apply_overrides({}, changes)
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     analysis = validate(Analysis, table, where="analysis")

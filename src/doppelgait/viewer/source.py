@@ -26,21 +26,7 @@ DATASET_FILES = ("dataset.json", "index.parquet")
 
 @dataclass(frozen=True)
 class OpenedSource:
-    """Recording, result or dataset that was opened at the start.
-
-    Parameters
-    ----------
-    kind : {"recording", "result", "dataset"}
-    name : str
-    path_name : str
-        Last part of the path for the page, which does not show the folder.
-    run : Run, optional
-        Run of a recording or result.
-    browser : Browser, optional
-        Browser of a dataset.
-    other : Run, optional
-        Second recording for comparison.
-    """
+    """Recording, result or dataset that was opened at the start."""
 
     kind: Literal["recording", "result", "dataset"]
     name: str
@@ -56,21 +42,7 @@ class OpenedSource:
 
 
 def open_path(path: str | Path, settings: Settings) -> OpenedSource:
-    """Open a recording, a result or a dataset.
-
-    Parameters
-    ----------
-    path : str or Path
-        Anything that :func:`doppelgait.radar.read_recording` reads, an .h5 file of ``doppelgait analyze -o``, or the
-        folder of a dataset.
-    settings : Settings
-        Settings for recordings; results and datasets are shown as stored.
-
-    Raises
-    ------
-    DoppelgaitError
-        If it is none of these, or is damaged.
-    """
+    """Open a recording, a result or a dataset."""
     place = Path(path)
     if not place.exists():
         raise RecordingError(f"{place}: no such file or folder")
@@ -103,13 +75,7 @@ def open_path(path: str | Path, settings: Settings) -> OpenedSource:
 
 
 def open_recording(recording: Recording, name: str, settings: Settings, notes: tuple[str, ...] = ()) -> OpenedSource:
-    """Open a recording that is in memory.
-
-    Raises
-    ------
-    ConfigError
-        If the gate does not fit the recording.
-    """
+    """Open a recording that is in memory."""
     if settings.gate == "truth" and not recording.truth:
         raise ConfigError(f"--gate truth: {name} has no truth; use --gate track, or give the range, --gate 1.2:2.8")
     if isinstance(settings.gate, tuple):  # a gate outside the frame would show a page without targets
@@ -125,13 +91,7 @@ def open_recording(recording: Recording, name: str, settings: Settings, notes: t
 
 
 def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> OpenedSource:
-    """Open a second recording for comparison.
-
-    Raises
-    ------
-    DoppelgaitError
-        If one of the two is no recording.
-    """
+    """Open a second recording for comparison."""
     second = open_path(path, settings)
     for one in (opened, second):
         if one.kind != "recording":
@@ -141,7 +101,6 @@ def add_other(opened: OpenedSource, path: str | Path, settings: Settings) -> Ope
 
 def can_track(recording: Recording) -> bool:
     """Return True if targets can be tracked.
-
     Tracking requires several ranges, and no pauses between the pulses.
     """
     return recording.n_range_bins > 1 and get_burst_pulses(recording.baseband) is None
@@ -160,21 +119,7 @@ MOST_RUNS = 4
 
 @dataclass(frozen=True)
 class Reference:
-    """Reference to a run, with gate and further parameters.
-
-    Parameters
-    ----------
-    key : tuple
-        Key of the run; ``()`` is the opened run.
-    gate : str, (float, float) or None
-        Gate; None is the gate that the run shows first.
-    further : dict
-        Parameters of the endpoint itself.
-    changes : tuple of (name, value)
-        Analysis parameters that replace those of the run.
-    segment : (int, int), optional
-        Number of a target, and of its segment to show.
-    """
+    """Reference to a run, with gate and further parameters."""
 
     key: tuple[str | tuple[str, str], ...]
     gate: GateChoice | None
@@ -185,20 +130,7 @@ class Reference:
 
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     """Parse the reference to a run.
-
-    ``run=2`` is the second recording, ``example=ID`` an example, and ``try=1`` the simulation of the controls. Without
-    these parameters the reference is to the opened run.
-
-    Parameters
-    ----------
-    query : sequence of (str, str)
-    names : sequence of str
-        Parameters of the endpoint itself.
-
-    Raises
-    ------
-    ConfigError
-        If a parameter is unknown or repeated, or if several parameters select a run.
+    ``run=2`` is the second recording, ``example=ID`` an example, and ``try=1`` the simulation of the controls.
     """
     trying = any(key == "try" for key, _ in query)
     own: list[str] = []
@@ -230,12 +162,7 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
 
 class RunCache:
     """Opened run and the most recent other runs.
-
     Only one thread at a time may use it.
-
-    Parameters
-    ----------
-    opened : Opened or None
     """
 
     def __init__(self, opened: OpenedSource | None) -> None:
@@ -243,13 +170,7 @@ class RunCache:
         self._runs: OrderedDict[tuple[str | tuple[str, str], ...], Run] = OrderedDict()
 
     def run(self, reference: Reference) -> Run:
-        """Return the run of a reference.
-
-        Raises
-        ------
-        DoppelgaitError
-            If there is no such run, or it cannot be computed.
-        """
+        """Return the run of a reference."""
         if not reference.key:
             if self.opened is None or self.opened.run is None:
                 raise ConfigError("no recording is open; name a run with example=ID (of an open dataset) or try=1")

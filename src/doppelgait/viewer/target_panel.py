@@ -37,21 +37,7 @@ def make_targets_payload(
     run: Run, gate: GateChoice | None, changes: Changes = (), *, segment: tuple[int, int] | None = None
 ) -> bytes:
     """Make the payload of ``api/targets``.
-
     For a run that cannot be analysed the payload has the reason.
-
-    Parameters
-    ----------
-    run : Run
-    gate : str, (float, float) or None
-    changes : tuple of (name, value)
-    segment : (int, int), optional
-        Number of a target, and of its segment that is shown instead of the longest one.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such target, or no such segment of it.
     """
     arrays: Arrays = {}
     # Stored targets are shown as stored, independently of the request.
@@ -170,7 +156,6 @@ def _main_line(view: TargetView, name: str, arrays: Arrays) -> dict[str, Any] | 
 
 def is_aligned(view: TargetView, method: str) -> bool | None:
     """Return True if the map's Doppler is relative.
-
     True means relative to the main line. The result is None if this is unknown.
     """
     if method == "liland2018" or view.cadence_map is None:
@@ -184,7 +169,6 @@ def is_aligned(view: TargetView, method: str) -> bool | None:
 
 def _describe_spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
     """Describe the cadence spectrum in dB with its peaks.
-
     The spectrum of the report's method is a sum of magnitudes.
     """
     spectrum = view.cadence_spectrum

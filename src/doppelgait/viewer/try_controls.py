@@ -33,17 +33,7 @@ COMPANY_M = {"person": 1.75, "dog": 0.5}
 @dataclass(frozen=True)
 class Limit:
     """Limits of a control that depend on other controls.
-
     The control is limited to ``low`` to ``high`` while the other controls have the values ``when``.
-
-    Parameters
-    ----------
-    when : mapping
-        Values by name of a control; all must be equal.
-    low, high : float, optional
-        Limits; None for no limit.
-    size, power : str, float
-        Control that scales both limits by its value to this power; "" for none.
     """
 
     when: Mapping[str, str]
@@ -60,7 +50,6 @@ class Limit:
 @cache
 def list_speed_limits() -> tuple[Limit, ...]:
     """Return the speed limits of every gait of every target.
-
     The limits for a second target follow.
     """
     found = []
@@ -75,7 +64,6 @@ def list_speed_limits() -> tuple[Limit, ...]:
 
 def _list_gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
     """Yield gaits with their speed limits at 1 m size.
-
     The last item is the power of the size with which speeds scale. The first gait is "auto".
     """
     if who == "person":
@@ -99,7 +87,6 @@ def _human_mps(gait: Literal["walk", "run"]) -> tuple[float, float]:
 
 def seen_m(radar: str) -> tuple[float, float | None]:
     """Return the nearest and farthest range of a preset, m.
-
     A continuous-wave radar has no farthest range.
     """
     preset = Radar.preset(radar)
@@ -120,13 +107,7 @@ STEP_M = 0.1
 
 def middle_range_m(values: Mapping[str, Any]) -> float:
     """Return the range in the middle of the time.
-
     It is the requested range, or the next larger range at which no target is too near to the radar.
-
-    Raises
-    ------
-    ConfigError
-        If the range is outside the frame of the radar.
     """
     asked_m, (start_m, stop_m) = float(values["range_m"]), seen_m(str(values["radar"]))
     if stop_m is not None and asked_m > stop_m:
@@ -142,7 +123,6 @@ def middle_range_m(values: Mapping[str, Any]) -> float:
 
 def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
     """Return the smallest distance of the paths from the radar, m.
-
     The range is that in the middle of the time.
     """
     half_m = float(values.get("speed_mps", 0.0)) * float(values["duration_s"]) / 2.0
@@ -157,7 +137,6 @@ def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
 
 def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
     """Return a note if the targets are farther than requested.
-
     Otherwise the result is empty.
     """
     asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
@@ -172,7 +151,6 @@ def format_moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 def place_beside(range_m: float, aspect_deg: float) -> dict[str, float]:
     """Place a second target next to the first.
-
     Both paths are parallel.
     """
     heading = math.radians(180.0 + aspect_deg)
@@ -194,26 +172,7 @@ TOO_SLOW = ("x4-17fps",)
 
 @dataclass(frozen=True)
 class Control:
-    """Control of the page.
-
-    Parameters
-    ----------
-    name, words, unit, help : str
-        Name in a request, and texts of the page.
-    kind : {"number", "whole", "choice"}
-    low, high, step, default : float
-        Limits, step and default of a number.
-    values : mapping
-        Text by value, for a choice; the first is the default unless ``default`` is set.
-    who : tuple of str
-        Targets with this control; all by default.
-    by_who : mapping
-        Other limits and defaults by target.
-    values_by_who : mapping
-        Allowed values by target, for targets that do not have all values.
-    limits : tuple of Limit
-        Limits that depend on other controls.
-    """
+    """Control of the page."""
 
     name: str
     words: str
@@ -235,13 +194,7 @@ class Control:
         return self.by_who.get(who, {}).get("default", self.default)
 
     def parse(self, text: str, who: str) -> Value:
-        """Parse the value of a request.
-
-        Raises
-        ------
-        ConfigError
-            If it is not allowed for this target.
-        """
+        """Parse the value of a request."""
         if who not in self.who:
             owners = ", ".join(TARGETS[name] for name in self.who)
             raise ConfigError(f"{self.name}: is not available for who = {who}; it is for {owners}")
@@ -262,7 +215,6 @@ class Control:
 @cache
 def list_controls() -> tuple[Control, ...]:
     """Return all controls in the order of the page.
-
     ``who`` is first.
     """
     radars = {name: name for name in list_preset_names() if name not in TOO_SLOW}

@@ -33,7 +33,6 @@ GATE: GateName = "truth"
 
 def describe_controls() -> list[dict[str, Any]]:
     """Return the controls for the page.
-
     They have the fields of :class:`doppelgait.viewer.try_controls.Control`.
     """
     return [{**asdict(control), "values": list(control.values.items())} for control in list_controls()]
@@ -41,13 +40,7 @@ def describe_controls() -> list[dict[str, Any]]:
 
 def parse_controls(parameters: Mapping[str, str]) -> dict[str, Value]:
     """Return the value of every control of the target.
-
     The value is that of the request or the default.
-
-    Raises
-    ------
-    ConfigError
-        If a value is not allowed, or a parameter is not a control.
     """
     first, *others = list_controls()
     unknown = sorted(set(parameters) - {control.name for control in list_controls()})
@@ -65,13 +58,7 @@ def parse_controls(parameters: Mapping[str, str]) -> dict[str, Value]:
 
 def make_scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
     """Return the tables of the controls' scene file.
-
     See :func:`doppelgait.pipeline.parse_run`.
-
-    Raises
-    ------
-    ConfigError
-        As :func:`parse_controls`.
     """
     values = parse_controls(parameters)
     who, company = str(values["who"]), str(values.get("company", "nobody"))
@@ -118,19 +105,7 @@ MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
 
 def run_of(parameters: Mapping[str, str]) -> Run:
     """Simulate the run of the controls.
-
     Its targets are analysed on first use.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Values by the name of a control, as text; missing values have their defaults. Warnings of the simulation
-        (aliasing, a target that leaves the frame) and a change of the range become notes of the run.
-
-    Raises
-    ------
-    ConfigError
-        If a value is not allowed, or values cannot be combined; the message is one sentence.
     """
     table = make_scene_table(parameters)
     try:
@@ -155,7 +130,6 @@ def run_of(parameters: Mapping[str, str]) -> Run:
 
 def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
     """Return the answer of ``api/scene``.
-
     The answer has the scene as a file for ``doppelgait simulate``, and notes.
     """
     return {"toml": format_scene_toml(make_scene_table(parameters)), "notes": list(run.notes)}
@@ -163,7 +137,6 @@ def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
 
 def format_scene_toml(table: Mapping[str, Any]) -> str:
     """Format a scene file as TOML.
-
     Values are first, followed by sections and one section per target.
     """
     plain = {key: value for key, value in table.items() if not isinstance(value, dict | list)}

@@ -23,17 +23,7 @@ Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
 def plot_domains(
     pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str
 ) -> Figure:
-    """Plot recordings of every kind, with a table below.
-
-    Parameters
-    ----------
-    pictures : mapping
-        For each kind (``real``, or the name of a model): levels in dB over time and range or Doppler, the values of
-        this axis, and its label.
-    table : sequence of mapping
-        Rows of text.
-    title : str
-    """
+    """Plot recordings of every kind, with a table below."""
     columns = max(len(row) for row in pictures.values())
     figure = make_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
     heights = [2.6] * len(pictures) + [0.24 * len(table) + 0.4]

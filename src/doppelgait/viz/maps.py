@@ -25,7 +25,6 @@ AUTO_DB_RANGE = (20.0, 40.0)
 
 def check_array(array: xr.DataArray, schema: Schema) -> xr.DataArray:
     """Return ``array`` if it has values and conforms to ``schema``.
-
     Otherwise an :class:`AnalysisError` is raised.
     """
     check_signal(array, schema)
@@ -49,7 +48,6 @@ def check_db_range(db_range: float) -> float:
 
 def compute_level_db(power: npt.ArrayLike) -> FloatArray:
     """Convert powers to levels in dB.
-
     Powers of 0 or less (after subtraction of a floor) give -inf without a warning. NaN stays NaN.
     """
     return np.asarray(power_to_db(np.maximum(np.asarray(power, dtype=np.float64), 0.0)), dtype=np.float64)
@@ -62,10 +60,7 @@ def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
 
 def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
     """Return the lower and upper end of the colour scale.
-
-    The upper end is the highest finite level, and the lower end is ``db_range`` below it. Without ``db_range`` the
-    lower end is 3 dB below the median of the finite levels, so that noise is dark, with a range of 20 to 40 dB. Without
-    any finite level (all cells zero) the scale ends at 0 dB.
+    The upper end is the highest finite level, and the lower end is ``db_range`` below it.
     """
     finite = level_db[np.isfinite(level_db)]
     top = float(finite.max()) if finite.size else 0.0
@@ -76,13 +71,7 @@ def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float
 
 
 def wavelength_m(array: xr.DataArray) -> float:
-    """Return an array's wavelength, 2 v / f_d.
-
-    Raises
-    ------
-    AnalysisError
-        If the Doppler axis has no value except zero.
-    """
+    """Return an array's wavelength, 2 v / f_d."""
     doppler_hz = array.coords["doppler"].values
     furthest = int(np.abs(doppler_hz).argmax())
     if doppler_hz[furthest] == 0:
@@ -96,10 +85,7 @@ ROWS_AT_ONCE = 16
 
 def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
     """Select the Doppler rows above the noise.
-
-    Three or more adjacent rows must be above the threshold, permanently or at times. The floor is the 20 % quantile of
-    the rows. The threshold is 3 dB above it, or more if the rows of low power scatter more. Rows 40 dB below the
-    strongest row are ignored.
+    Three or more adjacent rows must be above the threshold, permanently or at times.
     """
     occupied = np.zeros(power.shape[1], dtype=bool)
     means, peaks = np.empty((2, power.shape[1]))
@@ -117,7 +103,6 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
 
 def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Keep only flags in a run of three or more.
-
     A line has this width, random peaks do not.
     """
     padded = np.pad(flags, 2)
@@ -127,7 +112,6 @@ def keep_runs_of_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> tuple[float, float]:
     """Return the occupied part of the Doppler axis.
-
     It contains the occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if this is most of the axis.
     """
     doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
@@ -144,7 +128,6 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
 
 def compute_cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
     """Return cell edges of a uniform axis.
-
     The result is None if the steps differ by more than 0.1 %.
     """
     values = np.asarray(axis, dtype=np.float64)
@@ -161,10 +144,7 @@ def plot_map(
     axes: Axes, *, x: npt.ArrayLike, y: npt.ArrayLike, level_db: FloatArray, limits_db: tuple[float, float],
     colours: str = MAP_COLOURS,
 ) -> ScalarMappable:  # fmt: skip
-    """Plot levels of shape (y, x), clipped to the limits.
-
-    -inf becomes the lower limit, NaN stays grey.
-    """
+    """Plot levels of shape (y, x), clipped to the limits."""
     clipped = np.clip(level_db, *limits_db)
     palette = colormaps[colours].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
@@ -176,7 +156,6 @@ def plot_map(
 
 def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
     """Add a colour bar with quantity, level and range.
-
     A quantity without a reference is normalised.
     """
     low, high = image.get_clim()
@@ -190,7 +169,6 @@ def add_colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference:
 
 def add_velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
     """Add a second axis in m/s, f lambda / 2.
-
     It is to the right of a Doppler axis, or above it.
     """
     if not (np.isfinite(wavelength) and wavelength > 0):

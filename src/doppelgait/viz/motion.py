@@ -71,7 +71,6 @@ THIN, BOLD = 0.7, 2.2
 
 def find_part_group(part: str) -> str:
     """Return the group of a body part of :mod:`doppelgait.motion.skeleton`.
-
     The group of an unknown part is ``"other"``.
     """
     if part in TORSO:
@@ -96,7 +95,6 @@ def choose_part_colour(part: str) -> str:
 
 def format_bold_name(part: str) -> str | None:
     """Return the legend entry of a part with a bold line.
-
     Torso, feet and paws have bold lines; the result is None for all other parts.
     """
     if part in TORSO:
@@ -107,14 +105,7 @@ def format_bold_name(part: str) -> str | None:
 @dataclass(frozen=True)
 class PartLines:
     """Lines over time, each with its body part.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (T,)
-    values : ndarray, shape (T, L)
-    parts : tuple of str, length L
-    target : ndarray of int, shape (L,)
-        Number of the target in the array to which each line belongs, from 0.
+    Shapes: time_s (T,); values (T, L); target (L,).
     """
 
     time_s: FloatArray
@@ -124,13 +115,7 @@ class PartLines:
 
 
 def group_lines(array: xr.DataArray) -> PartLines:
-    """Return the lines of an array (slow_time, scatterer), by ``part``.
-
-    Raises
-    ------
-    AnalysisError
-        If it has other dimensions, no part or no values.
-    """
+    """Return the lines of an array (slow_time, scatterer), by ``part``."""
     name = array.name or "scatterers"
     if array.dims != ("slow_time", "scatterer") or "slow_time" not in array.coords:
         raise AnalysisError(
@@ -152,7 +137,6 @@ def group_lines(array: xr.DataArray) -> PartLines:
 
 def plot_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
     """Plot thin lines in the colours of their parts.
-
     The means of the torso and of each foot are bold; ``bold=0`` omits them. Targets after the first are dashed.
     """
     for number in dict.fromkeys(lines.target.tolist() if bold else ()):
@@ -186,7 +170,6 @@ def _choose_dash(number: int) -> str:
 
 def average_without_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
     """Average some columns; shape (T,).
-
     The mean is NaN only where all columns are NaN.
     """
     chosen = values[:, list(columns)]
@@ -344,7 +327,6 @@ def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None
 
 class LabelledMotion(Protocol):
     """Interface of the motions that can be plotted.
-
     These are positions and stride frequency of a :class:`doppelgait.motion.Motion`.
     """
 
@@ -444,19 +426,7 @@ def _choose_cycle_frames(
 
 def side_view_m(position_m: FloatArray) -> FloatArray:
     """Project points along the path of the body and height.
-
-    The origin is the middle of the body.
-
-    Parameters
-    ----------
-    position_m : ndarray, shape (F, P, 3)
-        z up; NaN where unknown.
-
-    Returns
-    -------
-    ndarray, shape (F, P, 2)
-        Coordinates in m. Without travel (less than 0.1 m) the horizontal direction of the largest spread is used as the
-        path.
+    The origin is the middle of the body. Shapes: position_m (F, P, 3); returns (F, P, 2).
     """
     low, high = np.fmin.reduce(position_m, axis=1), np.fmax.reduce(position_m, axis=1)
     centre = (low + high)[:, :2] / 2.0
@@ -471,7 +441,6 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
 
 def _make_panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
     """Make a figure with one panel per frame.
-
     All panels have the same scale, equal in both directions.
     """
     rows = 1 if n_frames <= 5 else 2

@@ -59,57 +59,7 @@ def overview(
     title: str = "Overview",
 ) -> Figure:
     """Plot one target on one page.
-
     The page has range-time map, signature, cadence-velocity diagram, cadence spectrum and features.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-    signature : DataArray (time, doppler)
-        Raw or normalised.
-    cadence_map : DataArray (cadence, doppler)
-    cadence_spectrum : DataArray (cadence)
-    features : mapping
-        Values by name, None where undetermined; the suffix of the name determines the unit. ``harmonic_ratio_2`` and
-        ``harmonic_ratio_3`` determine the marks of the harmonics.
-    gate : Dataset (time) or mapping of str to Dataset, optional
-        Gate limits on the range-time map.
-    main_line_hz : array_like, shape (J,) or scalar, optional
-        Main Doppler line.
-    gait_frequency_hz : float, optional
-        f_mu.
-    amplitude : bool
-        True if ``cadence_spectrum`` has amplitudes (the report's method).
-    flags : sequence of str
-        Flags, printed under the features.
-    doubtful : sequence of str
-        Names of values of low confidence, shown with a question mark.
-    title : str
-
-    Returns
-    -------
-    Figure
-
-    Raises
-    ------
-    AnalysisError
-        If an array does not conform to its schema.
-
-    Examples
-    --------
-    >>> import doppelgait as dg
-    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=3.0)
-    >>> recording = dg.simulate(scene, dg.Radar.preset("x4", prf_hz=640.0))
-    >>> result = dg.analyze(recording, gate="truth")[0]
-    >>> figure = dg.viz.overview(
-    ...     recording.baseband,
-    ...     signature=result.signature,
-    ...     cadence_map=result.cadence_map,
-    ...     cadence_spectrum=result.cadence_spectrum,
-    ...     features=vars(result.features),
-    ... )
-    >>> figure.axes[0].get_title(loc="left"), figure.axes[0].get_xlabel()
-    ('Range against time', 'time (s)')
     """
     figure = make_figure(width_in=13.0, height_in=8.6)
     figure.suptitle(title, fontsize=13, x=0.01, ha="left")
@@ -182,7 +132,6 @@ def _plot_features(
 
 def format_value(name: str, value: float | None) -> str:
     """Format a value with its unit in about three digits.
-
     The text for None and NaN is "not determined".
     """
     if value is None or not np.isfinite(value):

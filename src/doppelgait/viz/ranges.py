@@ -252,16 +252,7 @@ def plot_sensor_fit(
     title: str = "Fitted sensor model",
 ) -> Figure:
     """Plot levels over range, and common phase over time.
-
-    Parameters
-    ----------
-    range_m, static_db, noise_db : ndarray, shape (N,)
-        Range, level of the static echo and of the noise per frame, dB re 1 V; NaN where unknown.
-    knots_m, knots_db : ndarray, shape (M,)
-        Fitted clutter profile.
-    time_s, phase_rad, gain_db : ndarray, shape (I,)
-        Common phase and gain of every frame.
-    title : str
+    Shapes: range_m, static_db, noise_db (N,); knots_m, knots_db (M,); time_s, phase_rad, gain_db (I,).
     """
     figure = make_figure(width_in=10.5, height_in=7.5)
     grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))

@@ -113,7 +113,6 @@ def signature(
 
 def choose_reference(signature: xr.DataArray) -> str:
     """Return the reference of the levels.
-
     The reference is 1 V² for a raw signature, and empty for a normalised one.
     """
     return "1 V²" if signature.attrs["units"] == "V^2" else ""
@@ -130,7 +129,6 @@ def plot_signature(
     limits_db: Limits | None = None,
 ) -> ScalarMappable:
     """Plot map and lines of :func:`signature` on existing axes.
-
     ``limits_db`` fixes the colour scale.
     """
     check_signature(signature)

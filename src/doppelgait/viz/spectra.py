@@ -120,7 +120,6 @@ def plot_cadence_spectrum(
     max_cadence_hz: float | None, db_range: float, amplitude: bool, doubtful: bool = False,
 ) -> None:  # fmt: skip
     """Plot curve and marks of :func:`cadence_spectrum` on existing axes.
-
     A doubtful gait frequency has a question mark.
     """
     shown = crop_cadence(check_array(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
@@ -140,7 +139,6 @@ def mark_harmonics(
     axes: Axes, found_hz: Sequence[float | None], cadence_hz: FloatArray, level: FloatArray, *, doubtful: bool = False
 ) -> None:
     """Mark the gait frequency and its harmonics by number.
-
     The legend has their values, with a question mark if they have low confidence.
     """
     for number, value in enumerate(found_hz, start=1):
@@ -159,7 +157,6 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, lab
 
 def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
     """Return levels in dB relative to the maximum.
-
     The levels are limited to twice the range below the peak; without a peak all levels have this limit.
     """
     check_db_range(db_range)
@@ -172,9 +169,7 @@ def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: b
 
 def level_axis_db(level_db: FloatArray, db_range: float) -> tuple[float, float]:
     """Return the ends of the level axis.
-
-    The lower end is at most ``db_range`` below the peak, and at most 5 to 10 dB below the data. The upper end leaves
-    room for text.
+    The lower end is at most ``db_range`` below the peak, and at most 5 to 10 dB below the data.
     """
     lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
     bottom = max(-db_range, min(lowest, -15.0))
@@ -280,8 +275,7 @@ def mean_doppler_spectrum(
 
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
     """Return the edges of the band of most power.
-
-    The width of the band is fixed. The result is the middle one of all bands with 99.9 % of the maximum power or more.
+    The width of the band is fixed.
     """
     span = min(max(width_hz, 0.0), float(np.ptp(doppler_hz)))
     starts = np.linspace(doppler_hz[0], doppler_hz[-1] - span, 4 * doppler_hz.size)
@@ -363,7 +357,6 @@ def cadence_map(
 
 def label_cadence_map(cadence_map: xr.DataArray) -> str:
     """Return the label of a cadence map's Doppler axis.
-
     The Doppler of an aligned map is relative to the main line.
     """
     return FROM_LINE_LABEL if from_main_line(cadence_map) else DOPPLER_LABEL
@@ -371,7 +364,6 @@ def label_cadence_map(cadence_map: xr.DataArray) -> str:
 
 def from_main_line(cadence_map: xr.DataArray) -> bool:
     """Return True if Doppler is relative to the main line.
-
     Maps of older result files do not store it.
     """
     return bool(cadence_map.attrs.get("aligned", False))
@@ -422,7 +414,6 @@ def plot_cadence_map(
 
 def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | None) -> float:
     """Return the right end of the cadence axis.
-
     The default is 3.6 times the gait frequency, limited to 8 to 20 Hz.
     """
     if max_cadence_hz is not None:
@@ -432,7 +423,6 @@ def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | No
 
 def crop_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
     """Crop an array (cadence, ...) at a cadence.
-
     At least two values must remain.
     """
     shown = array.isel(cadence=array.coords["cadence"].values <= max_cadence_hz + 1e-9)

@@ -79,7 +79,6 @@ QUANTITY_NAMES |= STEP_LENGTHS
 
 def describe_quantity(name: str) -> tuple[str, str]:
     """Return description and unit of a column from its name.
-
     ``gait_frequency_hz`` gives ``("gait frequency", "Hz")``.
     """
     stem, _, suffix = name.rpartition("_")
@@ -97,7 +96,6 @@ def describe_flag(flag: str) -> str:
 
 def label_quantity(name: str) -> str:
     """Return the axis label of a column: description and unit.
-
     The label of a number without a unit is the description alone.
     """
     words, unit = describe_quantity(name)
@@ -106,7 +104,6 @@ def label_quantity(name: str) -> str:
 
 def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
     """Return the colour of every class.
-
     Known classes have fixed colours; other classes have colours in alphabetical order.
     """
     names = sorted(set(classes))
@@ -117,9 +114,7 @@ def choose_class_colours(classes: Iterable[str]) -> dict[str, str]:
 
 def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
     """Return colour and line style of targets on a map.
-
-    A target with a known class, such as "0: human", has the colour of its class. Targets of the same class have
-    different line styles.
+    A target with a known class, such as "0: human", has the colour of its class.
     """
     known = [next((name for name in CLASS_COLOURS if name in label.split()), "") for label in labels]
     looks = []
@@ -132,7 +127,6 @@ def map_lines(labels: Sequence[str]) -> list[tuple[str, str]]:
 
 def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
     """Make an empty figure without global state.
-
     The layout avoids overlapping text; ``compressed`` also places panels close to each other.
     """
     layout: Literal["compressed", "constrained"] = "compressed" if compressed else "constrained"
@@ -145,7 +139,6 @@ def make_axes(
     ax: Axes | None = None, *, width_in: float = 10.5, height_in: float = 5.5
 ) -> tuple[Figure, Axes]:  # fmt: skip
     """Make a figure with one pair of axes.
-
     With ``ax``, these axes and their figure are returned.
     """
     if ax is not None:
@@ -171,7 +164,6 @@ def draw_grid(axes: Axes) -> None:
 
 def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: bool = False) -> None:
     """Put a legend below the axes, or inside them.
-
     Without labelled artists there is no legend. A legend below the axes needs a figure with a constrained layout.
     """
     handles, labels = axes.get_legend_handles_labels()
@@ -186,7 +178,6 @@ def place_legend_below(figure: Figure, axes: Axes, *, columns: int = 6, inside: 
 
 def legend_under(axes: Axes, *, columns: int = 1) -> None:
     """Put the legend of one panel below its labels.
-
     It is for pages with several panels that have different legends.
     """
     if axes.get_legend_handles_labels()[0]:

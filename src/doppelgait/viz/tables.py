@@ -211,7 +211,6 @@ def feature_matrix(
 
 def make_bin_edges(known: FloatArray, n_rows: int) -> FloatArray:
     """Return the edges of 8 to 30 histogram bins.
-
     The bins lie between the outer quantiles of the values, or around equal values.
     """
     bins = int(np.clip(math.sqrt(2.0 * n_rows), *BINS))

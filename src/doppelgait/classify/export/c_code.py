@@ -25,15 +25,7 @@ way."""
 
 
 class Sources:
-    """Text of an export, with the size of its tables.
-
-    Parameters
-    ----------
-    model : Model
-        Its networks may be :class:`doppelgait.classify.export.integers.IntegerNetwork`, all of them or none.
-    device : Device or None
-        None for a model of features alone.
-    """
+    """Text of an export, with the size of its tables."""
 
     def __init__(self, model: Model, device: Device | None) -> None:
         self.model, self.device = model, device

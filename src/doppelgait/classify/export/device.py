@@ -24,22 +24,7 @@ SAME = 1.01
 @dataclass(frozen=True)
 class Device:
     """Numbers of a radar, a window and a transform.
-
-    Parameters
-    ----------
-    prf_hz, wavelength_m : float
-    bins : int
-        Range bins of the gate.
-    patch : Patch
-    taper : ndarray, shape (M,)
-        Window of the transform.
-    hop, n_doppler : int
-    n_columns : int
-        Number of picture columns in a window; at least one picture.
-    n_stft : int
-        Columns of the transform in a window.
-    still_time_s : float or None
-        Time constant of the running mean that is subtracted as static echoes; None subtracts nothing.
+    Shapes: taper (M,).
     """
 
     prf_hz: float
@@ -98,14 +83,7 @@ def plan_device(
     model: Model, patch: Patch, *, prf_hz: float | None, carrier_hz: float | None, window_s: float | None, bins: int,
     still_time_s: float | None,
 ) -> Device:  # fmt: skip
-    """Plan the processing of a radar's samples for a model.
-
-    Raises
-    ------
-    ConfigError
-        If the model does not state carrier or pulse rate, was trained on several of them, or on none like these; or if
-        its analysis cannot be exported.
-    """
+    """Plan the processing of a radar's samples for a model."""
     analysis = Analysis.model_validate(model.facts.analysis)
     if analysis.method != "standard" or analysis.gate_doppler_hz is not None:
         raise ConfigError("--form c exports the standard analysis without gate_doppler_hz; this model has another one")
@@ -135,7 +113,6 @@ def _read_condition(model: Model, name: str, stated: float | None, option: str) 
 
 def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.float64]]]:
     """Return members, weights, slopes and shifts.
-
     A single model counts as one member without calibration.
     """
     found = model.learned
@@ -146,7 +123,6 @@ def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.flo
 
 def select_networks(model: Model) -> Model | None:
     """Return the networks of a model alone, or None.
-
     The networks keep their calibrations; the calibration of the whole model is left out.
     """
     parts = list_parts(model)

@@ -23,12 +23,7 @@ NOISE_DB, STILL = (-50.0, 10.0), 20.0
 
 def walk_samples(rng: np.random.Generator, device: Device) -> Complex:
     """Simulate a window of a body that swings four limbs.
-
-    The window has noise, and a static echo if the device removes one.
-
-    Returns
-    -------
-    ndarray of complex64, shape (n_pulses, n_bins)
+    The window has noise, and a static echo if the device removes one. Shapes: returns (n_pulses, n_bins).
     """
     time_s = np.arange(device.window_pulses) / device.prf_hz
     speed = rng.choice([-1.0, 1.0]) * rng.uniform(*SPEED_MPS)
@@ -65,10 +60,7 @@ def compute_mean_weight(device: Device) -> float:
 
 
 def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> npt.NDArray[np.complex128]:
-    """Subtract the running mean.
-
-    c_i = c_(i-1) + max(alpha, 1/(i+1)) (y_i - c_(i-1)): the mean of all pulses until the time constant is reached.
-    """
+    """Subtract the running mean."""
     mean, moving, share = (
         np.zeros(samples.shape[1], dtype=np.complex128),
         np.empty_like(samples),
@@ -82,7 +74,6 @@ def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> 
 
 def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> list[Levels]:
     """Collect levels of held-out rows, truncated to the window.
-
     If no rows were held out, all rows are used.
     """
     from doppelgait.dataset.learning import read_signature
@@ -105,7 +96,6 @@ def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> lis
 
 def feature_rows(rng: np.random.Generator, model: Model, n: int) -> FloatArray:
     """Sample features within the training range.
-
     Features are unknown as often as in the training data. The values are exact in float32.
     """
     low, high = np.nan_to_num(model.lowest), np.nan_to_num(model.highest)

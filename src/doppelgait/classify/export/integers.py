@@ -18,7 +18,6 @@ FURTHEST_SHIFT = 40
 
 class IntegerLayer(NamedTuple):
     """Convolution of integers.
-
     The activation is (sum * multiplier + offset) >> shift, 0 to 127; half of the last place is in the offset.
     """
 
@@ -31,15 +30,7 @@ class IntegerLayer(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class IntegerNetwork(Network):
     """Network with layers in integers.
-
     The results are bit-identical to those of the exported C code.
-
-    Parameters
-    ----------
-    layers : tuple of IntegerLayer
-    last_weight : ndarray of int, shape (n_classes, n_last)
-    last_scale : ndarray, shape (n_classes,)
-        Of one unit of the last sums, with the mean over the image.
     """
 
     layers: tuple[IntegerLayer, ...] = ()
@@ -63,7 +54,6 @@ class IntegerNetwork(Network):
 
 def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> FloatArray:
     """Convolve and take the maximum of 2 x 2.
-
     Exact for integers with sums far below 2^53.
     """
     padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1))).astype(np.float64)
@@ -75,14 +65,7 @@ def pooled(layer: npt.NDArray[np.generic], kernel: npt.NDArray[np.generic]) -> F
 
 def quantise(network: Network, examples: list[Levels]) -> IntegerNetwork:
     """Convert a network to integers.
-
     Weights have one scale per output channel, activations one per layer: its largest value over the examples is 127.
-
-    Parameters
-    ----------
-    network : Network
-    examples : list of ndarray, shape (n_velocity, any)
-        Levels as the device will see them.
     """
     pictures = np.concatenate([cut_pictures(whole, network.patch) for whole in examples])
     values = np.concatenate([pictures, pictures[:, ::-1]])[:, None].astype(np.float64)

@@ -20,27 +20,7 @@ FEATURES, PICTURES, PROBABILITY = "features", "pictures", "probability"
 
 
 def build_onnx_model(model: Model) -> Any:
-    """Build the ONNX graph of a model.
-
-    Inputs are ``features`` (n, d), float32, NaN for unknown, and ``pictures`` (n, m, n_velocity, n_time), float32: m
-    pictures of every signature (:func:`doppelgait.processing.patches.cut_pictures`), NaN where there is no signature.
-    Each input exists only if the model uses it. The output ``probability`` is (n, n_classes), float32. Columns of
-    features and everything after a member are computed in double precision.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    onnx.ModelProto
-        Checked; its metadata hold the facts of the model as JSON.
-
-    Raises
-    ------
-    ConfigError
-        If onnx is not installed.
-    """
+    """Build the ONNX graph of a model."""
     try:
         import onnx
     except ImportError:
@@ -55,7 +35,6 @@ def build_onnx_model(model: Model) -> Any:
 
 def round_threshold(threshold: Any) -> Any:
     """Round thresholds of trees down to float32.
-
     Every float32 value then takes the same branch as in double precision.
     """
     rounded = np.asarray(threshold, dtype=np.float64).astype(np.float32)
@@ -192,7 +171,6 @@ class _Graph:
 
     def add_network(self, learned: Network, name: str) -> str:
         """Add a network, averaged over pictures and mirror images.
-
         If a picture is unknown, all classes have the same probability.
         """
         spec, n_classes = learned.patch, learned.bias.size

@@ -21,23 +21,7 @@ Arrays = Mapping[str, Array]
 
 
 class Scorer:
-    """Model of one file.
-
-    Parameters
-    ----------
-    path : path
-        Model file (``.npz``).
-
-    Attributes
-    ----------
-    classes : list of str
-    features : list of str
-        Names of the features in their order; empty for a model of signatures alone.
-    patch : dict or None
-        Format of the pictures; None for a model of features alone.
-    facts : dict
-        Training data, conditions, thresholds and so on.
-    """
+    """Model of one file."""
 
     def __init__(self, path: str | Path) -> None:
         with np.load(Path(path), allow_pickle=False) as archive:
@@ -58,17 +42,7 @@ class Scorer:
 
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
         """Return calibrated probabilities for equally frequent classes.
-
-        Parameters
-        ----------
-        features : array_like, shape (n, d), optional
-            In the order of ``features``; NaN for unknown.
-        whole : sequence of ndarray (n_velocity, any) or None, optional
-            Levels of every signature, of :func:`levels`.
-
-        Returns
-        -------
-        ndarray, shape (n, n_classes)
+        Shapes: features (n, d); returns (n, n_classes).
         """
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
@@ -81,10 +55,7 @@ class Scorer:
         return np.asarray(np.exp(log_softmax(slope * found + shift)))
 
     def decide(self, probability: Array) -> list[str | None]:
-        """Return a class per row, None below the threshold.
-
-        doppelgait abstains for more reasons: flags of the analysis, another radar, features unlike the training data.
-        """
+        """Return a class per row, None below the threshold."""
         sure = probability.max(axis=1) >= self.facts["abstain_below"]
         return [self.classes[best] if ok else None for best, ok in zip(probability.argmax(axis=1), sure, strict=True)]
 
@@ -114,7 +85,6 @@ def log_softmax(scores: Array) -> Array:
 
 def standardise(own: Arrays, values: Array) -> Array:
     """Standardise features (n, d) to columns.
-
     Some columns are logarithms. Unknown values are replaced by medians, and further columns mark them.
     """
     floor = own["floor"] if own["floor"].size else np.zeros(values.shape[1])
@@ -149,7 +119,6 @@ def trees(own: Arrays, values: Array) -> Array:
 
 def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]) -> Array:
     """Return mean log-probabilities of covering pictures.
-
     Their mirror images in velocity have the same weight. Without a signature all classes have the same probability.
     """
     answers = np.zeros((len(whole), own["bias"].size))
@@ -176,7 +145,6 @@ def of_pictures(own: Arrays, pictures: Array) -> Array:
 
 def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
     """Cut pictures (n, n_velocity, n_time) that cover all levels.
-
     Pictures overlap by half or more. Levels shorter than a picture are centred.
     """
     n_time, spare = patch["n_time"], whole.shape[1] - patch["n_time"]
@@ -191,26 +159,7 @@ def signature(
     samples: Array, *, prf_hz: float, cpi_s: float = 0.1, window_steepness: float = 0.4, taper: Array | None = None,
     hop: int | None = None, n_doppler: int | None = None,
 ) -> tuple[Array, float, Array]:  # fmt: skip
-    """Compute the short-time power of one gate (E-24, E-27).
-
-    Parameters
-    ----------
-    samples : ndarray of complex, shape (n_pulses, n_bins)
-        Range bins of the gate, without static echoes.
-    prf_hz, cpi_s, window_steepness : float
-        Pulse rate, and the model's analysis (``facts["analysis"]``; the defaults are those of doppelgait).
-    taper : ndarray, optional
-        Another window than the Gaussian one.
-    hop, n_doppler : int, optional
-        Number of pulses between columns, and length of the transform.
-
-    Returns
-    -------
-    power : ndarray, shape (n_columns, n_doppler)
-    column_s : float
-        Time from column to column.
-    doppler_hz : ndarray, shape (n_doppler,)
-    """
+    """Compute the short-time power of one gate (E-24, E-27)."""
     if taper is None:
         cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1
         half = (cpi - 1) / 2.0
@@ -226,20 +175,7 @@ def signature(
 
 def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_mps: Array) -> Array:
     """Convert signature power to levels, 0 to 1.
-
-    Parameters
-    ----------
-    power : ndarray, shape (n_columns, n_doppler)
-    patch : dict
-        Of the model.
-    column_s : float
-        Time from column to column.
-    velocity_mps : ndarray, shape (n_doppler,)
-        ``doppler_hz * wavelength_m / 2``, rising; approaching is positive.
-
-    Returns
-    -------
-    ndarray of float32, shape (n_velocity, any)
+    Shapes: power (n_columns, n_doppler); velocity_mps (n_doppler,); returns (n_velocity, any).
     """
     rows = np.sort(power.mean(axis=0, dtype=np.float64))
     rows = rows[rows > 0]
@@ -259,7 +195,6 @@ def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_
 
 def _average(values: Array, edges: Array) -> Array:
     """Average cells along the last axis between edges.
-
     Edges are in cells from the first one's edge; NaN where there are no cells.
     """
     edges = np.clip(edges, 0.0, values.shape[-1])

@@ -82,15 +82,7 @@ class CSettings:
 
 @dataclass(frozen=True)
 class Export:
-    """Written export.
-
-    Parameters
-    ----------
-    folder : Path
-    files : tuple of str
-    facts : mapping
-        Facts of the form ``c``: size, operations, and the error of the integers.
-    """
+    """Written export."""
 
     folder: Path
     files: tuple[str, ...]

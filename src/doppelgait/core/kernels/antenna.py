@@ -25,20 +25,7 @@ def apply_cosine_pattern(
     out: Float64Array,
 ) -> None:
     """Multiply path gains by the square of a cosine pattern.
-
     The pattern is max(cos^p(azimuth) cos^q(elevation), floor).
-
-    Azimuth and elevation from the boresight are not needed themselves: with the direction's components x forward, y to
-    the left and z up their cosines are x / sqrt(x^2 + y^2) and sqrt(1 - z^2).
-
-    Parameters
-    ----------
-    azimuth_rad, elevation_rad, path_gain, out : ndarray, shape (I, L), float64
-        Directions in the world; ``out`` is overwritten.
-    boresight_azimuth_rad, boresight_tilt_rad : float
-        Where the antenna looks.
-    azimuth_exponent, elevation_exponent, floor : float
-        Of the one-way power pattern.
     """
     cos_tilt, sin_tilt = math.cos(boresight_tilt_rad), math.sin(boresight_tilt_rad)
     for i in range(azimuth_rad.shape[0]):

@@ -18,15 +18,7 @@ def lay_circular(
     rows: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], first: int, out: npt.NDArray[np.float64]
 ) -> None:
     """Lay weighted rows on circles that begin in their middle.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J, K)
-    weights : ndarray, shape (J,)
-    first : int
-        Row that becomes the first of ``out``.
-    out : ndarray, shape (some rows, L)
-        Overwritten; zeros between the end of the record and its beginning.
+    Shapes: rows (J, K); weights (J,); out (some rows, L).
     """
     n_columns, length = rows.shape[0], out.shape[1]
     centre = n_columns // 2
@@ -44,19 +36,7 @@ def fine_magnitudes(
     lines: npt.NDArray[np.complex128], taps: npt.NDArray[np.float64], first: int, out: npt.NDArray[np.float64]
 ) -> None:
     r"""Interpolate lines of real rows by a kernel and take magnitudes (E-30).
-
-    .. math:: o_{q,k} = \left| \sum_{t=0}^{W-1} h_{q \bmod d,\,t}\, X_{k,\,\lfloor q / d \rfloor + t - W/2 + 1} \right|
-
-    with :math:`X_{-n} = X_n^*`, and 0 beyond the end.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (some rows, N)
-    taps : ndarray, shape (d, W)
-    first : int
-        Row of ``out`` that the first of ``lines`` is for.
-    out : ndarray, shape (Q, K)
-        Overwritten for these rows.
+    Shapes: lines (some rows, N); taps (d, W); out (Q, K).
     """
     n_rows, n_lines = lines.shape
     between, width = taps.shape
@@ -91,22 +71,7 @@ def smear(
     out: npt.NDArray[np.float64],
 ) -> None:
     r"""Smear rows onto a coarser time grid.
-
-    .. math:: o_{c,k} = \sum_{i=0}^{I-1} h_i\, a_j v_{j,k}, \quad j = d c - I + i
-
-    over the columns that there are.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J, K)
-    weights : ndarray, shape (J,)
-        a.
-    taps : ndarray, shape (I,)
-        h.
-    step : int
-        d.
-    out : ndarray, shape (C, K)
-        Overwritten.
+    Shapes: rows (J, K); weights (J,); taps (I,); out (C, K).
     """
     n_columns, n_rows = rows.shape
     for k0 in range(0, n_rows, GROUP):  # what is used again and again stays in the fastest cache
@@ -134,7 +99,6 @@ def smear(
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def project(rows: npt.NDArray[np.float64], basis: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
     """Sum products of every row with functions of time.
-
     ``rows`` has shape (J, K), ``basis`` (J, P), ``out`` (P, K).
     """
     n_columns, n_rows = rows.shape
@@ -159,7 +123,6 @@ def project(rows: npt.NDArray[np.float64], basis: npt.NDArray[np.float64], out: 
 @kernel(apart=True)
 def lay_pairs(rows: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
     """Weigh rows; zeros follow in both directions.
-
     ``rows`` has shape (J, K), ``weights`` (J,), ``out`` (J or more, K or more).
     """
     n_columns, n_rows = rows.shape
@@ -175,7 +138,6 @@ def lay_pairs(rows: npt.NDArray[np.float64], weights: npt.NDArray[np.float64], o
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def even_powers(lines: npt.NDArray[np.float64], out: npt.NDArray[np.complex128]) -> None:
     r"""Sum powers over rows and take their even part.
-
     That is :math:`(P_q + P_{-q}) / 2`. ``lines`` has shape (L, 2 K), real and imaginary parts, ``out`` (L / 2 + 1,).
     """
     length, width = lines.shape

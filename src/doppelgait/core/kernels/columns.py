@@ -19,13 +19,7 @@ LANES = 16
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def sum_excess(values: AnyFloatArray, floor: float, sums: FloatArray, highest: FloatArray) -> None:
     """Find sum and maximum above the floor in every column (E-28).
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    floor : float
-    sums, highest : ndarray, shape (J,)
-        Overwritten; 0 where nothing stands above.
+    Shapes: values (J, K); sums, highest (J,).
     """
     n_bins, part, top = values.shape[1], np.empty(LANES), np.empty(LANES)
     whole = n_bins // LANES * LANES
@@ -54,14 +48,7 @@ def sum_excess(values: AnyFloatArray, floor: float, sums: FloatArray, highest: F
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def scale_excess(values: AnyFloatArray, floor: float, factor: FloatArray, out: FloatArray) -> None:
     """Subtract the floor, clip at 0 and multiply every column (E-28).
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    floor : float
-    factor : ndarray, shape (J,)
-    out : ndarray, shape (J, K)
-        Overwritten.
+    Shapes: values (J, K); factor (J,); out (J, K).
     """
     for j in range(values.shape[0]):
         column, scaled, by = values[j], out[j], factor[j]
@@ -72,14 +59,7 @@ def scale_excess(values: AnyFloatArray, floor: float, factor: FloatArray, out: F
 @kernel(apart=True)
 def column_peaks(values: AnyFloatArray, strongest: AnyFloatArray, place: FloatArray) -> None:
     """Find every column's strongest cell, refined by a parabola in the logarithm.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    strongest : ndarray, shape (J,)
-        Overwritten with the cells as they are.
-    place : ndarray, shape (J,)
-        Overwritten with fractional bins, 1/2 to K - 3/2.
+    Shapes: values (J, K); strongest (J,); place (J,).
     """
     n_bins, top = values.shape[1], np.empty(LANES, values.dtype)
     whole = n_bins // LANES * LANES
@@ -114,16 +94,7 @@ def strongest_about(
     values: AnyFloatArray, centre: npt.NDArray[np.int64], reach: int, near: FloatArray, strongest: FloatArray
 ) -> None:  # fmt: skip
     """Find the strongest cells near a line, and of all.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    centre : ndarray, shape (J,)
-        Bins from the first; the Doppler axis is circular.
-    reach : int
-        Bins on either side that are near.
-    near, strongest : ndarray, shape (J,)
-        Overwritten.
+    Shapes: values (J, K); centre (J,); near, strongest (J,).
     """
     n_bins = values.shape[1]
     for j in range(values.shape[0]):
@@ -139,7 +110,6 @@ def strongest_about(
 @kernel(apart=True)
 def row_means(values: AnyFloatArray, out: FloatArray) -> None:
     """Average every Doppler row over time.
-
     ``values`` has shape (J, K), ``out`` (K,).
     """
     out[:] = 0.0
@@ -152,7 +122,6 @@ def row_means(values: AnyFloatArray, out: FloatArray) -> None:
 @kernel(apart=True)
 def count_above(values: AnyFloatArray, level: AnyFloatArray, edges: npt.NDArray[np.int64], counts: FloatArray) -> None:
     """Count cells of blocks at or above their column's level.
-
     ``values`` has shape (J, K), ``level`` (J,), ``edges`` (B + 1,), ``counts`` (B, K).
     """
     for b in range(counts.shape[0]):
@@ -167,8 +136,7 @@ def count_above(values: AnyFloatArray, level: AnyFloatArray, edges: npt.NDArray[
 @kernel()
 def run_above(share: FloatArray, least: float) -> float:
     """Measure the run of bins above a level about the largest.
-
-    -1 where there is none. Its ends are interpolated to ``least``; where it does not end it goes as far as the axis.
+    Its ends are interpolated to ``least``; where it does not end it goes as far as the axis.
     """
     best = 0
     for k in range(share.size):
@@ -189,7 +157,6 @@ def run_above(share: FloatArray, least: float) -> float:
 @kernel(apart=True)
 def take_rows(values: AnyFloatArray, rows: npt.NDArray[np.int64], out: AnyFloatArray) -> None:
     """Copy rows side by side.
-
     ``values`` has shape (J, K), ``rows`` (R,), ``out`` (J, R). NumPy's take copies every number by itself.
     """
     for j in range(out.shape[0]):

@@ -46,18 +46,7 @@ _making = threading.RLock()
 def kernel(
     *, fastmath: tuple[str, ...] = (), apart: bool = False, inline: Literal["numba", "llvm"] | None = None
 ) -> Callable[[Callable[..., Any]], Any]:
-    """Mark a function as a kernel.
-
-    Parameters
-    ----------
-    fastmath : tuple of str
-        What LLVM may do with floating-point numbers; nothing that leaves the order of a sum to it.
-    apart : bool
-        Array arguments never overlap: loops need no test for overlap. The tests, of sixteen streams in pairs, cost as
-        much as a pass over sixteen lanes.
-    inline : {"numba", "llvm"}, optional
-        Insert the function where it is called, before types are known or as machine code. Other kernels alone call it.
-    """
+    """Mark a function as a kernel."""
 
     def mark(function: Callable[..., Any]) -> Kernel:
         return Kernel(function, fastmath, apart, inline)
@@ -164,7 +153,6 @@ def _entries_of(member: Kernel) -> list[Callable[..., Any]]:
 
 def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[Any, ...]], Any]:
     """Wrap the address of a kernel's entry.
-
     It takes the type of arrays, a place for the result, and the arguments; it looks at the types of arrays itself.
     """
     scalars = [SCALARS.get(kind) for kind in arguments]

@@ -21,21 +21,8 @@ def shift_columns(
     out: npt.NDArray[np.float64],
 ) -> None:
     r"""Shift every column downwards in Doppler, circularly, by fractional bins.
-
-    .. math:: o_{j,k} = \sum_{m=-1}^{2} c_m(p_j)\, v_{j,\,(k + w_j + m) \bmod K}
-
-    with Keys' cubic convolution, :math:`c_{-1} = -\tfrac{1}{2} p (1 - p)^2`,
-    :math:`c_0 = 1 - \tfrac{5}{2} p^2 + \tfrac{3}{2} p^3`, :math:`c_1(p) = c_0(1 - p)`, :math:`c_2(p) = c_{-1}(1 - p)`
-    (IEEE Trans. ASSP 29, 1981). The weights sum to 1, so column sums are kept; between two bins it lowers a narrow line
-    far less than a straight line between them would. Next to a step it overshoots by up to 7 % of it.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    whole, part : ndarray, shape (J,)
-        w, 0 to K - 1, and p, 0 to 1.
-    out : ndarray, shape (J, K)
-        Overwritten.
+    Keys' cubic convolution (IEEE Trans. ASSP 29, 1981); weights sum to 1, so column sums are kept.
+    Shapes: values (J, K); whole, 0 to K - 1, and part, 0 to 1, (J,).
     """
     n_columns, n_bins = values.shape
     row = np.empty(n_bins + 3)
@@ -62,22 +49,7 @@ def power_quantiles(
     high: npt.NDArray[np.float64],
 ) -> None:
     r"""Find two quantiles over Doppler of the power above a threshold.
-
-    They are fractional bin numbers (E-35b).
-
-    With :math:`p_k = v_k - \nu` where :math:`v_k` exceeds the threshold, else 0, and :math:`P_k = \sum_{i \le k} p_i`,
-    the quantile of share q is in the first bin with :math:`P_k \ge q P_{K-1}`; power is spread evenly over a bin, so
-    it lies at :math:`k + (q P_{K-1} - P_{k-1}) / p_k - 1/2`.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    threshold, floor : float
-        Power that a cell must exceed, and nu.
-    low_share, high_share : float
-        q of either quantile.
-    low, high : ndarray, shape (J,)
-        Overwritten; NaN where no cell exceeds the threshold.
+    They are fractional bin numbers (E-35b). Shapes: values (J, K); low, high (J,).
     """
     n_columns, n_bins = values.shape
     n_blocks = (n_bins + BLOCK - 1) // BLOCK
@@ -141,19 +113,7 @@ def limb_amplitudes(
     out: npt.NDArray[np.float64],
 ) -> None:
     """Compute amplitudes of row groups without noise (E-33 step 4).
-
-    Parameters
-    ----------
-    moved : ndarray, shape (J, K)
-        Power, the torso's line at zero Doppler.
-    noise : ndarray, shape (J,)
-        Taken off every cell, which is then 0 or more.
-    mean_noise, above : float
-        A row counts whose mean exceeds the first by more than the second.
-    starts, stops : ndarray, shape (G,)
-        First row of every group and one past its last.
-    out : ndarray, shape (J, G)
-        Overwritten with square roots.
+    Shapes: moved (J, K); noise (J,); starts, stops (G,); out (J, G).
     """
     n_columns, n_bins = moved.shape
     counted = np.zeros(n_bins)
@@ -173,7 +133,6 @@ def limb_amplitudes(
 @kernel(apart=True)
 def sum_groups(values: npt.NDArray[np.float64], n_columns: int, n_rows: int, out: npt.NDArray[np.float64]) -> None:
     """Sum groups of neighbouring columns and rows.
-
     ``values`` has shape (J, K), ``out`` (J // n_columns, K // n_rows); incomplete groups are dropped.
     """
     for j in range(out.shape[0]):
@@ -189,7 +148,6 @@ def sum_groups(values: npt.NDArray[np.float64], n_columns: int, n_rows: int, out
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def positive_sums(values: npt.NDArray[np.floating[Any]], n_columns: int, out: npt.NDArray[np.float64]) -> None:
     """Sum what is positive in groups of columns.
-
     ``values`` has shape (J, K), ``out`` (J // n_columns,).
     """
     n_bins = values.shape[1]

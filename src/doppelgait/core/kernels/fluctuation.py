@@ -15,20 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 @kernel()
 def smoothed_chi_square(normal: FloatArray, times: FloatArray, correlation: float, reach: int, out: FloatArray) -> None:
     """Average the squares of Gaussian processes.
-
     They are made from white numbers on a grid of half a correlation time.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (K, L, D)
-        Independent standard normal numbers; number k stands at (k - reach) / 2 correlation times.
-    times : ndarray, shape (I,)
-        Not negative; K must be at least 2 max(times) / correlation + 2 reach + 2.
-    correlation : float
-    reach : int
-        Numbers before and after a time that it is made from; the window exp(-u^2) must have died away there.
-    out : ndarray, shape (I, L)
-        Overwritten.
     """
     n_points, n_squares = normal.shape[1], normal.shape[2]
     weight = np.empty(2 * reach + 1)

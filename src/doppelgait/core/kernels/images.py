@@ -21,24 +21,7 @@ def fill_images(
     path_gain: Float64Array, path_phase: Float64Array,
 ) -> None:  # fmt: skip
     """Write the images of n scatterers into a table.
-
     Columns from ``place`` on hold n images by one reflection, then n by two.
-
-    By one reflection, there or back: range (R + g) / 2, power gain 4 |c|^2 (((R + g) / 2)^2 / (R g))^2, the phase of c,
-    and the direction midway between those of its paths. By two: range g, gain |c|^4, twice the phase.
-
-    Parameters
-    ----------
-    direct_m, direct_mps, direct_x, direct_y, direct_z, image_m, ... : ndarray, shape (I, n), float64
-        Lengths R and g, approach speeds and places of direct and reflected paths.
-    reflection : ndarray, shape (I, n), complex128
-        Coefficient c of one reflection.
-    least_m : float
-        Lengths are taken as at least this in the gain.
-    place : int
-    range_m, velocity_mps, azimuth_rad, elevation_rad, path_gain, path_phase : ndarray, shape (I, place + 2 n)
-        The table. ``path_gain`` and ``path_phase`` of the new columns hold those of the scatterers; the others are
-        overwritten.
     """
     n_images = direct_m.shape[1]
     for i in range(direct_m.shape[0]):
@@ -73,29 +56,7 @@ def image_ranges(
     direct_mps: Float64Array, source: int, radar_m: float, one: int, two: int, range_m: Float64Array,
     velocity_mps: Float64Array,
 ) -> None:  # fmt: skip
-    r"""Write ranges and approach speeds of images into a table.
-
-    .. math:: g = \sqrt{R^2 + 4 h_r \max(h, 0)}, \quad -g' = (R v - 2 h_r h') / g
-
-    Parameters
-    ----------
-    height_m, moments : ndarray, shape (T, n), float64
-        Splines of the distances h of n scatterers from the plane: values and second derivatives.
-    step : float
-        Time between two values.
-    times : ndarray, shape (I,)
-        From the first value.
-    direct_m, direct_mps : ndarray, shape (I, L), float64
-        Ranges R and approach speeds v of all scatterers.
-    source : int
-        The first of the n among them.
-    radar_m : float
-        Distance h_r of the radar from the plane.
-    one, two : int
-        Columns from which the n images by one reflection, (R + g) / 2, and those by two, g, are written.
-    range_m, velocity_mps : ndarray, shape (I, at least two + n), float64
-        Written.
-    """
+    r"""Write ranges and approach speeds of images into a table."""
     per_s = 1.0 / step
     for j in range(times.shape[0]):
         i = min(max(math.floor(times[j] / step), 0), height_m.shape[0] - 2)

@@ -29,27 +29,7 @@ def integrate_echoes(
     out: Float64Array,
 ) -> None:
     r"""Compute the amplitude of every echo in every frame.
-
-    .. math:: a = a_1 \sqrt{\sigma g}\, \max(R, R_0)^{-2}\, \mathrm{sinc}(\kappa v), \quad
-              \mathrm{sinc}(x) = \sin(\pi x) / \pi x
-
-    One pass without branches, which the compiler turns into vector instructions: x is reduced to r, its distance from
-    the nearest whole number, and sin(pi x) is that of r with a sign. The sinc is exact to 1e-11.
-
-    Parameters
-    ----------
-    range_m, velocity_mps : ndarray, shape (I, L)
-        Range and radial velocity of every scatterer.
-    rcs_m2, path_gain : ndarray, shape (I, L) or (1, L)
-        Radar cross sections sigma and power gains g of the paths.
-    one_metre : float
-        Amplitude a_1 of the echo of 1 m^2 from 1 m.
-    nearest_m : float
-        Ranges are taken as at least this R_0.
-    turns_per_mps : float
-        Turns kappa of the phase during the integration, per velocity.
-    out : ndarray, shape (I, L), C-contiguous
-        Overwritten.
+    Shapes: range_m, velocity_mps (I, L); rcs_m2, path_gain (I, L); out (I, L).
     """
     n_frames, n_scatterers = out.shape
     for frame in range(n_frames):

@@ -16,16 +16,7 @@ AnyFloatArray = npt.NDArray[np.floating[Any]]
 @kernel()
 def smooth(values: FloatArray, sd: float, mirrored: int, out: FloatArray) -> None:
     """Smooth by a Gaussian, cut off at four standard deviations.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J,)
-    sd : float
-        Standard deviation, in samples.
-    mirrored : int
-        1: the values go on beyond the ends as their mirror image, the end itself repeated; 0: as the end itself.
-    out : ndarray, shape (J,)
-        Overwritten.
+    Shapes: values (J,); out (J,).
     """
     n, reach = values.size, int(4.0 * sd + 0.5)
     weight, total = np.empty(reach + 1), 0.0
@@ -49,25 +40,7 @@ def smooth(values: FloatArray, sd: float, mirrored: int, out: FloatArray) -> Non
 @kernel()
 def torso_line(values: FloatArray, reach: int, sd: float, line: FloatArray) -> int:
     r"""Follow the torso about the median peak (E-33 step 4).
-
-    .. math:: l_j = \sum_{|i| \le r} i\, v_{j,m+i}^2 \Big/ \sum_{|i| \le r} v_{j,m+i}^2
-
-    then smoothed by a Gaussian; the Doppler axis is circular, and a column without power there has 0.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    reach : int
-        r, bins.
-    sd : float
-        Of the Gaussian, columns.
-    line : ndarray, shape (J,)
-        Overwritten, bins from m.
-
-    Returns
-    -------
-    int
-        m.
+    Shapes: values (J, K); line (J,).
     """
     n_columns, n_bins = values.shape
     peaks, centroid = np.zeros(n_bins, np.int64), np.empty(n_columns)
@@ -97,7 +70,6 @@ def torso_line(values: FloatArray, reach: int, sd: float, line: FloatArray) -> i
 @kernel(inline="llvm")
 def sum_of(values, offset):  # type: ignore[no-untyped-def]
     """Sum values less an offset.
-
     In eight parts, which need not wait for each other.
     """
     n, k = values.size, 0
@@ -124,29 +96,7 @@ def powers_about_line(
     sums: FloatArray, square: FloatArray, moment: FloatArray,
 ) -> None:  # fmt: skip
     r"""Sum power and squared power about the main line.
-
     Cells at the edge count in part; the centroid of the squared power is not yet divided.
-
-    With :math:`p = v - \nu` and the distance x of a cell's centre from the line, bins: :math:`T_j = \sum p\,
-    \min(\max(r - |x| + 1/2, 0), 1)` and :math:`N_j` for two reaches r, :math:`A_j = \sum p` over all cells, and
-    :math:`\sum \max(p, 0)^2` and :math:`\sum x \max(p, 0)^2` over the cells with :math:`|x|` up to the third reach.
-    The Doppler axis is circular.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    floor : float
-        nu.
-    line : ndarray, shape (J,)
-        Main line in bins from the first.
-    reaches : ndarray, shape (3,)
-        Of T, N and the centroid, bins.
-    range_weight : ndarray, shape (J,)
-        w, factor of the powers of a column.
-    sums : ndarray, shape (5,)
-        Overwritten with the sums of w T, w N and w A over time, and mean and standard deviation of w N.
-    square, moment : ndarray, shape (J,)
-        Overwritten.
     """
     n_columns, n_bins = values.shape
     half = min(int(np.ceil(reaches[1])) + 1, (n_bins - 1) // 2)
@@ -189,7 +139,6 @@ def powers_about_line(
 @kernel(fastmath=("contract", "nsz"))
 def power_of_rows(values: AnyFloatArray, first: int, share: FloatArray, weight: FloatArray) -> float:
     """Sum weighted cells of rows.
-
     ``values`` has shape (J, K); of rows ``first`` and on ``share`` is counted, of columns ``weight``, shape (J,).
     """
     total = 0.0
@@ -207,21 +156,7 @@ def torso_swing(
     swing: FloatArray,
 ) -> None:  # fmt: skip
     """Follow the torso along the main line and remove its slow part.
-
-    Parameters
-    ----------
-    square, moment : ndarray, shape (J,)
-        Of :func:`powers_about_line`; columns without power are filled from their neighbours.
-    least_share : float
-        Where a smaller share of the columns has power the swing is NaN.
-    scale : float
-        m/s a bin.
-    sd : float
-        Of the Gaussian that smooths the line, columns.
-    basis : ndarray, shape (J, P)
-        Orthonormal functions of time, whose part is removed.
-    swing : ndarray, shape (J,)
-        Overwritten, m/s.
+    Shapes: square, moment (J,); basis (J, P); swing (J,).
     """
     n_columns, found, last = square.size, 0, -1
     line = np.empty(n_columns)
@@ -252,18 +187,7 @@ def refined_ridge(
     values: AnyFloatArray, floor: float, path: npt.NDArray[np.int64], sd: float, ridge: FloatArray
 ) -> None:
     """Refine a path by the centroid of three cells, smoothed.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    floor : float
-        Taken off every cell, of which a thousandth stays at least.
-    path : ndarray, shape (J,)
-        Of :func:`follow_ridge`.
-    sd : float
-        Of the Gaussian, columns.
-    ridge : ndarray, shape (J,)
-        Overwritten, bins from the first, not folded.
+    Shapes: values (J, K); path (J,); ridge (J,).
     """
     n_columns, n_bins = values.shape
     centre = np.empty(n_columns)
@@ -283,24 +207,7 @@ def follow_ridge(
     values: AnyFloatArray, floor: float, line: FloatArray, reach: int, cost: float, path: npt.NDArray[np.int64]
 ) -> None:
     r"""Follow the strongest smooth ridge near a line (Viterbi, E-34c).
-
-    The path :math:`k_j = \mathrm{rint}(l_j) + i_j`, :math:`|i_j| \le r`, maximises
-    :math:`\sum_j \ln(\max(v_{j,k_j}, \nu)) - c \sum_j (k_j - k_{j-1})^2` with steps of at most one bin; the
-    Doppler axis is circular.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    floor : float
-        nu.
-    line : ndarray, shape (J,)
-        Bins from the first.
-    reach : int
-        r.
-    cost : float
-        c.
-    path : ndarray, shape (J,)
-        Overwritten: k, not folded.
+    Shapes: values (J, K); line (J,); path (J,).
     """
     n_columns, n_bins = values.shape
     width = 2 * reach + 1

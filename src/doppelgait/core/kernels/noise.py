@@ -49,17 +49,7 @@ C0, C1, C2 = np.float32(0.0416666456), np.float32(-0.0013887316), np.float32(0.0
 @kernel(inline="numba")
 def philox(c0, c1, c2, c3, key):  # type: ignore[no-untyped-def]
     r"""Compute four random words by Philox4x32-10.
-
     The counter has four words, the key two.
-
-    Ten times, with the multipliers M and the Weyl constants W,
-
-    .. math:: (x_0, x_1, x_2, x_3) \leftarrow
-        (\mathrm{hi}(M_1 x_2) \oplus x_1 \oplus k_0,\ \mathrm{lo}(M_1 x_2),\
-         \mathrm{hi}(M_0 x_0) \oplus x_3 \oplus k_1,\ \mathrm{lo}(M_0 x_0)), \qquad k_j \leftarrow k_j + W_j
-
-    All arguments are uint64; the words (the key's low word is :math:`k_0`) are the low halves of the results, whose
-    high halves mean nothing.
     """
     k0, k1 = key & WORD, key >> WORD_BITS
     for _ in range(N_ROUNDS):
@@ -74,13 +64,7 @@ def philox(c0, c1, c2, c3, key):  # type: ignore[no-untyped-def]
 @kernel(inline="numba")
 def exponential(word):  # type: ignore[no-untyped-def]
     r"""Compute an exponential variable of mean 1.
-
     It is :math:`-\ln u` with :math:`u = (w + 1/2) / 2^{32}`, float32.
-
-    u = m 2^e with m in [sqrt(1/2), sqrt(2)), and f = m - 1 is exact. Near u = 0, the far tail, all 32 bits count: the
-    largest value is 33 ln 2, and the largest |w| is 4.8 times its root mean square (6.8 standard deviations of one
-    part). Near u = 1 the result keeps its relative precision and is never negative; there u, rounded to 24 bits, puts
-    it on a grid of 6e-8. Error below 2 ulp of the logarithm of the rounded u.
     """
     value = np.float32(np.float32(word) + HALF)
     offset = np.int32(value.view(np.int32) - SQRT_HALF_BITS)
@@ -94,11 +78,7 @@ def exponential(word):  # type: ignore[no-untyped-def]
 @kernel(inline="numba")
 def direction(word):  # type: ignore[no-untyped-def]
     r"""Compute a uniformly distributed point (x, y) of the unit circle.
-
     It is float32, with an error below 2^-23.
-
-    The low 30 bits give an angle in [-pi/4, pi/4); bit 30 exchanges x and y, bit 31 changes both signs: four images
-    of the first quarter, which together cover the circle once.
     """
     angle = np.float32(np.int32(word << np.uint32(2))) * ANGLE_STEP
     square = angle * angle
@@ -111,11 +91,7 @@ def direction(word):  # type: ignore[no-untyped-def]
 @kernel()
 def _draw(first_frame, pair, key, words):  # type: ignore[no-untyped-def]
     """Draw the words of LANES frames for one pair of bins.
-
-    The four words of a frame lie LANES apart.
-
-    The counter is (frame, pair, 0, 0). Written as a loop of its own, because its 64-bit lanes are half as many per
-    vector as the 32-bit lanes of the transform.
+    The four words of a frame lie LANES apart. The counter is (frame, pair, 0, 0).
     """
     unused = np.uint64(0)
     for lane in range(LANES):
@@ -129,7 +105,6 @@ def _draw(first_frame, pair, key, words):  # type: ignore[no-untyped-def]
 @kernel()
 def _transform(words, rms, parts):  # type: ignore[no-untyped-def]
     r"""Transform random words to Gaussian noise (Box-Muller).
-
     :math:`w = s \sqrt{-\ln u}\, e^{j \varphi}`; real parts first, then imaginary parts.
     """
     for lane in range(LANES):
@@ -142,7 +117,6 @@ def _transform(words, rms, parts):  # type: ignore[no-untyped-def]
 @kernel()
 def _filter(ring, oldest, factor, parts):  # type: ignore[no-untyped-def]
     r"""Correlate the white noise of neighbouring bins.
-
     :math:`w_n = g_0 u_n + g_1 u_{n+1} + \dots`, added in this order; u_n is in slot ``oldest`` of the ring.
     """
     slots = ring.shape[0]
@@ -176,31 +150,7 @@ def add_noise_block(
     factor: Float32Array,
 ) -> None:
     r"""Add receiver noise to planes of some range bins and frames.
-
-    .. math:: Y_{i,n} \leftarrow Y_{i,n} + \sum_k g_k u_{i,n+k}, \qquad
-        u_{i,n} = s\, \sqrt{-\ln v_{i,n}}\, e^{j \varphi_{i,n}}
-
-    With v uniform in (0, 1) and phi uniform on the circle u is circular complex white Gaussian noise of mean square
-    s^2. Both come from Philox4x32-10 with the counter (i, floor(n / 2), 0, 0): its first two words serve the even bin,
-    the other two the odd one. The same value for the same (key, i, n), whatever the block.
-
-    Parameters
-    ----------
-    plane_re, plane_im : ndarray, shape (N, at least stop), float32
-        One row a range bin; added to. C-contiguous arrays are fastest: rather than cutting columns out of padded
-        planes, give ``start`` and ``stop``.
-    start, stop : int
-        Columns start..stop-1 get noise.
-    first_bin : int
-        Bin of row 0, 0 or larger.
-    first_frame : int
-        Frame of column ``start``, 0 or larger; frames and bins are counted modulo 2^32.
-    key : int or uint64
-        64-bit key of this noise, such as :func:`draw_key` takes from a generator.
-    rms : float
-        Root mean square s of the complex noise, V.
-    factor : ndarray, shape (K + 1,), float32
-        Taps g over range, sum g^2 = 1 (E-18c); a single 1 for white noise.
+    Shapes: plane_re, plane_im (N, at least stop); factor (K + 1,) (E-18c).
     """
     n_bins, n_more = plane_re.shape[0], factor.shape[0] - 1
     scale, key_word = np.float32(rms), np.uint64(key)
@@ -234,22 +184,7 @@ def copy_noise_spans(
     plane_im: Float32Array,
 ) -> None:
     """Copy the needed spans of planes and add receiver noise.
-
     The values are those of :func:`add_noise_block`. Frames next to a span may get noise too.
-
-    Parameters
-    ----------
-    source_re, source_im : ndarray, shape (N, I or more), float32
-    spans : ndarray, shape (N, 2)
-        First and one past the last frame that every bin needs.
-    first_bin : int
-        Bin of row 0.
-    key, rms, factor
-        As for :func:`add_noise_block`.
-    margin : int
-        Number of frames after each span that are copied too.
-    plane_re, plane_im : ndarray, shape of the source, float32
-        Overwritten within the spans; may be the source.
     """
     n_bins, n_frames = source_re.shape[0], plane_re.shape[1]
     first_frame, last_frame = n_frames, 0
@@ -278,15 +213,7 @@ def copy_noise_spans(
 @kernel()
 def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float, factor: Float32Array) -> None:
     """Add receiver noise to a whole data matrix.
-
-    The values are those of :func:`add_noise_block` from bin 0 and frame 0.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (I, N), complex64
-        Added to.
-    key, rms, factor
-        As for :func:`add_noise_block`.
+    The values are those of :func:`add_noise_block` from bin 0 and frame 0. Shapes: matrix (I, N).
     """
     n_frames, n_bins = matrix.shape
     n_more = factor.shape[0] - 1
@@ -314,7 +241,6 @@ def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float,
 
 def draw_key(rng: np.random.Generator) -> np.uint64:
     """Draw the key of one noise from a generator.
-
     The generator is itself a function of (seed, example).
     """
     return np.uint64(rng.integers(0, 2**64, dtype=np.uint64))

@@ -19,7 +19,6 @@ NEWTON_STEPS = 30
 @kernel(inline="numba")
 def ramp(x: float) -> float:
     """Evaluate a smooth step from 0 to 1.
-
     Between them it is the polynomial of degree 5 with two continuous derivatives.
     """
     x = min(max(x, 0.0), 1.0)
@@ -31,7 +30,6 @@ def _in_own_axes(
     centre: FloatArray, along: FloatArray, across: FloatArray, radar: FloatArray
 ) -> tuple[float, float, float]:
     """Return the radar's place along the axes of one ellipsoid.
-
     They are across, the square of upright, and along.
     """
     wide, long, square = 0.0, 0.0, 0.0
@@ -45,24 +43,7 @@ def _in_own_axes(
 
 @kernel(inline="numba")
 def _root(wide2: float, up2: float, long2: float, first: float, second: float, third: float) -> float:
-    """Find t of the nearest point.
-
-    In the axes of the ellipsoid it is x_k = s_k^2 y_k / (s_k^2 + t) for a radar at y, t > 0 the root of
-    sum (s_k y_k / (s_k^2 + t))^2 = 1. The sum is convex and falls, so that Newton's iteration rises to the root from
-    t = |s y| - (mean of s^2, weighted by (s y)^2), where the sum is 1 or more (Jensen's inequality).
-
-    Parameters
-    ----------
-    wide2, up2, long2 : float
-        Squares of the semi-axes s_k.
-    first, second, third : float
-        (s_k y_k)^2.
-
-    Returns
-    -------
-    float
-        0 where the radar is inside.
-    """
+    """Find t of the nearest point."""
     weight = first + second + third
     root = math.sqrt(weight) - (first * wide2 + second * up2 + third * long2) / max(weight, 1e-300)
     root = max(root, 0.0)
@@ -86,15 +67,7 @@ def nearest_points(
     points: FloatArray,
 ) -> None:
     """Find the point of every ellipsoid that is nearest to the radar.
-
-    Parameters
-    ----------
-    centre, along, across : ndarray, shape (I, S, 3)
-        As in :class:`doppelgait.scene.bodies.Ellipsoids`.
-    semi_axes : ndarray, shape (S, 3)
-    radar : ndarray, shape (3,)
-    points : ndarray, shape (I, S, 3)
-        Overwritten; the radar's own place where it is inside.
+    Shapes: centre, along, across (I, S, 3); semi_axes (S, 3); radar (3,); points (I, S, 3).
     """
     for i in range(centre.shape[0]):
         for s in range(centre.shape[1]):
@@ -119,20 +92,7 @@ def seen_rcs(
     rcs: FloatArray,
 ) -> None:
     """Compute the cross section of every ellipsoid at the radar's distance.
-
-    With t of the nearest point, y the radar in the ellipsoid's axes, d = t / h the distance and
-    1 / h^2 = sum (y_k / (s_k^2 + t))^2 it is pi abc^2 / h^4 over the determinant of I + R / d, R the tensor
-    of the radii of curvature (Q - Q u u^T Q / h^2) / h. The determinant lemma makes of that determinant
-    t prod(1 + s_k^2 / t) sum s_k^2 y_k^2 / (s_k^2 + t)^3, so that nothing is divided by the distance.
-
-    Parameters
-    ----------
-    centre, along, across : ndarray, shape (I, S, 3)
-        As in :class:`doppelgait.scene.bodies.Ellipsoids`.
-    semi_axes : ndarray, shape (S, 3)
-    radar : ndarray, shape (3,)
-    rcs : ndarray, shape (I, S)
-        Overwritten; 0 where the radar is inside.
+    Shapes: centre, along, across (I, S, 3); semi_axes (S, 3); radar (3,); rcs (I, S).
     """
     for i in range(centre.shape[0]):
         for s in range(centre.shape[1]):
@@ -159,22 +119,7 @@ def sight_amplitudes(
     edge: float,
     amplitude: FloatArray,
 ) -> None:
-    """Compute amplitudes past the ellipsoids from every point to the radar.
-
-    Parameters
-    ----------
-    points : ndarray, shape (I, P, 3)
-    centre, along, across : ndarray, shape (I, S, 3)
-        As in :class:`doppelgait.scene.bodies.Ellipsoids`.
-    semi_axes : ndarray, shape (S, 3)
-    passes : ndarray of bool, shape (P, S)
-        Ellipsoids that never hide the point.
-    radar : ndarray, shape (3,)
-    edge : float
-        Half width of the border between light and shadow.
-    amplitude : ndarray, shape (I, P)
-        Overwritten; 0 to 1.
-    """
+    """Compute amplitudes past the ellipsoids from every point to the radar."""
     n_times, n_points = points.shape[0], points.shape[1]
     n_bodies = centre.shape[1]
     sight, offset = np.empty(3), np.empty(3)
@@ -212,7 +157,6 @@ def _amplitude_past(
     edge: float,
 ) -> float:
     """Compute the amplitude past one ellipsoid.
-
     It follows from the point of the line of sight where the ellipsoid's quadratic form is smallest.
     """
     base = 1.0 / semi_axes[1] ** 2

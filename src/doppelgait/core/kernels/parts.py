@@ -24,7 +24,6 @@ QUARTER, HALF, ONE = np.float32(0.25), np.float32(0.5), np.float32(1.0)
 @kernel()
 def largest_bits(bits: npt.NDArray[np.int32], n: int) -> int:
     """Find the largest magnitude in the first ``n`` columns of float32 values.
-
     Magnitudes are in the order of their bits, of which a maximum is quick to find. The result are its bits.
     """
     largest = np.int32(0)
@@ -40,28 +39,7 @@ def quantise_parts(
     values: Float32Array, n: int, step: float, lowest: float, highest: float, limit: float, out: Float32Array
 ) -> int:
     """Round values to whole steps between two codes.
-
-    Code and value are computed in float64, so that a value falls to the side of a threshold that the literal equation
-    gives.
-
-    Parameters
-    ----------
-    values : ndarray, shape (R, C), float32
-    n : int
-        Columns that hold values.
-    step : float
-        Above 0.
-    lowest, highest : float
-        Smallest and largest code.
-    limit : float
-        Values of a larger magnitude are counted.
-    out : ndarray, shape (R, C), float32
-        Overwritten; may be ``values``.
-
-    Returns
-    -------
-    int
-        Number of values beyond the limit.
+    Shapes: values (R, C); out (R, C).
     """
     scale = 1.0 / step
     beyond = 0
@@ -90,24 +68,7 @@ def rotate_parts(
     out_im: Float32Array,
 ) -> None:
     r"""Rotate every sample by a weighted sum of phases.
-
-    .. math:: y_{ni} \leftarrow y_{ni}\, e^{2 \pi j (c_i + \sum_k w_{nk} p_{ki})}
-
-    The sum is made and reduced to half a turn in float64; sine and cosine are polynomials on an eighth of a turn that
-    are exact to 4e-9, in float32.
-
-    Parameters
-    ----------
-    plane_re, plane_im : ndarray, shape (N, I or more), float32
-    common : ndarray, shape (I,)
-        Phases c of all samples, in turns.
-    phases : ndarray, shape (K, I)
-        Turns.
-    weights : ndarray, shape (N, K)
-    turns, reduced : ndarray, shape (LANES,)
-        Memory to work in.
-    out_re, out_im : ndarray, shape of the planes, float32
-        Overwritten; may be the planes.
+    Shapes: plane_re, plane_im (N, I or more); common (I,); phases (K, I); weights (N, K); turns, reduced (LANES,).
     """
     n_pulses = common.shape[0]
     for begin in range(0, n_pulses, LANES):

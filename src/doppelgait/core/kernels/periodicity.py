@@ -13,16 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 @kernel(fastmath=("contract", "nsz"))
 def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
     r"""Sum products of lagged columns over time and rows (E-33).
-
-    .. math:: o_i = \sum_j \sum_k v_{j,k}\, v_{j + m + i,\, k}
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J, K), C-contiguous
-    first : int
-        m.
-    out : ndarray, shape (number of lags,)
-        Overwritten.
+    Shapes: rows (J, K); out (number of lags,).
     """
     n_columns, n_rows = rows.shape
     out[:] = 0.0
@@ -67,16 +58,7 @@ def _dot(one: FloatArray, other: FloatArray) -> float:
 @kernel(fastmath=("contract", "nsz"))
 def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
     r"""Compute the normalised square-difference autocorrelation at some lags (E-33).
-
-    .. math:: n_i = 2 \sum_j \sum_k v_{j,k} v_{j+m+i,k} \Big/ \sum_j \sum_k (v_{j,k}^2 + v_{j+m+i,k}^2)
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J, K), C-contiguous
-    first : int
-        m.
-    out : ndarray, shape (number of lags,)
-        Overwritten; 0 where the denominator is.
+    Shapes: rows (J, K); out (number of lags,).
     """
     n_columns = rows.shape[0]
     until = np.zeros(n_columns + 1)
@@ -100,22 +82,7 @@ def period_harmonics(
     means: FloatArray,
 ) -> None:
     r"""Compute Fourier coefficients of single periods without their means.
-
-    .. math:: c_{b,h,k} = \frac{1}{L} \sum_{j=s_b}^{s_b+L-1} (v_{j,k} - \bar v_{b,k})\, e^{-i (h+1) \theta j}
-
-    Parameters
-    ----------
-    rows : ndarray, shape (J, K)
-    starts : ndarray, shape (B,)
-        s.
-    length : int
-        L.
-    turn_rad : float
-        theta.
-    real, imaginary : ndarray, shape (B, H, K)
-        Overwritten with c.
-    means : ndarray, shape (B, K)
-        Overwritten with the means.
+    Shapes: rows (J, K); starts (B,); real, imaginary (B, H, K); means (B, K).
     """
     n_rows = rows.shape[1]
     real[:], imaginary[:], means[:] = 0.0, 0.0, 0.0
@@ -142,17 +109,7 @@ def period_harmonics(
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def remove_trend(values: FloatArray, basis: FloatArray, part: FloatArray) -> None:
     r"""Subtract the projection of every row on orthonormal functions of time.
-
-    .. math:: v_{j,k} \leftarrow v_{j,k} - \sum_p b_{j,p} \sum_i b_{i,p} v_{i,k}
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-        Overwritten.
-    basis : ndarray, shape (J, P)
-        b.
-    part : ndarray, shape (P, K)
-        Overwritten with the projections.
+    Shapes: values (J, K); basis (J, P); part (P, K).
     """
     n_terms, n_rows = part.shape
     part[:] = 0.0
@@ -189,23 +146,7 @@ def weigh_rows(
     until: FloatArray,
 ) -> None:
     r"""Prepare sets of rows for their autocorrelation, plain and whitened (E-33).
-
-    Whitened rows are :math:`w_{j,k} = v_{j,k} - c\, v_{j-1,k}`, and each weighs :math:`1 / (E_k + d \max E + \epsilon)`
-    with its energy :math:`E_k = \sum_j w_{j,k}^2` and the largest of its set.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J, K)
-    stops : ndarray, shape (S,)
-        One past the last row of every set.
-    whitening, weak : float
-        c and d.
-    pairs : ndarray, shape (J or more, K or more)
-        Overwritten with the rows, and zeros beyond them.
-    weight : ndarray, shape (K,)
-        Overwritten with the weights of whitened rows.
-    until : ndarray, shape (2 S, J + 1)
-        Overwritten with the energy before every column, of each set as it is and whitened with its weights.
+    Shapes: values (J, K); stops (S,); pairs (J or more, K or more); weight (K,); until (2 S, J + 1).
     """
     n_columns, n_rows = values.shape
     pairs[:], weight[:], until[:] = 0.0, 0.0, 0.0
@@ -256,20 +197,7 @@ def powers_of_pairs(
     powers: npt.NDArray[np.complex128],
 ) -> None:
     r"""Sum powers of rows whose transforms were made two at a time.
-
-    Rows a and b as the parts of complex numbers have the transform :math:`Z = A + i B`, so that :math:`|A_q|^2` and
-    :math:`|B_q|^2` are :math:`(|Z_q|^2 + |Z_{-q}|^2) / 4 \pm \Re(Z_q Z_{-q}) / 2`.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (L, K or one more)
-        Z, real and imaginary parts side by side.
-    stops, weight : ndarray, shape (S,) and (K,)
-        Sets, and weights of whitened rows, as in :func:`weigh_rows`.
-    whitening : float
-        c; a whitened power has the factor :math:`1 + c^2 - 2 c \cos(2 \pi q / L)`.
-    powers : ndarray, shape (2 S, L / 2 + 1)
-        Overwritten: of each set as it is, and whitened with its weights.
+    Shapes: lines (L, K or one more); stops, weight (S,); powers (2 S, L / 2 + 1).
     """
     length, width = lines.shape
     power = np.empty(width)
@@ -293,16 +221,7 @@ def powers_of_pairs(
 @kernel()
 def likeness_of_products(products: FloatArray, until: FloatArray, window: FloatArray, likeness: FloatArray) -> None:
     """Normalise products over lags (E-33) and window them.
-
-    Parameters
-    ----------
-    products : ndarray, shape (N, J or more)
-        Its first J are multiplied by the window.
-    until : ndarray, shape (N, J + 1)
-        Energy before every column.
-    window : ndarray, shape (J,)
-    likeness : ndarray, shape (N, J)
-        Overwritten; 0 where there is no energy.
+    Shapes: products (N, J or more); until (N, J + 1); window (J,); likeness (N, J).
     """
     n_columns = window.size
     for n in range(likeness.shape[0]):
@@ -317,18 +236,7 @@ def shares_of_lines(
     lines: npt.NDArray[np.complex128], products: FloatArray, first: int, scale: float, share: FloatArray
 ) -> None:
     """Compute spectra from transforms of half an autocorrelation.
-
-    Parameters
-    ----------
-    lines : ndarray, shape (N, Q)
-    products : ndarray, shape (N, J or more)
-        The autocorrelation, the product at lag 0 first.
-    first : int
-        Lines from here on are counted.
-    scale : float
-        Their sum times this is 1.
-    share : ndarray, shape (N, Q)
-        Overwritten.
+    Shapes: lines (N, Q); products (N, J or more); share (N, Q).
     """
     for n in range(share.shape[0]):
         total = 0.0
@@ -344,14 +252,7 @@ def shares_of_lines(
 @kernel(fastmath=("contract", "nsz"))
 def against_mean(harmonics: npt.NDArray[np.complex128], imaginary: FloatArray, real: FloatArray) -> None:
     """Project the harmonics of every period on their mean over the periods.
-
-    Parameters
-    ----------
-    harmonics : ndarray, shape (B, H, K)
-    imaginary : ndarray, shape (B, H)
-        Overwritten with the imaginary parts of the products with the mean's conjugate, summed over rows.
-    real : ndarray, shape (H,)
-        Overwritten with the mean of the real parts.
+    Shapes: harmonics (B, H, K); imaginary (B, H); real (H,).
     """
     n_periods, n_harmonics, n_rows = harmonics.shape
     mean_real, mean_imaginary = np.empty(n_rows), np.empty(n_rows)
@@ -374,16 +275,7 @@ def against_mean(harmonics: npt.NDArray[np.complex128], imaginary: FloatArray, r
 @kernel()
 def add_harmonics(values: FloatArray, place: FloatArray, count: int, out: FloatArray) -> None:
     """Add values at multiples of places between samples, by the Catmull-Rom cubic.
-
-    Parameters
-    ----------
-    values : ndarray, shape (Q,), Q at least 4
-    place : ndarray, shape (N,)
-        In samples.
-    count : int
-        Multiples, from 1.
-    out : ndarray, shape (N,)
-        Added to.
+    Shapes: values (Q,); place (N,); out (N,).
     """
     for harmonic in range(1, count + 1):
         for n in range(place.size):
@@ -418,15 +310,7 @@ def posterior(
     evidence: FloatArray, weights: FloatArray, prior: FloatArray, prior_weights: FloatArray, first: int, out: FloatArray
 ) -> None:
     """Normalise the exponential of a weighted sum of terms.
-
-    Parameters
-    ----------
-    evidence, prior : ndarray, shape (N, F) and (P, F)
-    weights, prior_weights : ndarray, shape (N,) and (P,)
-    first : int
-        Before it the result is 0.
-    out : ndarray, shape (F,)
-        Overwritten; its sum is 1.
+    Shapes: evidence, prior (N, F); weights, prior_weights (N,); out (F,).
     """
     out[:] = 0.0
     for n in range(weights.size):
@@ -449,7 +333,6 @@ def posterior(
 @kernel()
 def highest_between(values: FloatArray, low: float, high: float, count: int) -> float:
     """Find the largest of interpolated values at even steps.
-
     ``count`` values lie on straight lines between samples, from ``low`` to ``high``.
     """
     last, best, step = values.size - 1, -np.inf, (high - low) / (count - 1)
@@ -466,25 +349,7 @@ def rhythm_evidence(
     likeness: FloatArray, rate_hz: float, share: FloatArray, step_hz: float, grid_hz: FloatArray, out: FloatArray
 ) -> None:
     r"""Compute what one set of rows says for each frequency (E-33).
-
-    With T the period, n the largest autocorrelation within 4.5 % of a lag (0 beyond the record), and S the share of the
-    power at a frequency: :math:`-\ln(1.1 - n(T))`, :math:`n(T/2)`, :math:`n(3T/2)`, :math:`n(T/3)`, :math:`S(f)`,
-    :math:`S(2f)`, :math:`\ln(S(f) + 0.01)`, :math:`\ln(\sum_h S(hf) + 0.1)` and
-    :math:`\ln(\sum_h S((h - 1/2) f) + 0.1)`, h from 1 to 6.
-
-    Parameters
-    ----------
-    likeness : ndarray, shape (J,)
-        Normalised autocorrelation at whole lags.
-    rate_hz : float
-        Lags per second.
-    share : ndarray, shape (Q,)
-        Spectrum.
-    step_hz : float
-        Spacing of the spectrum.
-    grid_hz : ndarray, shape (F,)
-    out : ndarray, shape (9, F)
-        Overwritten.
+    Shapes: likeness (J,); share (Q,); grid_hz (F,); out (9, F).
     """
     last = likeness.size - 1
     for i in range(grid_hz.size):

@@ -16,7 +16,6 @@ Float32Array = npt.NDArray[np.float32]
 @kernel()
 def strongest_power(plane_re: Float32Array, plane_im: Float32Array, strongest: Float32Array) -> None:
     """Find the largest re^2 + im^2 of every column over the rows.
-
     ``strongest`` of shape (I,) is overwritten.
     """
     strongest[:] = 0.0
@@ -30,7 +29,6 @@ def strongest_power(plane_re: Float32Array, plane_im: Float32Array, strongest: F
 @kernel()
 def turn_planes(plane_re: Float32Array, plane_im: Float32Array, re: Float32Array, im: Float32Array) -> None:
     """Multiply planes by complex factors.
-
     The factors are one row for all samples, or one row per sample.
     """
     for n in range(plane_re.shape[0]):

@@ -37,7 +37,6 @@ Float32Array = npt.NDArray[np.float32]
 @kernel(fastmath=("contract",), apart=True, inline="llvm")
 def _phasors(size, turns, u, v):  # type: ignore[no-untyped-def]
     """Compute amplitude times phasor, reduced to half a turn.
-
     Sine and cosine are polynomials on an eighth of a turn, exact to 4e-9.
     """
     for scatterer in range(np.uint64(turns.shape[0])):
@@ -58,7 +57,6 @@ def _phasors(size, turns, u, v):  # type: ignore[no-untyped-def]
 @kernel()
 def _phasor(turns):  # type: ignore[no-untyped-def]
     """Compute the unit phasor of a number of turns.
-
     The number is reduced to half a turn first.
     """
     angle = 2.0 * math.pi * (turns - np.rint(turns))
@@ -74,11 +72,7 @@ def _bin(n, n_bins):  # type: ignore[no-untyped-def]
 @kernel()
 def _add_side(total, begin, end, first, step, side, delta, beta, peak):  # type: ignore[no-untyped-def]
     """Add a response to the bins on one side of its middle.
-
     The bins are begin..end-1; x of bin n is first + n step.
-
-    On one side (side = 1 above the middle, -1 below) the sine's argument g is quadratic in x, so that its phasor is
-    turned on by its step, and the step by its own. The other factor is turned on by a step that stays.
     """
     x = first + begin * step
     slope = beta - side * delta
@@ -121,26 +115,7 @@ def add_responses(
     out: npt.NDArray[np.complex64],
 ) -> None:
     r"""Write the matched-filter responses of all scatterers into every pulse.
-
-    .. math::
-
-       y_{in} = \sum_l a\, e^{2 \pi j p}\, (1 - |x|)\, e^{\pi j \delta x}\,
-       \mathrm{sinc}\left((\delta + \beta x)(1 - |x|)\right), \quad x = x_0 + n \Delta - x_{il}, \ |x| < 1
-
-    Everything is in pulse durations T: x is delay / T, delta is Doppler shift times T, beta the time-bandwidth
-    product (0 for a rectangular pulse). All in float64; only the sum is rounded to float32.
-
-    Parameters
-    ----------
-    amplitude, turns : ndarray, shape (I, L)
-        Amplitude a and phase p in turns.
-    delay, doppler : ndarray, shape (I, L)
-        Delay x_il and Doppler shift delta of every scatterer.
-    first, step : float
-        Delay of the first bin, and from bin to bin.
-    time_bandwidth : float
-    out : ndarray, shape (I, N), complex64
-        Overwritten.
+    Shapes: amplitude, turns (I, L); delay, doppler (I, L); out (I, N).
     """
     n_bins = out.shape[1]
     total = np.empty(n_bins, dtype=np.complex128)
@@ -157,7 +132,6 @@ def add_responses(
 @kernel(fastmath=("contract",), apart=True)
 def _add_row(table, row, begin, weights, scatterer, sums):  # type: ignore[no-untyped-def]
     """Add one response, weighted rows of the table, to all bins.
-
     Without slices of arrays, whose references would be counted.
     """
     w0, w1, w2 = weights[scatterer, 0], weights[scatterer, 1], weights[scatterer, 2]
@@ -186,26 +160,7 @@ def add_tabled_responses(
     out: npt.NDArray[np.complex64],
 ) -> None:
     r"""Write the responses of chirps that are longer than the frame.
-
-    They are those of :func:`add_responses`, from a table. Doppler moves the response of a chirp by -delta / beta; all
-    else that it changes is at most delta / beta of the peak and is left out. Scatterers outside the frame, or of more
-    Doppler shift than ``largest_doppler``, are computed bin by bin as there. Sums are made in float32. Error below 1e-6
-    of the sum of amplitudes.
-
-    Parameters
-    ----------
-    amplitude, turns, delay, doppler, first, step, time_bandwidth, out
-        As for :func:`add_responses`.
-    largest_doppler : float
-        Largest delta of which the response is taken from the table.
-    table : ndarray, shape (P, 3, N - 1 + M), float32
-        Response without Doppler shift, at the bins -(N - 1) to M - 1 from the one before the scatterer, at the
-        Chebyshev nodes of P intervals of a bin.
-    weights : ndarray, shape (L, 5), float32
-        Memory to work in, as is the rest.
-    total : ndarray, shape (N,), complex128
-    sums : ndarray, shape (2, M), float32
-        M is N or more, a multiple of the length of vectors: no loop has a remainder.
+    They are those of :func:`add_responses`, from a table.
     """
     n_bins, n_places = out.shape[1], table.shape[0]
     for pulse in range(out.shape[0]):
@@ -258,9 +213,7 @@ def add_tabled_responses(
 @kernel(fastmath=("contract",), apart=True)
 def _describe_sweep(range_m, velocity_mps, amplitude, extra_rad, facts, fine, places):  # type: ignore[no-untyped-def]
     """Compute amplitude, phase, bend and place of all scatterers in one sweep.
-
-    Places are taken modulo the number of samples. Every turn round changes the sign of the response where that number
-    is even, because the middle of the sweep lies half-way between two samples.
+    Places are taken modulo the number of samples.
     """
     per_m, first_turns, carrier_hz, half_slope, bandwidth_hz = facts[0], facts[1], facts[2], facts[3], facts[4]
     lag, coupling, bend, first_bin, n_samples, turns_round = facts[5], facts[6], facts[7], facts[8], facts[9], facts[10]
@@ -290,11 +243,7 @@ def _describe_sweep(range_m, velocity_mps, amplitude, extra_rad, facts, fine, pl
 
 @kernel(fastmath=("contract",), apart=True, inline="llvm")
 def _expand(fine, u, v):  # type: ignore[no-untyped-def]
-    r"""Compute the complex weights of all orders from those of order 0.
-
-    They are the coefficients of :math:`e^{\eta z - 2 j x z^2 / 2}`: order d + 1 is eta times order d less 2 j x times
-    order d - 1, over d + 1.
-    """
+    r"""Compute the complex weights of all orders from those of order 0."""
     n = np.uint64(fine.shape[1])
     for scatterer in range(n):
         eta, bend = fine[2, scatterer], TWO * fine[3, scatterer]
@@ -360,40 +309,8 @@ def add_sweep_responses(
     out: npt.NDArray[np.complex64],
 ) -> None:
     r"""Write the range bins of frequency sweeps, without their samples.
-
-    .. math::
-
-       Y_{ik} = e^{j \chi_k} \sum_l a\, e^{2 \pi j p} \sum_n w_n
-       e^{j \pi (k - q) t_n + j x t_n^2}, \qquad t_n = \frac{2 n + 1}{S} - 1
-
-    Every scatterer is spread over TAPS half bins by a Kaiser-Bessel window, whose spectrum the window w is divided by;
-    what a half bin then contributes to the bins does not depend on the scatterers (a non-uniform Fourier transform of
-    type 1: Fessler and Sutton, IEEE Trans. Signal Processing 51(2), 2003). Between PLACES places the window is moved,
-    and bent by x, by its derivatives up to ORDERS - 1. Errors are below 1e-6 of the sum of amplitudes where x is below
-    :data:`doppelgait.radar.waveforms.sweep.LARGEST_BEND`.
-
-    Parameters
-    ----------
-    range_m, velocity_mps, amplitude : ndarray, shape (I, L)
-        Range and radial velocity at the middle of the sweep, amplitude a.
-    extra_phase_rad : ndarray, shape (I, L), optional
-    facts : ndarray, shape (11,)
-        Delay per metre, s; phase sent, turns; carrier, Hz; half the slope times lag, Hz/s; bandwidth, Hz; lag; carrier
-        times sweep duration; bend x per velocity over half the speed of light; first bin; samples S; turns of a
-        response by S bins.
-    taps : ndarray, shape (PLACES * ORDERS * ROW,), float32
-    response : ndarray, shape (2 * W,), float32
-        What a whole half bin, then what an odd one gives to bins from -S - 8 on; W is S + M + 16.
-    turn : ndarray, shape (2, M), float32
-        Real and imaginary part of exp(j chi).
-    fine, places, weights : ndarray, shapes (4, L), (2, L), (2, ORDERS * L)
-        Memory to work in, as is the rest.
-    grid, used : ndarray, shapes (2, 2 S + 48), (2 S / 8 + 6,) or more
-        Zero, and zero again afterwards.
-    sums : ndarray, shape (2, M), float32
-        M is N or more, a multiple of the length of vectors.
-    out : ndarray, shape (I, N), complex64
-        Overwritten.
+    A non-uniform Fourier transform of type 1 (Fessler and Sutton, IEEE Trans. Signal Processing 51(2), 2003) with a
+    Kaiser-Bessel window over TAPS half bins. Errors are below 1e-6 of the sum of amplitudes. Shapes: range_m (I, L).
     """
     n_scatterers, n_samples = np.uint64(range_m.shape[1]), np.int64(facts[9])
     width = np.uint64(response.shape[0] // 2)

@@ -19,9 +19,7 @@ AnyFloatArray = npt.NDArray[np.floating[Any]]
 @kernel()
 def _neighbours(values, n, place):  # type: ignore[no-untyped-def]
     """Find the value at a place of sorted values and the next.
-
-    Of the first ``n``. Values below a pivot are counted until few are left between two pivots: a count takes a tenth of
-    the time of any pass that moves values. The last value is followed by itself.
+    Of the first ``n``.
     """
     low, high = values[0], values[0]
     for i in range(1, n):
@@ -61,7 +59,6 @@ def _neighbours(values, n, place):  # type: ignore[no-untyped-def]
 @kernel()
 def quantile(values: FloatArray, n: int, share: float) -> float:
     """Compute a quantile of the first ``n`` values.
-
     One or more, without NaN. Between two values it lies on a straight line.
     """
     place = share * (n - 1)
@@ -73,7 +70,6 @@ def quantile(values: FloatArray, n: int, share: float) -> float:
 @kernel()
 def median(values: FloatArray, n: int) -> float:
     """Compute the median of the first ``n`` values.
-
     One or more, without NaN.
     """
     found, after = _neighbours(values, n, (n - 1) // 2)
@@ -83,7 +79,6 @@ def median(values: FloatArray, n: int) -> float:
 @kernel()
 def variance_of_rows(values: AnyFloatArray, chosen: npt.NDArray[np.int32], every: int) -> float:
     """Compute the variance of chosen rows in every n-th column.
-
     ``values`` has shape (J, K), ``chosen`` (K,): 1 for the rows that count, else 0.
     """
     n_columns, n_bins = values.shape
@@ -135,25 +130,7 @@ def robust_fit(
     coefficients: FloatArray,
 ) -> None:
     r"""Fit by iteratively reweighted least squares with Cauchy weights.
-
-    In every iteration, with residuals :math:`r_j = (y_j - l_j) / d_j` and their scale
-    :math:`s = \max(1.4826 \operatorname{med} |r|, s_0)`, the coefficients that minimise
-    :math:`\sum_j a_j (y_j - \sum_p c_p b_{pj})^2 / (1 + (r_j / (t s))^2)` give the next line l, from the normal
-    equations by Cholesky's factors.
-
-    Parameters
-    ----------
-    basis : ndarray, shape (P, J)
-        b; nearly orthogonal, or the normal equations lose digits.
-    values, prior, divisor : ndarray, shape (J,)
-        y, a and d.
-    least_scale, tuning : float
-        s_0 and t.
-    iterations : int
-    line : ndarray, shape (J,)
-        The first line; overwritten by the last one.
-    coefficients : ndarray, shape (P,)
-        Overwritten with c.
+    Shapes: basis (P, J); values, prior, divisor (J,); line (J,); coefficients (P,).
     """
     n_terms, n_columns = basis.shape
     residual, weight, work = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
@@ -182,7 +159,6 @@ def robust_fit(
 @kernel()
 def _solve(matrix: FloatArray, right: FloatArray) -> None:
     """Solve a positive definite system in place.
-
     The solution replaces the right side; the lower half of the matrix is overwritten.
     """
     n = right.size
@@ -211,22 +187,7 @@ def straight_motion(
     out: FloatArray,
 ) -> None:  # fmt: skip
     r"""Fit straight motion at constant velocity to ranges (E-34b).
-
-    The parabola :math:`R^2 = c_0 + c_1 t + c_2 t^2` about the middle of the record by :func:`robust_fit`, whose first
-    weights are 1 / R^2 alone.
-
-    Parameters
-    ----------
-    times, ranges : ndarray, shape (J,)
-    least_scale, tuning, iterations
-        Of :func:`robust_fit`.
-    outlier_sd : float
-        Residuals are clipped at this times 1.4826 times the median of their magnitudes.
-    out : ndarray, shape (7,)
-        Overwritten: c; square of the speed across :math:`u = c_2 - c_1^2 / (4 c_0)`; mean square of the residuals, for
-        u < 0 those about constant radial velocity; and the variances of u and of the radial speed
-        :math:`-c_1 / (2 \sqrt{c_0})` for independent errors of 1 m. Without a positive c_0 all but c are left as they
-        are.
+    Shapes: times, ranges (J,); out (7,).
     """
     n, half_s, mid_s = times.size, (times[-1] - times[0]) / 2.0, (times[0] + times[-1]) / 2.0
     basis, square, prior, line = np.empty((3, n)), np.empty(n), np.empty(n), np.empty(n)
@@ -269,7 +230,6 @@ def straight_motion(
 @kernel()
 def _variance(basis: FloatArray, prior: FloatArray, by: FloatArray) -> float:
     """Compute the variance of a sum of coefficients.
-
     Ranges have independent errors of 1 m. An error of 1 m is one of 2 R in R^2. ``by`` has the weights in the sum.
     """
     n_terms = by.size
@@ -293,18 +253,7 @@ def speeds_across(
     radial: float, across_2: float, across_sd: float, reach_sd: float, n_speeds: int, out: FloatArray
 ) -> None:  # fmt: skip
     """Average speed and aspect over the speeds across the line of sight.
-
-    All speeds across are as likely before; their square has a Gaussian error.
-
-    Parameters
-    ----------
-    radial, across_2, across_sd : float
-        Speed along the line of sight, square of the speed across and its standard deviation.
-    reach_sd : float
-        Speeds go up to this many standard deviations above the best.
-    n_speeds : int
-    out : ndarray, shape (4,)
-        Overwritten: mean speed, mean aspect in degrees, variance of the speed and of the aspect.
+    All speeds across are as likely before; their square has a Gaussian error. Shapes: out (4,).
     """
     step = np.sqrt(max(across_2, 0.0) + reach_sd * across_sd) / (n_speeds - 1)
     total = 0.0
@@ -332,22 +281,7 @@ def edge_statistics(
     out: FloatArray,
 ) -> None:  # fmt: skip
     """Describe the envelopes about the main line (E-35b).
-
-    Parameters
-    ----------
-    low, high : ndarray, shape (J,)
-        Envelopes; NaN where nothing stands above the noise.
-    line : ndarray, shape (J,)
-        Main line.
-    direction : float
-        0 or more: the upper envelope leads; below 0 the lower one does.
-    low_share, high_share : float
-        Of the quantiles over time.
-    out : ndarray, shape (12,)
-        Overwritten with the share of columns that are seen; of those, mean and standard deviation of the lead of the
-        leading envelope, mean and standard deviation of the lag of the trailing one, two quantiles of the lead, two of
-        the lag, the lower quantile of the width, upper quantile of the upper less lower quantile of the lower envelope,
-        and the share with a lead beyond the middle of its quantiles. NaN where no column is seen.
+    Shapes: low, high (J,); line (J,); out (12,).
     """
     n = 0
     lead, lag, work = np.empty(low.size), np.empty(low.size), np.empty(low.size)
@@ -395,20 +329,7 @@ def oscillating_power(
     out: FloatArray,
 ) -> None:  # fmt: skip
     r"""Sum peaks of three harmonics over rows of a cadence map (E-38).
-
-    Parameters
-    ----------
-    cadence_hz : ndarray, shape (Q,)
-        Rising.
-    values : ndarray, shape (Q, K)
-        Magnitudes.
-    frequency_hz : float
-        Of the first harmonic.
-    near_share, near_hz : float
-        A harmonic is sought within this share of its frequency, at least so many hertz.
-    out : ndarray, shape (2,)
-        Overwritten with the sums of the squared peaks less twice the noise, none below 0, and of twice the peaks. The
-        noise of a row is the median of its squares between the harmonics over ln 2.
+    Shapes: cadence_hz (Q,); values (Q, K); out (2,).
     """
     n_lines, n_rows = values.shape
     between, n_between = np.empty(n_lines, np.int64), 0
@@ -445,23 +366,7 @@ def harmonic_peak(
     cadence_hz: FloatArray, power: FloatArray, frequency_hz: float, harmonic: int, search: float, least_snr: float
 ) -> float:
     """Find a harmonic's frequency over that of the first (E-37).
-
-    Parameters
-    ----------
-    cadence_hz, power : ndarray, shape (Q,)
-        Rising in even steps, and the spectrum.
-    frequency_hz : float
-        Of the first harmonic.
-    harmonic : int
-    search : float
-        The highest local maximum is sought within this share of the harmonic's frequency.
-    least_snr : float
-        It must stand so many times above the median within half a harmonic of it.
-
-    Returns
-    -------
-    float
-        NaN where there is none.
+    Shapes: cadence_hz, power (Q,).
     """
     n, expected, best = power.size, harmonic * frequency_hz, -1
     for q in range(1, n - 1):
@@ -488,25 +393,7 @@ def scatter_of_blocks(
     residual: FloatArray, least_scale: float, tuning: float, starts: npt.NDArray[np.int64]
 ) -> float:  # fmt: skip
     r"""Compute the standard deviation of a tapered Cauchy mean of dependent values.
-
-    The square is :math:`\frac{B}{B - 2} \sum_b (\sum_{j \in b} \psi_j)^2 / (\sum_j \psi'_j)^2` with the influence
-    :math:`\psi_j = a_j r_j / (1 + u_j^2)`, its slope :math:`\psi'_j = a_j (1 - u_j^2) / (1 + u_j^2)^2`,
-    :math:`u_j = r_j / (t s)`, the scale s as in :func:`robust_fit` and the taper :math:`a_j = 1.001 - x_j^2` over x
-    from -1 to 1.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (J,)
-        r.
-    least_scale, tuning : float
-        s is this at least, and t.
-    starts : ndarray, shape (B,)
-        First value of every block; the last goes to the end.
-
-    Returns
-    -------
-    float
-        NaN where the slopes do not sum to more than 0.
+    Shapes: residual (J,); starts (B,).
     """
     n, n_blocks = residual.size, starts.size
     work = np.empty(n)
@@ -531,16 +418,7 @@ def scatter_of_blocks(
 @kernel()
 def swing_parts(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int64], amplitude: FloatArray) -> None:
     """Fit cosines and sines of several frequencies together by least squares.
-
-    Parameters
-    ----------
-    values : ndarray, shape (J,)
-    turn_rad : float
-        Phase of order 1 from one value to the next.
-    orders : ndarray, shape (N,)
-        Rising.
-    amplitude : ndarray, shape (2 N,)
-        Overwritten: cosines of all orders, then sines.
+    Shapes: values (J,); orders (N,); amplitude (2 N,).
     """
     n_orders = orders.size
     normal, wave = np.zeros((2 * n_orders, 2 * n_orders)), np.empty(2 * n_orders)

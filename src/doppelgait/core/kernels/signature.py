@@ -397,7 +397,6 @@ def _last_pass(yr, yi, run, weights, power):  # type: ignore[no-untyped-def]
 @kernel(fastmath=_FAST)
 def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
     """Gather a bin's pulses by their remainder modulo hop.
-
     Columns then lie side by side; pulses outside the recording are zero.
     """
     inside = start >= 0 and start + hop * spread <= n_pulses

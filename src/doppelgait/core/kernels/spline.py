@@ -15,19 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 @kernel()
 def spline_moments(values: FloatArray, step: float, moments: FloatArray) -> None:
     r"""Compute second derivatives of the C2 not-a-knot cubic spline.
-
-    .. math:: M_{i-1} + 4 M_i + M_{i+1} = d_i = 6 (y_{i-1} - 2 y_i + y_{i+1}) / h^2, \quad M_0 - 2 M_1 + M_2 = 0
-
-    and the same at the other end, so that :math:`M_1 = d_1 / 6`; solved by elimination.
-
-    Parameters
-    ----------
-    values : ndarray, shape (T, C)
-        Values at T >= 4 frames.
-    step : float
-        Time between frames, h.
-    moments : ndarray, shape (T, C)
-        Overwritten.
+    Shapes: values (T, C); moments (T, C).
     """
     n_frames, n_columns = values.shape
     scale = 6.0 / (step * step)
@@ -63,7 +51,6 @@ def spline_at(
     values: FloatArray, moments: FloatArray, step: float, time: float, value: FloatArray, slope: FloatArray
 ) -> None:
     """Evaluate value and slope of the spline at one time.
-
     The time counts from the first frame; both outputs have shape (C,) and are overwritten.
     """
     i = min(max(math.floor(time / step), 0), values.shape[0] - 2)
@@ -82,7 +69,6 @@ def positions_and_velocities(
     values: FloatArray, moments: FloatArray, step: float, times: FloatArray, value: FloatArray, slope: FloatArray
 ) -> None:
     """Evaluate spline values and slopes at all times.
-
     ``value`` and ``slope`` of shape (I, C) are overwritten.
     """
     for i in range(times.shape[0]):
@@ -92,7 +78,6 @@ def positions_and_velocities(
 @kernel(fastmath=("contract",), apart=True)
 def values_between(values: FloatArray, moments: FloatArray, step: float, times: FloatArray, out: FloatArray) -> None:
     """Evaluate spline values alone at all times.
-
     ``out`` of shape (I, C) is overwritten.
     """
     for j in range(times.shape[0]):
@@ -117,18 +102,7 @@ def ranges_and_velocities(
     approach_mps: FloatArray,
 ) -> None:
     """Compute range and approach speed of points on splines (E-03, E-04).
-
     The range is from ``origin``, the speed -dR/dt.
-
-    Parameters
-    ----------
-    values, moments : ndarray, shape (T, 3 P)
-        Coordinates x, y, z of point after point, and their moments.
-    step : float
-    times : ndarray, shape (I,)
-    origin : ndarray, shape (3,)
-    range_m, approach_mps : ndarray, shape (I, P)
-        Overwritten.
     """
     per_s, at_x, at_y, at_z = 1.0 / step, origin[0], origin[1], origin[2]
     for j in range(times.shape[0]):
@@ -169,19 +143,7 @@ def angles_of_sight(
     aspect_rad: FloatArray | None = None,
 ) -> None:
     """Compute azimuth, elevation and aspect angle of points (E-04).
-
     The points lie on splines and are seen from ``origin``.
-
-    Parameters
-    ----------
-    values, moments, step, times, origin
-        As for :func:`ranges_and_velocities`.
-    azimuth_rad, elevation_rad : ndarray, shape (I, P)
-        Overwritten.
-    least_mps : float
-        A slower point has no aspect angle: NaN.
-    aspect_rad : ndarray, shape (I, P), optional
-        Overwritten.
     """
     value, slope = np.empty(values.shape[1]), np.empty(values.shape[1])
     for i in range(times.shape[0]):
@@ -206,15 +168,7 @@ def turn_and_move(
     moved: FloatArray,
 ) -> None:  # fmt: skip
     """Turn points about an upright axis and move them level.
-
-    Parameters
-    ----------
-    points, moved : ndarray, shape (N, 3)
-        ``moved`` is overwritten.
-    cos, sin : float
-        Of the turn.
-    pivot_x, pivot_y, to_x, to_y : float
-        Place of the axis, and where it goes.
+    Shapes: points, moved (N, 3).
     """
     for n in range(points.shape[0]):
         k = np.uint64(n)

@@ -24,29 +24,7 @@ def longest_stretch(
     shortest: int,
 ) -> tuple[int, int]:
     """Find the first longest segment of a path within the limits.
-
-    Its ends are inclusive.
-
-    The chord through a point within ``lateral_m`` of a path sample lies in a cone of directions; a chord is straight
-    enough when it lies in the cones of all samples before it. That makes one pass of what is a search over triples.
-
-    Parameters
-    ----------
-    path : ndarray, shape (T, 2)
-        m.
-    speed : ndarray, shape (T,)
-        m/s.
-    step_s : float
-        Time between samples.
-    lateral_m, speed_deviation, min_length_m, min_speed_mps
-        As in :class:`doppelgait.motion.segments.SegmentLimits`.
-    shortest : int
-        Fewest steps, 1 or more.
-
-    Returns
-    -------
-    first, last : int
-        -1, -1 when there is none.
+    Its ends are inclusive. Shapes: path (T, 2); speed (T,).
     """
     best_first, best_last = -1, -1
     for first in range(path.shape[0]):

@@ -48,7 +48,6 @@ _EXPONENT = np.int32(23)  # position of the exponent in a float32
 @kernel(fastmath=("contract",))
 def _exp2(x: np.float32) -> np.float32:
     """Compute 2^x for -126 < x <= 0.
-
     A polynomial gives 2^(x - round(x)); 2^round(x) is added to the exponent's bits.
     """
     rounded = np.float32(x + _ROUNDER)
@@ -61,10 +60,7 @@ def _exp2(x: np.float32) -> np.float32:
 @kernel(fastmath=("contract",))
 def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: ignore[no-untyped-def]
     """Compute place, amplitude and bins of one echo in all lanes.
-
     The place is in bins, the amplitude is complex; first and last bin are those that the echo reaches.
-
-    Turns are reduced in float64 to at most a quarter, the half turn left over is a sign.
     """
     first_bin_m, bins_per_m, first_turn, turns_per_m = geometry
     first = np.int32(2**30)
@@ -92,10 +88,7 @@ def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: 
 @kernel(fastmath=("contract",))
 def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: ignore[no-untyped-def]
     """Add one echo in all lanes to bins first..stop-1.
-
     They are in the flat planes from ``start`` on, ``stride`` apart.
-
-    The envelope beyond the cut is exactly zero in every lane, however far the other lanes reach.
     """
     for n in range(first, stop):
         row = start + (n - first) * stride
@@ -112,7 +105,6 @@ def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: igno
 @kernel()
 def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_phase_rad, extra):  # type: ignore[no-untyped-def]
     """Transpose one block of frames to (scatterer, lane).
-
     Frames outside the record are silent.
     """
     n_frames, n_scatterers = range_m.shape
@@ -222,16 +214,7 @@ def join_planes(
     plane_re: Float32Array, plane_im: Float32Array, lowest: int, highest: int, out: npt.NDArray[np.complex64]
 ) -> None:
     """Transpose planes to a matrix of complex samples.
-
-    This is the reverse of :func:`split_planes`.
-
-    Parameters
-    ----------
-    plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
-    lowest, highest : int
-        Rows of the planes from and up to, outside of which they are known to be zero.
-    out : ndarray, shape (I, bins), complex64, C-contiguous
-        Overwritten.
+    This is the reverse of :func:`split_planes`. Shapes: plane_re, plane_im (bins, I or more); out (I, bins).
     """
     pairs = out.view(np.float32)
     pairs[:, : 2 * lowest] = 0.0
@@ -261,15 +244,7 @@ def add_echoes(
     extra_phase_rad: Float64Array | None = None,
 ) -> None:
     """Write the echoes of all scatterers into the data matrix.
-
-    Parameters
-    ----------
-    range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad
-        As for :func:`echo_planes`.
-    out : ndarray, shape (I, N), complex64, C-contiguous
-        Overwritten.
-    extra_phase_rad
-        As for :func:`echo_planes`.
+    Shapes: out (I, N).
     """
     planes = np.empty((2, out.shape[1], TILE), dtype=np.float32)  # a tile stays in the second-level cache
     for frame in range(0, out.shape[0], TILE):
@@ -285,16 +260,7 @@ def split_planes(
     matrix: npt.NDArray[np.complex64], first_bin: int, plane_re: Float32Array, plane_im: Float32Array
 ) -> None:
     """Copy range bins of a data matrix to real and imaginary planes.
-
-    Slow time is contiguous.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (I, N), complex64
-    first_bin : int
-        Range bin of row 0 of the planes.
-    plane_re, plane_im : ndarray, shape (bins, I), float32
-        Overwritten.
+    Slow time is contiguous. Shapes: matrix (I, N); plane_re, plane_im (bins, I).
     """
     for begin in range(0, plane_re.shape[1], LANES):  # a block of frames stays in the cache for all bins
         end = min(begin + LANES, plane_re.shape[1])

@@ -107,22 +107,7 @@ MAX_EXAMPLES = 2000
 
 @dataclass(frozen=True)
 class Contents:
-    """Files, index and plan of a dataset.
-
-    Parameters
-    ----------
-    directory : Path
-    description : dict
-        ``dataset.json``.
-    index : DataFrame
-        Rows of the intact shards, from the index, or from the shards' records if there is no index.
-    has_index : bool
-    failed : mapping
-        Reason by id of the examples that could not be made.
-    plan : Plan or None
-    no_plan : str
-        Why there is no plan.
-    """
+    """Files, index and plan of a dataset."""
 
     directory: Path
     description: Mapping[str, Any]
@@ -158,7 +143,6 @@ class Contents:
 
     def resolve_sample(self, rng: np.random.Generator, *, most: int = MAX_EXAMPLES) -> list[ExampleSpec]:
         """Resolve index examples again, up to ``most``.
-
         They are chosen at random, as many of every class.
         """
         if self.plan is None:
@@ -175,13 +159,7 @@ class Contents:
 
 
 def read_known_description(directory: Path) -> dict[str, Any]:
-    """Read ``dataset.json`` if this version can read the dataset.
-
-    Raises
-    ------
-    DatasetError
-        If there is none, it is damaged, or its schema version is another one.
-    """
+    """Read ``dataset.json`` if this version can read the dataset."""
     description = read_description(directory)
     version = description.get("schema_version")
     if version != SCHEMA_VERSION:

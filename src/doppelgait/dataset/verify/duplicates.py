@@ -35,11 +35,7 @@ Pair = tuple[float, int, int]
 
 def check_groups(contents: Contents) -> Check:
     """Check that no subject or other group crosses splits.
-
     All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
-
-    Models with the same parameters in two splits give a warning: the plan samples no parameters, so that training and
-    test data contain the same body.
     """
     index = contents.index
     torn: dict[str, list[str]] = {}
@@ -65,14 +61,7 @@ def check_groups(contents: Contents) -> Check:
 
 def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callable[[], None]) -> Check:
     """Find signatures that occur in two splits.
-
-    They may not be the same, or differ in level and rounding only.
-
-    Identical: equal bytes, of all rows. Near-identical: a correlation above 0.999 of amplitudes (square root of the
-    power, mean removed), found among pairs with small pictures that, in dB, above the median level, correlate above
-    0.98. Amplitudes emphasise the body's lines over the noise: the same echoes with different noise at 30 dB are still
-    near-identical. Empty scenes are similar by nature and are compared for identity only. Without stored signatures the
-    check searches for equal features.
+    They may not be the same, or differ in level and rounding only. Identical: equal bytes, of all rows.
     """
     splits = contents.index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
@@ -161,7 +150,6 @@ def _read(
 
 def make_picture(power: npt.NDArray[Any]) -> Float32Array:
     """Average a signature into :data:`SHAPE` cells for comparison.
-
     The cells are in dB above their median, with the mean removed and norm 1, flat.
     """
     small = _average(_average(np.asarray(power, dtype=np.float32), SHAPE[0]).T, SHAPE[1]).T
@@ -171,7 +159,6 @@ def make_picture(power: npt.NDArray[Any]) -> Float32Array:
 
 def _average(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
     """Average rows into ``count`` groups.
-
     Rows are repeated where there are fewer.
     """
     size = values.shape[0]
@@ -190,7 +177,6 @@ def _scale_to_unit(values: npt.NDArray[Any]) -> Float32Array:
 
 def _find_equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
     """Return the first pair across splits per digest.
-
     Only digests that occur in more than one split have a pair.
     """
     first: dict[tuple[bytes, str], int] = {}
@@ -206,7 +192,6 @@ def _find_nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
 ) -> Iterator[Pair]:
     """Yield the nearest of ``others`` to each of ``rows``.
-
     Products are computed block by block.
     """
     table = np.stack([pictures[int(n)] for n in others])

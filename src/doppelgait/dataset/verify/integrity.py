@@ -25,21 +25,7 @@ from doppelgait.dataset.verify.contents import Check, Contents, convert_to_plain
 
 @dataclass(frozen=True)
 class ShardFindings:
-    """Findings about the shards.
-
-    Parameters
-    ----------
-    hashes : dict
-        SHA-256 of every shard file that can be read.
-    contents : list of str
-        Hash of the contents of every whole shard, computed from its rows and arrays.
-    whole, missing : tuple of str
-        Shards that match their records; shards without any file.
-    damaged, unlisted : dict
-        Reason by shard: different from its record; different from the index.
-    failed : dict
-        Reason by id of the examples that could not be made.
-    """
+    """Findings about the shards."""
 
     whole: tuple[str, ...]
     missing: tuple[str, ...]
@@ -54,7 +40,6 @@ def look_at_shards(
     directory: Path, identity: str, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
 ) -> ShardFindings:
     """Compare shards with their records, and these with the index.
-
     Shards are hashed; one is in memory at a time.
     """
     findings = ShardFindings((), (), {}, {}, {}, {}, [])
@@ -89,7 +74,6 @@ def look_at_shards(
 
 def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFindings) -> tuple[dict[str, Any] | None, str]:
     """Return an intact shard's record, or its fault.
-
     The hashes are kept in the findings.
     """
     try:
@@ -125,7 +109,6 @@ def _record(path: Path, identity: str, files: ShardFiles, findings: ShardFinding
 
 def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """Describe the first difference of index rows and a record.
-
     The text is empty if there is none.
     """
     rows = record["rows"]
@@ -148,7 +131,6 @@ def _describe_difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
 
 def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
     """Check the shards against their records.
-
     Missing shards are no fault while the dataset is incomplete.
     """
     total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
@@ -203,17 +185,7 @@ def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
 
 
 def check_files(directory: Path, names: Sequence[str], shards: Mapping[str, str], *, complete: bool) -> Check:
-    """Check the hash of every file, and their list.
-
-    Parameters
-    ----------
-    directory : Path
-    names : sequence of str
-        All shards of the dataset.
-    shards : mapping
-        SHA-256 of the shard files, by the name of the shard.
-    complete : bool
-    """
+    """Check the hash of every file, and their list."""
     path = directory / SUMS
     if not path.exists():
         words = f"{SUMS} is missing" + (", though the dataset says it is complete; build it again" if complete else "")
@@ -266,7 +238,6 @@ MOST_LOST = 0.05
 
 def check_identity(contents: Contents) -> Check:
     """Check the ``id`` of ``dataset.json``.
-
     Configuration and source files are hashed again.
     """
     if contents.plan is None or contents.unlike:
@@ -311,7 +282,6 @@ def check_rows(contents: Contents) -> Check:
 
 def check_balance(contents: Contents, *, missing_shards: int) -> Check:
     """Check the examples of every class in every split.
-
     Failed ones are named.
     """
     if contents.plan is None:

@@ -48,20 +48,7 @@ LEAST_GROUPS = 5
 
 @dataclass(frozen=True)
 class Guess:
-    """Result of guessing classes from nuisance parameters.
-
-    Parameters
-    ----------
-    n_rows, n_parameters : int
-    accuracy, allowed : float
-        Mean balanced accuracy of the folds, and what is allowed; NaN where nothing could be judged.
-    p_value : float
-        Share of permutations that do as well, this one counted.
-    telling : tuple of (str, float)
-        Parameters by the balanced accuracy that each gives alone, largest first.
-    reason : str
-        Why nothing could be judged.
-    """
+    """Result of guessing classes from nuisance parameters."""
 
     n_rows: int
     n_parameters: int
@@ -85,13 +72,7 @@ class Guess:
 @dataclass(frozen=True)
 class Cells:
     """Cells of the rows of a table.
-
-    Parameters
-    ----------
-    members : ndarray of float32, shape (n, n_cells)
-        1 in the cell of every term that a row is in.
-    starts : ndarray of int, shape (n_terms,)
-        First cell of every term: a parameter or a pair.
+    Shapes: members (n, n_cells); starts (n_terms,).
     """
 
     members: Float32Array
@@ -100,15 +81,7 @@ class Cells:
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
     """Guess ``label`` from all other columns but ``group``.
-
     Folds keep groups together.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Numbers and texts; a missing value is a value.
-    rng : Generator
-        For folds and permutations.
     """
     names = [str(name) for name in table.columns if name not in ("label", "group")]
     labels, _ = pd.factorize(table["label"], sort=True)
@@ -136,7 +109,6 @@ def _p_value(
     accuracy: float, cells: Cells, folds: IntArray, labels: IntArray, groups: IntArray, rng: np.random.Generator
 ) -> float:
     """Return the share of permutations that do as well, this one counted.
-
     More permutations are made if none of the first :data:`PERMUTATIONS` does.
     """
     made = better = 0
@@ -149,7 +121,6 @@ def _p_value(
 
 def make_cells(columns: Sequence[pd.Series]) -> Cells:
     """Return the cells of every column and of every pair.
-
     Pairs are used for up to :data:`MOST_PAIRED` columns.
     """
     terms = [bin_values(column, BINS) for column in columns]
@@ -167,7 +138,6 @@ def make_cells(columns: Sequence[pd.Series]) -> Cells:
 
 def bin_values(column: pd.Series, count: int) -> IntArray:
     """Return every value's quantile bin from 1, missing 0.
-
     If there are few different values, each has a bin.
     """
     if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
@@ -184,7 +154,6 @@ def bin_values(column: pd.Series, count: int) -> IntArray:
 
 def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
     """Return the folds' mean balanced accuracy per label column.
-
     Each fold is guessed from the others; labels have the shape (n, n_columns).
     """
     n_classes = int(labels.max()) + 1
@@ -199,7 +168,6 @@ def score_folds(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[
 
 def _compute_log_ratios(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
     """Return the log-likelihood ratio of every class against all rows.
-
     The ratios are those of the rows of a fold, with shape (n_classes, n_test, P).
     """
     train = cells.members[~test]
@@ -230,7 +198,6 @@ def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> np
 
 def permute_labels(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
     """Permute labels over groups.
-
     Groups with one label swap labels; groups with several labels permute them within the group.
     """
     n_groups = int(groups.max()) + 1
@@ -268,13 +235,7 @@ SHOWN_PARAMETERS = 3
 
 def check_nuisance(contents: Contents, examples: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
     """Check that nuisance parameters do not predict the class.
-
     Parameters are PRF, range, bearing, aspect, level, noise, gate error and the like.
-
-    A classifier is trained on these values, as sampled from the plan and as stored in the index, and is scored
-    in folds that keep groups together. The check fails where the mean balanced accuracy of the folds exceeds
-    0.55 (of two classes; as far above chance for more) and fewer than 0.01 % of permutations of the labels over the
-    groups do as well (:mod:`doppelgait.dataset.verify.leakage`). For imported recordings a leak is only a warning.
     """
     index = contents.index
     leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
@@ -328,7 +289,6 @@ def drop_leaks(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
 
 def select_varying(table: pd.DataFrame) -> pd.DataFrame:
     """Select label, group and the parameters that differ beyond rounding, each once.
-
     No radar measures the sixth digit of a level. The index repeats some values of the plan under another name.
     """
     table = table.apply(lambda values: round_values(values) if pd.api.types.is_numeric_dtype(values) else values)
@@ -341,7 +301,6 @@ def select_varying(table: pd.DataFrame) -> pd.DataFrame:
 
 def round_values(values: pd.Series) -> pd.Series:
     """Round numbers to five significant digits.
-
     Values that were summed in another order then become equal.
     """
     numbers = values.to_numpy(dtype=np.float64)
@@ -354,7 +313,6 @@ def round_values(values: pd.Series) -> pd.Series:
 
 def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate the nuisance parameters of examples that were resolved again.
-
     The values of the index are in the table, too.
     """
     flat = tabulate_examples(examples).drop(columns=["label", "group"])
@@ -369,7 +327,6 @@ def tabulate_nuisances(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> 
 
 def tabulate_examples(examples: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Tabulate label, group and nuisance parameters of resolved examples.
-
     Rows are named by their identifiers.
     """
     records, names = [], []

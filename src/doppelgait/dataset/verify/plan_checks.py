@@ -32,17 +32,7 @@ MOST_PLACED = 200
 
 def refuse_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
     """Raise a :class:`DatasetError` if nuisance parameters predict the class.
-
-    Nothing is simulated. The range error of the gates is not judged: no key of a plan can make it differ by class. An
-    honest plan is refused in less than one case in 10 000 (:mod:`doppelgait.dataset.verify.leakage`).
-
-    Parameters
-    ----------
-    examples : sequence of ExampleSpec
-    rng : Generator
-        Folds and permutations.
-    leaks : sequence of str
-        Keys that the plan names in ``dataset.leaks``; they are not judged.
+    Nothing is simulated. The range error of the gates is not judged: no key of a plan can make it differ by class.
     """
     moving = [e for e in examples if all(row.source != "none" for row in e.rows)]
     table = (
@@ -70,21 +60,7 @@ def warn_of_leaks(examples: Sequence[ExampleSpec], rng: np.random.Generator, *, 
 def warn_of_default_rcs(
     examples: Sequence[ExampleSpec], rng: np.random.Generator, *, folder: Path, leaks: Sequence[str] = ()
 ) -> None:
-    """Warn if cross sections by body mass predict the class.
-
-    The motions of up to :data:`MOST_PLACED` examples are made where the plan states no ``target.rcs.total_m2``: a
-    built dataset would fail the leakage test for a value that no key of its plan names.
-
-    Parameters
-    ----------
-    examples : sequence of ExampleSpec
-    rng : Generator
-        Folds and permutations.
-    folder : Path
-        Folder that relative motion paths start from.
-    leaks : sequence of str
-        Keys that the plan names in ``dataset.leaks``.
-    """
+    """Warn if cross sections by body mass predict the class."""
     if "target.rcs" in leaks:
         return
     records, unstated = [], False

@@ -41,18 +41,7 @@ plan."""
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference between a stored row and its repetition.
-
-    Parameters
-    ----------
-    id : str
-    identical : bool
-        Every byte of every array and every value of the row.
-    array_l2, feature : float
-        Relative L2 of the worst array over its tolerance; largest relative difference of a feature.
-    reason : str
-        Difference that rounding does not explain: another label or shape, or a failed simulation.
-    """
+    """Difference between a stored row and its repetition."""
 
     id: str
     identical: bool
@@ -63,7 +52,6 @@ class Difference:
 
 def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[PlannedExample]:
     """Choose a random share of the existing examples.
-
     At least three of every class are chosen.
     """
     if contents.plan is None or not share > 0:
@@ -79,11 +67,7 @@ def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[P
 
 def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
     """Compare examples that are made again with the stored ones.
-
     The arrays are byte-identical, or equal within the tolerances for another processor or library.
-
-    Fails where an array is off by more than a relative L2 of 1e-4 (2e-2 in half precision), where features of more
-    than 5 % of the rows are off by more than 1 %, or where an id, label, subject or shape is another one.
     """
     if contents.plan is None or contents.unlike or not chosen:
         reason = contents.no_plan or contents.unlike or "none was requested, or none exists"
@@ -169,7 +153,6 @@ def _is_same(there: Any, made: Any) -> bool:
 
 def _compare_numbers(made: Any, there: Any) -> float:
     """Return the relative difference of two numbers.
-
     It is infinite where only one of them is known.
     """
     unknown = (made is None, there is None or there != there)
@@ -181,12 +164,7 @@ def _compare_numbers(made: Any, there: Any) -> float:
 
 def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
     """Compare SNR_frame of a few examples with the index.
-
-    Echoes and noise are simulated separately.
-
-    Signal: time mean of the strongest range bin's power without noise. Noise: mean power of what the noise adds, in all
-    bins. Both without impairments, background bodies and reflections, as the definition says; within 0.1 dB, or four
-    standard deviations of a mean over so few noise values, 10 / ln 10 / sqrt(n) each.
+    Echoes and noise are simulated separately. Signal: time mean of the strongest range bin's power without noise.
     """
     if contents.plan is None or contents.unlike:
         status: Any = contents.no_plan_status if contents.plan is None else "skipped"

@@ -57,15 +57,7 @@ decimated to 400 to 800."""
 
 def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form: str = "png") -> list[Path]:
     """Plot signatures per class on pages, and features.
-
     A page has up to 24 signatures, where they are kept.
-
-    Signatures of a class share axes and scale, in dB above the noise floor of each.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written.
     """
     from doppelgait.viz import feature_matrix, save_figure
 
@@ -88,7 +80,6 @@ def plot_sheets(contents: Contents, folder: Path, rng: np.random.Generator, form
 
 def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
     """Plot the page of one class.
-
     It is None where no row has a signature.
     """
     from doppelgait.viz import contact_sheet
@@ -127,7 +118,6 @@ def _plot_sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any
 
 def divide_by_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
     """Divide a signature by its noise floor.
-
     Without a known floor its median is used. The columns are decimated to what a page shows.
     """
     known = floor_v2 is not None and floor_v2 > 0
@@ -218,7 +208,6 @@ def _open(
     target: Path, description: dict[str, Any], folder: Path, tick: Callable[[], None]
 ) -> tuple[Contents, list[Check], int]:
     """Return the intact shards' contents and the file checks.
-
     The last item is the number of shards that are missing or damaged.
     """
     index, reason = None, ""

@@ -76,7 +76,6 @@ def read_column(index: pd.DataFrame, name: str) -> FloatArray:
 
 def check_velocity(index: pd.DataFrame) -> Check:
     """Check the torso velocity against the body's mean radial velocity.
-
     Rows that show nothing are left out.
     """
     truth, found = read_column(index, "truth_radial_velocity_mps"), read_column(index, "feature_torso_velocity_mps")
@@ -89,7 +88,6 @@ def check_velocity(index: pd.DataFrame) -> Check:
 
 def check_gait_frequency(index: pd.DataFrame) -> Check:
     """Check the gait frequency against the truth.
-
     Rows of 10 dB and more that are not flagged are used.
     """
     truth, found = read_column(index, "truth_gait_frequency_hz"), read_column(index, "gait_frequency_hz")
@@ -104,7 +102,6 @@ def check_gait_frequency(index: pd.DataFrame) -> Check:
 
 def check_snr(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
     """Check SNR_frame of the index against the plan.
-
     A plan that sets a level of noise has nothing to check.
     """
     asked = {e.id: e.run.noise.snr_db for e in examples if e.run.noise.kind == "snr"}
@@ -118,7 +115,6 @@ def check_snr(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
 
 def check_aspect(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
     """Check the aspect angle against the plan's.
-
     Bodies that walk straight through the planned place are used.
     """
     table = []
@@ -140,10 +136,7 @@ def check_aspect(index: pd.DataFrame, examples: Sequence[ExampleSpec]) -> Check:
 
 def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
     """Return a planned path's mean aspect at a point.
-
-    It passes the planned place at mid-time, half the body's height up.
-
-    The angle between the velocity and the line to the radar, E-04, at 41 times.
+    It passes the planned place at mid-time, half the body's height up (E-04).
     """
     target = example.run.scene.targets[0]
     range_m = target.range_m or float(row["truth_range_m"])
@@ -162,9 +155,7 @@ MOST_LIMITED = 0.05
 
 def check_feasibility(contents: Contents) -> Check:
     """Check how many rows reach a limit of the radar.
-
-    The limits are aliasing, targets outside the frame, folded echoes and truncated gates. The dataset stays valid; the
-    check warns from 5 % of the rows of a class on.
+    The limits are aliasing, targets outside the frame, folded echoes and truncated gates.
     """
     if contents.measured:
         return Check("feasibility", "not applicable", "imported recordings have no truth to compare with")
@@ -190,13 +181,7 @@ MAX_EMPTY_SHARE = 0.05
 
 def check_visible_targets(contents: Contents) -> Check:
     """Check that targets which declare motion are visible.
-
     A class that is only noise, or mostly, fails; an empty scene that moves is a warning.
-
-    A row shows something where the strongest Doppler cell of its columns stands 3 dB and more above the noise floor
-    (``quality_snr_mu_db``); a target that no track follows shows nothing. Noise alone is below 0 dB where the gate
-    averages many range bins, and at most ln 1000 + 0.58 - 1 = 6.5 (8 dB) in a single bin with 1000 cells; there the
-    check of the torso velocity, which noise meets by chance in 2 % of rows, decides.
     """
     if contents.measured:
         return Check("visible targets", "not applicable", "imported recordings declare no motion")

@@ -48,7 +48,6 @@ SAME_KNOT = 1e-6
 
 def check_relative_speed(relative_speed: float) -> float:
     """Return the relative speed if the model is valid for it.
-
     The valid range is 0 < q = V/L <= 3. Other values raise :class:`ConfigError`.
     """
     if not 0 < relative_speed <= TOP_RELATIVE_SPEED * (1 + 1e-9):
@@ -79,7 +78,6 @@ def _cosine(cycles: FloatArray) -> FloatArray:
 
 def _share(phase: FloatArray) -> FloatArray:
     """Return the phase within its cycle.
-
     The result is exactly equal to NumPy's remainder, which takes many times as long.
     """
     return np.asarray(phase - np.floor(phase))
@@ -87,24 +85,7 @@ def _share(phase: FloatArray) -> FloatArray:
 
 def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
     """Return the offset of the body from uniform motion.
-
-    It is in units of the offset scale k.
-
-    Parameters
-    ----------
-    phase : ndarray, shape (n,)
-        Cycles.
-    relative_speed : float
-        q, 0 < q <= 3.
-    signs : str
-        The published lateral and fore-aft amplitudes change sign at q = 0.5. ``"published"`` keeps this.
-        ``"continuous"`` also uses the sign of the middle regime below 0.5. ``"pendulum"`` is the same with the
-        opposite fore-aft sign, so that the body is fastest in double support.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        x forward, y left, z up.
+    It is in units of the offset scale k. Shapes: phase (n,); returns (n, 3).
     """
     q = relative_speed
     slow = q < 0.5
@@ -127,7 +108,6 @@ def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: Offs
 
 def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
     """Return the pelvic list l(p), negative with the left side lower.
-
     It is 0 at p = 0 and 0.5.
     """
     p = _share(phase)
@@ -146,7 +126,6 @@ def lean_deg(relative_speed: float) -> float:
 
 def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
     """Return pelvis and trunk angles by name, degrees.
-
     They are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,).
     """
     q, pitch = relative_speed, lean_deg(relative_speed)
@@ -171,7 +150,6 @@ def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
     """Return the joint flexion of one side by name, degrees.
-
     The joints are hip, knee, ankle, shoulder and elbow. The arrays have the shape of ``phase``.
     """
     q = relative_speed
@@ -190,7 +168,6 @@ def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatA
 
 def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     """Return the joint curves' control points (phase, degrees).
-
     The joints are hip, knee, ankle and elbow.
     """
     q, s = relative_speed, compute_support_fraction(relative_speed)
@@ -231,7 +208,6 @@ def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
 @lru_cache(maxsize=256)
 def _fit_pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
     """Compute the shape-preserving periodic cubic through knots.
-
     Results are cached, since a motion uses the same few curves repeatedly.
     """
     one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)

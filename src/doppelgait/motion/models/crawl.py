@@ -159,9 +159,7 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
 
 def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
     """Return advance and lift of a stepping limb.
-
-    The advance is in strides, the lift from 0 to 1, and ``cycles`` are counted from touchdown. The swing is
-    x = s^3 (10 - 15 s + 6 s^2), at rest and without acceleration at both ends. The lift is sin^2(pi s).
+    The advance is in strides, the lift from 0 to 1, and ``cycles`` are counted from touchdown.
     """
     number = np.floor(cycles)
     share = np.clip((cycles - number - duty) / (1 - duty), 0.0, 1.0)
@@ -170,15 +168,7 @@ def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]
 
 def compute_crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
     """Return the crawler's points by name, in statures.
-
-    The pelvis is at ``stride`` times the phase.
-
-    Parameters
-    ----------
-    phase : ndarray, shape (n,)
-        Strides.
-    stride : float
-        Stride length.
+    The pelvis is at ``stride`` times the phase. Shapes: phase (n,).
     """
     size, x = LENGTHS, stride * phase
     reach = ARM_REACH * (size["upper_arm"] + size["forearm"])

@@ -134,7 +134,6 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
 
 def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
     """Return the gaits that a dog may have.
-
     A Froude number without a gait is refused.
     """
     if gait is not None:
@@ -156,7 +155,6 @@ def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[Ga
 
 def _withers_m(build: Build, size: float) -> float:
     """Return a breed's withers height from a normal number.
-
     The distribution is truncated at the limits by rank, so that heights do not accumulate there.
     """
     normal, spread_m = NormalDist(), 0.08 * build.withers_m

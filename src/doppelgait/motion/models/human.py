@@ -76,7 +76,6 @@ _ARM_SWING = ((2.2, 9.0), (12.5, 30.0))
 
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
     """Return the dynamically similar speed of a 1.75 m adult.
-
     The Froude numbers are equal.
     """
     return speed_mps * math.sqrt(ADULT_M / height_m)
@@ -84,7 +83,6 @@ def adult_speed_mps(speed_mps: float, height_m: float) -> float:
 
 def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
     """Return the steps per second of a runner.
-
     The step frequency is a table of speed. Below 2.2 m/s (at 1.75 m), the first slope is extrapolated.
     """
     return _interpolate_table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
@@ -104,26 +102,8 @@ def _interpolate_table(table: tuple[tuple[float, ...], tuple[float, ...]], at: f
 
 def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArray:
     """Return the height of a runner's body relative to touchdown.
-
-    It follows from the half-sine ground force (Morin et al. 2005).
-
-    In stance z'' = A sin(pi t/t_c) - g with A = pi g t_step/(2 t_c), which supports the weight over a step; in flight
-    z'' = -g. Position, velocity and acceleration are continuous; the rise and fall over a step is
-    ``A t_c^2/pi^2 - g t_c^2/8 + g t_f^2/8``.
-
-    Parameters
-    ----------
-    phase : array_like
-        Cycles; a foot lands at 0 and 0.5.
-    stride_s : float
-        Stride time.
-    duty : float
-        Below 0.5.
-
-    Returns
-    -------
-    ndarray
-        Metres, shaped like ``phase``.
+    It follows from the half-sine ground force (Morin et al. 2005). In stance z'' = A sin(pi t/t_c) - g with A = pi g
+    t_step/(2 t_c), which supports the weight over a step; in flight z'' = -g.
     """
     half = np.mod(np.asarray(phase, dtype=float), 0.5)
     contact_s, step_s = duty * stride_s, stride_s / 2
@@ -136,7 +116,6 @@ def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArr
 
 def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) -> FloatArray:
     """Return a runner's offset from uniform motion.
-
     The offset is lateral, over the standing leg (assumed), and vertical.
     """
     sway = -0.012 * leg_m * np.sin(2 * np.pi * (phase - 0.1))
@@ -145,7 +124,6 @@ def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) 
 
 def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
     """Return a runner's assumed pelvic torsion and list.
-
     Signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`.
     """
     return {"pelvic_torsion": -8.0 * np.cos(2 * np.pi * phase), "pelvic_list": -3.0 * np.sin(2 * np.pi * phase)}
@@ -153,7 +131,6 @@ def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
 
 def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArray]:
     """Return a runner's upper-body pitch and torsion.
-
     The lean is 5 to 10 degrees; the torsion is assumed.
     """
     lean = float(np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)))
@@ -162,10 +139,7 @@ def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArr
 
 def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
     """Return flexion of shoulder and elbow of one side.
-
     The arrays have the shape of ``phase``; phase 0 is the touchdown of that side. The elbow is at 80 to 100 degrees.
-    The upper arm swings by 30 to 60 degrees in total, opposite to the leg. At 3 m/s, swing and lead are those of the
-    recorded runs (hands at 0.35 V relative to the trunk).
     """
     back = np.cos(2 * np.pi * (phase + 0.13))
     return {"shoulder": -12.0 - _interpolate_table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
@@ -413,7 +387,6 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
     """Return leg length and tempo relative to Boulic's.
-
     The tempo is 1 for an adult; for a child, it follows from the Froude number.
     """
     lengths = find_segment_lengths(config.body, config.height_m)
@@ -425,7 +398,6 @@ def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
 
 def _make_boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
     """Make the walk of Boulic et al. 1990.
-
     Its feet slide.
     """
     leg_m, stride_m, period_s, q = _walk_timing(config)
@@ -441,7 +413,6 @@ def _make_boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Gait
 
 def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
     """Return leg, stride, stride time and relative speed.
-
     Lengths in m, the time in s; the speed is Boulic's q.
     """
     leg_m, tempo = _find_leg_and_tempo(config)
@@ -484,10 +455,7 @@ def _make_measured_motion(
     thorax: Callable[[FloatArray], tuple[float, FloatArray]], arms: Curves,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:  # fmt: skip
     """Make foot, pose and hips from measured curves.
-
-    The measured ripple and feet are added to the gait's own trunk and arms. ``pelvis`` returns angles in degrees and
-    the offset of the body, ``thorax`` mean pitch and torsion. The fore-aft motion of the feet is ``reach_m`` times the
-    measured curve, which is relative to the stride.
+    The measured ripple and feet are added to the gait's own trunk and arms.
     """
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)

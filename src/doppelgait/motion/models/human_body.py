@@ -41,17 +41,7 @@ _CYCLE = np.arange(200) / 200
 
 
 def swing_arms(curves: Curves, *, factors: tuple[float, float], hands: tuple[Hands, Hands]) -> Curves:
-    """Change the arm swing of joint curves.
-
-    Parameters
-    ----------
-    curves : callable
-        Joint curves of the gait.
-    factors : (float, float)
-        Swing of shoulder and elbow about their means relative to the gait's own, left and right; 1 leaves it unchanged.
-    hands : (str, str)
-        State of the left and the right hand: ``"free"`` or a key of :data:`HELD`.
-    """
+    """Change the arm swing of joint curves."""
     if factors == (1.0, 1.0) and hands == ("free", "free"):
         return curves
     means = {joint: angle.mean() for joint, angle in curves(_CYCLE).items() if joint in ("shoulder", "elbow")}
@@ -87,20 +77,7 @@ def compute_figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
     """Return points relative to the base of the spine (Chen 2011).
-
-    Parameters
-    ----------
-    trunk_rad : mapping of ndarray, shape (n,)
-        ``trunk_pitch`` (negative leans forward), ``pelvic_torsion``, ``pelvic_list``, ``thorax_torsion``.
-    limbs_rad : mapping of ndarray, shape (2, n)
-        Flexion of ``hip``, ``knee``, ``ankle``, ``shoulder``, ``elbow``; left, then right.
-    size_m : mapping of float
-        Segment lengths, keys as :data:`doppelgait.motion.models.boulic.LENGTHS`.
-
-    Returns
-    -------
-    ndarray, shape (n, 17, 3)
-        Metres in the order of :data:`POINTS`; x forward, y left, z up.
+    Shapes: trunk_rad (n,); limbs_rad (2, n); returns (n, 17, 3).
     """
     count = limbs_rad["hip"].shape[1]
     # base of the spine, then hip, knee, ankle and toe of both sides
@@ -138,7 +115,6 @@ def _place_upper_body(
 
 def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
     """Return the left hip relative to the spine's base.
-
     The right hip is opposite. Angles are those of :func:`compute_figure_points`.
     """
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
@@ -151,9 +127,7 @@ def place_legless_points(
     size_m: Mapping[str, float],
 ) -> FloatArray:  # fmt: skip
     """Return a figure without knees, ankles and toes.
-
-    The shape is (n, 17, 3); each coordinate of a point is contiguous in memory. ``base_m`` is the base of the spine and
-    ``left_m`` the result of :func:`place_left_hip`, both (n, 3). The angles are those of :func:`compute_figure_points`.
+    The shape is (n, 17, 3); each coordinate of a point is contiguous in memory.
     """
     found = np.zeros((3, len(POINTS), base_m.shape[0]))
     found[:, _UPPER] = _place_upper_body(trunk_rad, arms_rad, size_m)
@@ -164,7 +138,6 @@ def place_legless_points(
 
 def _stack_columns(points: Sequence[Place], count: int) -> FloatArray:
     """Stack the coordinates of points as (3, k, n).
-
     Rotations are applied to whole columns.
     """
     found = np.empty((3, len(points), count))
@@ -178,7 +151,6 @@ def _place_hanging_links(
     start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the ends (x, z) of linked rods.
-
     Links hang straight down at angle 0; a positive angle is forward.
     """
     ends_x, ends_z = [], []
@@ -192,7 +164,6 @@ def _place_hanging_links(
 
 def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
     """Rotate points about a coordinate axis, in place.
-
     The rotation is right-handed, through the origin, by n angles.
     """
     first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -223,7 +194,6 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
 @dataclass(frozen=True)
 class _Manner:
     """Means and spreads of the gait of a group of people.
-
     The spreads ``_spread`` are those of logarithms.
     """
 
@@ -301,16 +271,7 @@ class Person:
 
 def find_segment_lengths(body: Body, height_m: float) -> dict[str, float]:
     """Return segment lengths as fractions of the stature.
-
-    A child has shorter legs and a larger head. The ratios are linear in the stature from 1.6 m down to 0.9 m. The trunk
-    has the remaining length, so that the sum of head, trunk and leg is that of the adult.
-
-    Parameters
-    ----------
-    body : str
-        ``"adult"`` (those of Chen 2011 at any stature) or ``"child"``.
-    height_m : float
-        Stature; 0.9 to 1.6 for a child.
+    A child has shorter legs and a larger head. The ratios are linear in the stature from 1.6 m down to 0.9 m.
     """
     if body == "adult":
         return dict(LENGTHS)

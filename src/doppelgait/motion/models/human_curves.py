@@ -87,11 +87,7 @@ line from ankle to toe relative to standing, in degrees, positive with the toe u
 @dataclass(frozen=True)
 class CycleCurve:
     """Periodic curves of phase, as sums of harmonics.
-
-    Parameters
-    ----------
-    coefficients : ndarray, complex, shape (K,) or (curves, K)
-        c_k of Re(sum of c_k exp(2 pi j k phase)), from k = 0.
+    Shapes: coefficients (K,).
     """
 
     coefficients: npt.NDArray[np.complex128]
@@ -119,20 +115,7 @@ def join_curves(*curves: CycleCurve) -> CycleCurve:
 def make_measured_curve(
     gait: str, name: Curve, dimensionless_speed: float, *, integral: bool = False, asymmetry: float = 0.0
 ) -> CycleCurve:
-    """Make a measured curve or its phase integral.
-
-    Parameters
-    ----------
-    gait : {"walk", "run"}
-    name : str
-    dimensionless_speed : float
-        V / sqrt(g l), clipped to the range in :data:`MEASURED`.
-    integral : bool
-        Integrate the curve less its mean.
-    asymmetry : float
-        (first - second) / mean of its amplitude in the halves of the cycle. The factor is 1 plus half of the asymmetry
-        times a sine.
-    """
+    """Make a measured curve or its phase integral."""
     mean, slope = _find_harmonics(gait, name)
     harmonics = mean + slope * _compute_slowness(gait, dimensionless_speed)
     if asymmetry:
@@ -160,7 +143,6 @@ def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
 @cache
 def _find_harmonics(gait: str, name: Curve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
     """Return harmonics of a table's mean and slope.
-
     Harmonics at half the sampling rate are left out.
     """
     found = []

@@ -59,25 +59,7 @@ _NUDGE = 1e-5
 
 @dataclass(frozen=True)
 class GaitStyle:
-    """Cycle of a gait: stride, timing, sole and pose.
-
-    Parameters
-    ----------
-    name : str
-        ``"walk"`` or ``"run"``.
-    stride_m, period_s : float
-        Mean length and time of a stride.
-    duty : float
-        Share of the cycle in which a foot is on the ground.
-    foot : callable
-        Function of leg phases in cycles, shape (n,), that returns an array (n, 3): x of the ankle relative to uniform
-        motion in m, its height in m, and the pitch of the sole in rad, positive with the toe up.
-    pose : callable
-        Function of phases in cycles, shape (n,), that returns points in place, (n, 17, 3) in m, relative to the base of
-        the spine.
-    hips : callable
-        Function of the same phases that returns only the hips.
-    """
+    """Cycle of a gait: stride, timing, sole and pose."""
 
     name: str
     stride_m: float
@@ -93,28 +75,7 @@ def place_feet(
     left_ahead_m: float = 0.0,
 ) -> None:  # fmt: skip
     """Place a figure on feet that do not slide.
-
-    Segment lengths are kept. A flat sole is at z = 0. The trunk has the greatest height that the legs reach throughout.
-
-    Parameters
-    ----------
-    points_m : ndarray, shape (n, 17, 3)
-        The style's pose at the phases, moved forward by ``advance``.
-    phase : ndarray, shape (n,)
-        Cycles.
-    advance : callable
-        See :data:`Advance`.
-    style : Style
-        The gait.
-    size_m : mapping of float
-        ``thigh``, ``shank`` and ``foot``, the distance from ankle to tip.
-    left_ahead_m : float
-        Distance by which left feet land further ahead, and right feet less far. The motion of the trunk is unchanged.
-
-    Raises
-    ------
-    ConfigError
-        If the step is too long for the legs.
+    Segment lengths are kept. A flat sole is at z = 0. Shapes: points_m (n, 17, 3); phase (n,).
     """
     cycle, leg = np.floor(phase[0]) + _GRID, _sample_leg_phases(style.duty)
     in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]]))
@@ -161,21 +122,7 @@ def _number(side: str, joint: str) -> int:
 @dataclass(frozen=True)
 class Foot:
     """Motion of a foot through a cycle.
-
     Rows are (x, y, z of the ankle in m, slope of the line from ankle to toe in rad).
-
-    Parameters
-    ----------
-    offset : float
-        Leg phase minus body phase.
-    duty : float
-        Share of the cycle on the ground.
-    length_m : float
-        Length from ankle to toe.
-    print_m : ndarray, shape (4,)
-        Footprint relative to the distance travelled when the foot lands.
-    landing, leaving : (ndarray, ndarray), shape (4,)
-        Roll less the gait's own row in place at landing and at lift-off, and the slope of this difference per cycle.
     """
 
     offset: float
@@ -188,7 +135,6 @@ class Foot:
 
 def _sample_leg_phases(duty: float) -> FloatArray:
     """Return sample phases of stance, touchdown and lift-off.
-
     Stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
     """
     around = np.array([0.0, -_NUDGE, _NUDGE])
@@ -197,9 +143,7 @@ def _sample_leg_phases(duty: float) -> FloatArray:
 
 def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
     """Make a gait's feet and place their footprints.
-
-    ``hips`` are those at :func:`_sample_leg_phases`. A left footprint is ``left_ahead_m`` ahead of the one that lowers
-    the trunk least, a right footprint is behind it.
+    ``hips`` are those at :func:`_sample_leg_phases`.
     """
     cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     own = style.foot(cycles)
@@ -217,9 +161,7 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ah
 
 def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
     """Find the footprint with the highest hip.
-
-    The leg must reach the footprint during the whole stance. The height is a concave function of the position (the
-    minimum of circular arcs), so that a fine search follows a coarse one.
+    The leg must reach the footprint during the whole stance.
     """
     places = _PRINTS * reach_m
     room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
@@ -239,9 +181,7 @@ def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: 
 
 def _roll_sole(sole: FloatArray, foot_m: float) -> FloatArray:
     """Return ankle and pitch relative to the footprint, (n, 4).
-
-    They follow from the slope of the sole in stance. First the sole rotates down about the heel, then the heel rises
-    about the toe.
+    They follow from the slope of the sole in stance.
     """
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
@@ -259,27 +199,7 @@ def compute_foot_path(
     foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Return the path of a foot over the floor.
-
     In swing, the gait's own path is corrected by a cubic that matches value and slope of the adjacent stances.
-
-    Parameters
-    ----------
-    foot : Foot
-        The foot.
-    own : ndarray, shape (n, 4)
-        The gait's own rows, moved forward.
-    phase : ndarray, shape (n,)
-        Body phases.
-    advance : callable
-        See :data:`Advance`.
-
-    Returns
-    -------
-    ankle_m : ndarray, shape (n, 3)
-    pitch_rad : ndarray, shape (n,)
-        Slope of the line from ankle to toe, toe up positive.
-    swings : ndarray of bool, shape (n,)
-        True if the foot is off the ground.
     """
     number = np.floor(phase + foot.offset)
     cycles, first = phase + foot.offset - number, number.min()

@@ -298,7 +298,6 @@ def _make_course(
     config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
 ) -> FootfallCourse:
     """Return the positions and times of the footfalls.
-
     Half strides and landings vary as first-order autoregressive sequences.
     """
     regular = make_regular_course(phase, gait, stride)

@@ -105,16 +105,7 @@ their own foot: 0 is straight down, and positive angles have the lower end ahead
 
 def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
     """Return a trunk curve and its first phase.
-
     The phases of neck and front heave are relative to the fore feet, the others to the hind feet.
-
-    Parameters
-    ----------
-    gait : str
-    name : str
-        Name of the curve. The surge is a distance relative to the stride, the integral of the measured speed.
-    touchdown : mapping
-        Phases at which the feet of the gait land.
     """
     end = "fore" if name in ("fore_heave", "neck") else "hind"
     landing = touchdown[f"left_{end}"]
@@ -129,7 +120,6 @@ TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "ne
 
 def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
     """Join the trunk curves, each at its first phase.
-
     The curves are those of :func:`find_trunk_curve` in the order of :data:`TRUNK_CURVES`.
     """
     terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
@@ -141,17 +131,7 @@ def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> Cyc
 
 def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArray, duty: float) -> FloatArray:
     """Return the measured elevation of a limb's segment.
-
     Stance and swing of the recording are scaled to those of the duty factor.
-
-    Parameters
-    ----------
-    gait : str
-    segment : str
-    cycles : ndarray
-        Strides after the touchdown of the limb's own foot.
-    duty : float
-        Duty factor of that foot, between 0 and 1.
     """
     of_recording = MEASURED_DUTY[gait][segment != "metatarsus"]
     own = cycles - np.floor(cycles)
@@ -171,15 +151,7 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
 @cache
 def find_swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
     """Return the path of a swinging paw, 0 to 1.
-
     The path is a function of the share of the swing.
-
-    Parameters
-    ----------
-    gait : str
-    end : {"hind", "fore"}
-    peak : float
-        Maximum speed relative to the recorded one, 0.8 to 1.2; it is accurate to 10 %.
     """
     speed = np.array(SWINGS[gait, end])
     peaked = speed**2 / (speed**2).mean() * speed.mean()

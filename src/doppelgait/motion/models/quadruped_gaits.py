@@ -21,21 +21,7 @@ GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transv
 
 @dataclass(frozen=True)
 class Girdle:
-    """Motion of the hind or fore limbs in a gait.
-
-    Parameters
-    ----------
-    duty_offset : float
-        Offset added to the duty factor of the swing-time rule.
-    clearance : float
-        Height of the highest point of the paw's path.
-    clearance_at : float
-        Share of the swing at which the paw is highest, 0.4 to 0.6.
-    reach : float
-        Distance of the paw ahead of the girdle in the middle of its stance.
-    swing_peak : float
-        Maximum forward speed of the paw relative to the recorded one, 0.8 to 1.2.
-    """
+    """Motion of the hind or fore limbs in a gait."""
 
     duty_offset: float
     clearance: float
@@ -46,28 +32,7 @@ class Girdle:
 
 @dataclass(frozen=True)
 class Gait:
-    """Gait of a quadruped.
-
-    Parameters
-    ----------
-    touchdown : dict
-        Phase at which each foot lands.
-    froude : tuple
-        Allowed range and usual value of V^2/(g h): (lowest, highest, default).
-    stride_factor, stride_power : float
-        c and p of the stride length L/h = c Fr^p.
-    harmonic : int
-        Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 if the lag
-        of left and right is half a stride, otherwise 1.
-    curves : str
-        Recorded gait of its curves (:mod:`doppelgait.motion.models.quadruped_curves`).
-    sway : float
-        Amplitude of the trunk's sideways motion, once per stride.
-    ripple : float
-        Fore-aft motion of the trunk within a stride and swing of the neck, relative to the recorded ones.
-    hind, fore : Girdle
-        The two pairs of limbs.
-    """
+    """Gait of a quadruped (E-07)."""
 
     touchdown: dict[str, float]
     froude: tuple[float, float, float]
@@ -171,7 +136,6 @@ GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
 
 def pick_gait(froude: float) -> GaitName:
     """Return a dog's gait at a Froude number.
-
     It is a walk up to 0.5, a trot up to 2.5, and a gallop above.
     """
     fits = (name for name in GAITS_BY_SPEED if froude <= GAITS[name].froude[1] * (1 + 1e-9))
@@ -195,31 +159,7 @@ WITHERS_PER_CUBE_ROOT_MASS = 0.175
 @dataclass(frozen=True)
 class Build:
     """Size and proportions of an animal.
-
     Lengths are relative to those of the standard dog of the same hip height.
-
-    Parameters
-    ----------
-    withers_m : float
-        Usual height of the withers.
-    withers_range_m : tuple of float
-        Allowed heights.
-    mass_kg : float
-        Mass at that height; it is proportional to the cube of the height.
-    species : str
-        ``"dog"``, ``"cat"``, ``"horse"`` or ``"cow"``.
-    hip : float
-        Hip height over withers height.
-    trunk, limbs, head, tail : float
-        Length of the trunk, of all limb segments, of neck and skull, and of the tail.
-    stride : dict
-        Stride length by gait at the same Froude number, relative to that of the standard dog; 1 if not listed.
-    duty_offset : float
-        Offset added to the duty factors of walk, pace and trot.
-    walk_lag : float
-        Share of a stride by which the fore foot follows the hind foot of its side in a walk.
-    source : str
-        Source of the values.
     """
 
     withers_m: float
@@ -300,7 +240,6 @@ def froude_number(speed_mps: float, hip_m: float) -> float:
 
 def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
     """Return the stride length L = c h Fr^p.
-
     By dynamic similarity, p = 0.3 (Alexander and Jayes 1983); in the pace and the walk it is smaller (measured).
     """
     return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), gait.stride_power)
@@ -308,7 +247,6 @@ def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
     """Return a paw's duty factor, 1 - t_swing f.
-
     The girdle adds an offset; the result stays within limits.
     """
     swing_s = SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
@@ -318,7 +256,6 @@ def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> flo
 
 def mass_kg(build: Build, withers_m: float) -> float:
     """Return the body mass at another height.
-
     Geometric similarity is assumed, M ~ withers^3.
     """
     return build.mass_kg * (withers_m / build.withers_m) ** 3
@@ -326,7 +263,6 @@ def mass_kg(build: Build, withers_m: float) -> float:
 
 def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
     """Return a gait adapted to a build.
-
     Its right feet are ``asymmetry`` strides late.
     """
     gait = GAITS[name]

@@ -25,27 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def compute_paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Curve) -> tuple[FloatArray, FloatArray]:
-    """Return the path of a paw over the ground.
-
-    Parameters
-    ----------
-    cycles : ndarray
-        Strides since a touchdown of this paw; any real number.
-    girdle : Girdle
-        Shape of the path.
-    duty : float
-        Duty factor.
-    swing : Curve
-        See :func:`doppelgait.motion.models.quadruped_curves.swing_curve`.
-
-    Returns
-    -------
-    advance : ndarray
-        Distance from the first footfall in strides. It is constant in stance and larger by one after each swing. The
-        speed is continuous, and zero at lift-off and touchdown.
-    height : ndarray
-        Height in units of h: zero in stance, at most ``girdle.clearance``.
-    """
+    """Return the path of a paw over the ground."""
     turn = np.floor(cycles)
     share = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
     early, late = 5 * girdle.clearance_at, 5 * (1 - girdle.clearance_at)
@@ -94,17 +74,7 @@ _WHOLE_CYCLE = np.arange(120) / 120
 
 def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
     """Return the middle joint of two links.
-
-    The links connect ``start`` and ``end``.
-
-    Parameters
-    ----------
-    start, end : ndarray, shape (..., 3)
-        Ends of the chain. Their distance is at most the sum and at least the difference of the lengths of the links.
-    first, second : float
-        Lengths of the links.
-    bend : float
-        Direction of the joint, seen down the chain: +1 forward, -1 backward.
+    The links connect ``start`` and ``end``. Shapes: start, end (..., 3).
     """
     line = end - start
     x, y, z = line[..., 0], line[..., 1], line[..., 2]
@@ -118,7 +88,6 @@ def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: fl
 
 def point_down(angle_rad: FloatArray) -> FloatArray:
     """Return unit vectors that point down at angle 0.
-
     A positive angle is forward.
     """
     return stack_columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
@@ -126,17 +95,7 @@ def point_down(angle_rad: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FootfallCourse:
-    """Distance travelled, and phases of the footfalls.
-
-    Parameters
-    ----------
-    stride : float
-        Mean stride length in units of h.
-    landings : mapping
-        Number of the first stride and landing phases in cycles from then on, by foot.
-    advance : callable, optional
-        Distance in units of h at phases in cycles; by default all strides have equal length and time.
-    """
+    """Distance travelled, and phases of the footfalls."""
 
     stride: float
     landings: Mapping[str, tuple[int, FloatArray]]
@@ -157,7 +116,6 @@ def make_regular_course(phase: FloatArray, gait: Gait, stride: float) -> Footfal
 @dataclass(frozen=True)
 class Carriage:
     """Carriage of neck and tail.
-
     The values are mean elevations, and the angle of the tail to the left, (n,) in rad.
     """
 
@@ -174,9 +132,7 @@ def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Gait, build: Build, stride: float
 ) -> tuple[Trunk, FloatArray, FloatArray]:
     """Return the path of the trunk at standing height.
-
     The surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows from the two heaves.
-    The function also returns the elevations of neck and tail about their means, in degrees.
     """
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
@@ -189,9 +145,7 @@ def place_on_trunk(
     x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
 ) -> FloatArray:  # fmt: skip
     """Return the path of a point on the trunk.
-
-    The point is defined by its position when the dog stands with the middle of its trunk at x = 0. For several points,
-    with each coordinate (k, 1) or a number, the paths are (k, n, 3).
+    The point is defined by its position when the dog stands with the middle of its trunk at x = 0.
     """
     z = height - TRUNK_Z
     centre, cosine, sine = trunk
@@ -206,24 +160,7 @@ def compute_paws(
     rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the paths of both paws of one girdle.
-
     In the middle of its stance, a paw is below its girdle, shifted by the reach of the gait.
-
-    Parameters
-    ----------
-    rides : sequence of (ndarray, Course)
-        Phases and their courses, concatenated to n phases.
-    gait : Gait
-    build : Build
-    end : {"hind", "fore"}
-    duty : float
-        Duty factor.
-
-    Returns
-    -------
-    cycles : ndarray, shape (2, n)
-        Strides since a touchdown; whole numbers at the landings.
-    places : ndarray, shape (2, n, 3)
     """
     girdle: Girdle = getattr(gait, end)
     parts = []
@@ -251,7 +188,6 @@ def compute_paws(
 
 def compute_limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
     """Return paw, carpus or hock, and trunk joint.
-
     The trunk is at standing height. Each array is (2, n, 3), left and right.
     """
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
@@ -273,9 +209,7 @@ CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM
 
 def compute_crouch(ends: Points, limbs: float) -> float:
     """Return the lowering of the trunk for the limbs.
-
-    Every limb then reaches its paw at all positions of ``ends``. The maximum is :data:`DEEPEST_CROUCH`; the joints at
-    the trunk compensate the rest.
+    Every limb then reaches its paw at all positions of ``ends``.
     """
     lower = 0.0
     for top, bottom, first, second in CHAINS:
@@ -287,7 +221,6 @@ def compute_crouch(ends: Points, limbs: float) -> float:
 
 def move_along_limb(top: FloatArray, bottom: FloatArray, length: float) -> None:
     """Move a trunk joint along its limb, in place.
-
     It moves if the limb is nearly straight or folded, since a scapula glides over the ribs and a back bends.
     """
     line = top - bottom
@@ -306,9 +239,7 @@ TAIL_YIELD_RAD = 0.25
 
 def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
     """Lift a rod smoothly off the floor.
-
-    ``height`` is that of its upper end relative to its length. The rod hangs by less than ``height`` rad, which has an
-    even smaller sine. The exact angle would cause a jerk when the rod reaches the floor.
+    ``height`` is that of its upper end relative to its length.
     """
     free = TAIL_YIELD_RAD - height
     yielding = free - TAIL_YIELD_RAD * np.tanh((free - elevation_rad) / TAIL_YIELD_RAD)
@@ -319,7 +250,6 @@ def compute_all_points(
     phase: FloatArray, gait: Gait, build: Build, course: FootfallCourse, duty: dict[str, float], carriage: Carriage
 ) -> Points:
     """Return the dog's points by name, (n, 3).
-
     They are in units of h. The trunk is lowered until all limbs reach their paws.
     """
     # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws

@@ -37,7 +37,6 @@ def get_parameters(kind: str) -> type[FrozenModel]:
 
 def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, where: str) -> Parameters:
     """Check the keyword arguments of a model's function.
-
     Unlike a scene file, the function has a duration and no ``kind``.
     """
     for name in parameters:

@@ -21,9 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 
 def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
     """Stack columns to shape (n, number of columns).
-
-    A number is a constant column. First columns of shape (k, n) result in (k, n, number of columns). Each column is
-    contiguous in memory and stays so in arithmetic, which takes a third of the time of rows of three.
+    A number is a constant column. First columns of shape (k, n) result in (k, n, number of columns).
     """
     found = np.empty((1 + len(others), *first.shape))
     found[0] = first
@@ -34,7 +32,6 @@ def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
 
 def stack_xyz(x: FloatArray, y: FloatArray | float, z: FloatArray | float) -> FloatArray:
     """Stack coordinates to points, shape (n, 3).
-
     A number is a constant coordinate.
     """
     return np.stack([np.broadcast_to(part, x.shape) for part in (x, y, z)], axis=1)
@@ -49,15 +46,7 @@ _LAST_STEP = 1e-9
 @dataclass(frozen=True)
 class Curve:
     """Piecewise cubic curve between knots.
-
-    The outermost cubics are extrapolated beyond the ends.
-
-    Parameters
-    ----------
-    knots : ndarray, shape (K,)
-        Rising.
-    coefficients : ndarray, shape (4, K - 1)
-        c_0 to c_3 of the sum of c_k u^k, u the distance from the knot on the left.
+    The outermost cubics are extrapolated beyond the ends. Shapes: knots (K,); coefficients (4, K - 1).
     """
 
     knots: FloatArray
@@ -75,9 +64,7 @@ class Curve:
 
     def where(self, values: npt.ArrayLike) -> FloatArray:
         """Invert a curve with rising knots.
-
-        The values must be between those of its first and its last knot. Newton's method starts from the chord and is
-        replaced by bisection where it would leave the interval.
+        The values must be between those of its first and its last knot.
         """
         wanted = np.asarray(values, dtype=float)
         heights = np.append(self.coefficients[0], self(self.knots[-1]))
@@ -110,17 +97,7 @@ def fit_cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray
 
 def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     r"""Return a C2 cubic spline with not-a-knot ends.
-
-    .. math:: h_i s_{i-1} + 2 (h_{i-1} + h_i) s_i + h_{i-1} s_{i+1} = 3 (h_i m_{i-1} + h_{i-1} m_i)
-
-    for the slopes s, with steps h and chords m. At the ends, the third derivative is continuous at the second and the
-    second last knot (de Boor, A Practical Guide to Splines, ch. IV).
-
-    Parameters
-    ----------
-    knots : array_like, shape (K,)
-        Rising, K >= 4.
-    heights : array_like, shape (K,)
+    Shapes: knots (K,); heights (K,).
     """
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     h = x[1:] - x[:-1]
@@ -147,15 +124,8 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     """Return a shape-preserving cubic through periodic knots.
-
-    The phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides differ in sign or one
-    is level, otherwise it is their weighted harmonic mean (Fritsch and Butland 1984).
-
-    Parameters
-    ----------
-    knots : array_like, shape (K,)
-        Rising, 0 <= x < 1, K >= 2.
-    heights : array_like, shape (K,)
+    The phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides differ in sign or
+    one is level, otherwise it is their weighted harmonic mean (Fritsch and Butland 1984).
     """
     around = np.arange(-2, np.size(knots) + 2)  # slopes depend only on the neighbours
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
@@ -183,13 +153,7 @@ _MARGIN = 2
 
 
 def sample_times_s(duration_s: float, rate_hz: float) -> FloatArray:
-    """Return the frame times up to ``duration_s``.
-
-    Raises
-    ------
-    ConfigError
-        If the duration is not positive and finite.
-    """
+    """Return the frame times up to ``duration_s``."""
     if not (math.isfinite(duration_s) and duration_s > 0):
         raise ConfigError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
     return np.arange(math.ceil(duration_s * rate_hz - 1e-9) + 1) / rate_hz
@@ -204,31 +168,7 @@ def make_stride_clock(
     rng: RandomSource | None = None,
 ) -> Curve:
     """Return the stride clock: phase in cycles as function of time.
-
     It is a cubic spline, so that the rate is continuous.
-
-    Parameters
-    ----------
-    duration_s : float
-        Time that the clock must cover, from 0.
-    period_s : float
-        Mean stride time T.
-    start_phase : float
-        Phase in cycles at time 0.
-    variation : float
-        Standard deviation of the relative stride time; its sequence is first-order autoregressive.
-    rng : Streams or numpy.random.Generator, optional
-        Source of random numbers, needed if ``variation`` is above 0.
-
-    Returns
-    -------
-    Curve
-        Rising curve. The phase increases by one from knot to knot, and time 0 is a knot.
-
-    Raises
-    ------
-    ConfigError
-        If ``variation`` is above 0 without ``rng``.
     """
     ahead = math.ceil(duration_s / (period_s * (1 - LARGEST_DEVIATION * variation))) + _MARGIN
     deviation = np.zeros(_MARGIN + ahead)
@@ -254,7 +194,6 @@ def sample_autoregressive(count: int, rng: np.random.Generator, correlation: flo
 
 def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: float) -> dict[str, list[float]]:
     """Return each foot's landing times before ``end_s``.
-
     ``touchdown_phase`` is in cycles, by name of the foot.
     """
     first, last = (float(p) for p in clock([0.0, end_s]))
@@ -292,37 +231,7 @@ def step_series(
     rng: RandomSource | None = None,
 ) -> Steps:
     """Sample the touchdowns of both feet.
-
     They start well before time 0 and end well after ``duration_s``.
-
-    Parameters
-    ----------
-    duration_s : float
-        Time that must be covered.
-    stride_s, stride_m : float
-        Mean time and length of two steps.
-    start_phase : float
-        Phase in cycles at time 0.
-    time_sd, length_sd : float
-        Standard deviation of the time and the length of a step, relative to their means. They are sampled
-        independently, within 3 deviations.
-    pace_sd : float
-        Relative standard deviation of the speed, first-order autoregressive with correlation 0.95. Half of it changes
-        the length of steps, half their time.
-    time_asymmetry : float
-        (left - right) / mean of the times; a left step ends when the left foot lands.
-    rng : Streams or numpy.random.Generator, optional
-        Source of random numbers, needed if a standard deviation is above 0.
-
-    Returns
-    -------
-    times_s, phases, distance_m : ndarray, shape (K,)
-        Rising values; time and distance are 0 at the start phase.
-
-    Raises
-    ------
-    ConfigError
-        If a standard deviation is above 0 without ``rng``.
     """
     if rng is None and (time_sd > 0 or length_sd > 0 or pace_sd > 0):
         raise ConfigError(

@@ -39,21 +39,7 @@ MAX_BONES = 1000
 @dataclass(frozen=True)
 class Bone:
     """A bone; its point is its far end.
-
-    Parameters
-    ----------
-    name : str
-        ``"root"`` for the root; its length is 0.
-    parent : int
-        Index of the parent bone, -1 for the root.
-    vector : ndarray, shape (3,)
-        Vector from its start to its end in the rest pose, in the file's unit.
-    axes : ndarray, shape (3, 3)
-        Rotation of the frame of its angles.
-    order : str
-        Axis letters in the order of rotation.
-    freedoms : tuple of str
-        Meaning of its values in a motion: ``"rx"``, ``"ry"``, ``"rz"``; for the root also ``"tx"``, ``"ty"``, ``"tz"``.
+    Shapes: vector (3,); axes (3, 3).
     """
 
     name: str
@@ -67,17 +53,7 @@ class Bone:
 @dataclass(frozen=True)
 class Skeleton:
     """An ASF skeleton.
-
-    Parameters
-    ----------
-    bones : tuple of Bone
-        Bones; the root is first, and parents are before children.
-    origin : ndarray, shape (3,)
-        Position of the root, added to its translation.
-    metres_per_unit : float
-        0.0254 m / ``length``: the values are inches times that number.
-    degrees : bool
-        True if its angles are in degrees.
+    Shapes: origin (3,).
     """
 
     bones: tuple[Bone, ...]
@@ -87,13 +63,7 @@ class Skeleton:
 
 
 def read_asf(path: Path) -> Skeleton:
-    """Parse an ASF file without limits, masses and skin.
-
-    Raises
-    ------
-    MotionError
-        If it cannot be read or is damaged; the message names the line.
-    """
+    """Parse an ASF file without limits, masses and skin."""
     try:
         text = read_text(path)
     except OSError as error:
@@ -163,7 +133,6 @@ def _check_order(path: Path, line: int, order: str) -> None:
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
     """Return the rotation by x, then y, then z.
-
     The rotation of the first letter is applied first.
     """
     radians = np.radians(angles) if degrees else np.asarray(angles)
@@ -232,23 +201,7 @@ def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> d
 
 
 def find_asf(path: Path, named: str) -> Path:
-    """Find a motion file's skeleton in its folder.
-
-    It is the file with a name that is a prefix of the motion's name (``07.asf`` for ``07_01.amc``), otherwise the one
-    that the motion's first line names, otherwise the only one.
-
-    Parameters
-    ----------
-    path : Path
-        The AMC file.
-    named : str
-        File name of the skeleton in the comment of the AMC file, or ``""``.
-
-    Raises
-    ------
-    MotionError
-        If there is none, or the choice is ambiguous.
-    """
+    """Find a motion file's skeleton in its folder."""
     neighbours = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf")
     begins = [f for f in neighbours if re.match(re.escape(f.stem.lower()) + r"(?![0-9a-z])", path.stem.lower())]
     by_comment = [f for f in neighbours if f.name.lower() == named.lower()]
@@ -269,17 +222,7 @@ _NAMED = "#!oml:asf"
 
 @dataclass(frozen=True)
 class AmcContent:
-    """An AMC file as written.
-
-    Parameters
-    ----------
-    values : dict
-        Values of each bone by its name, shape (T, n).
-    degrees : bool or None
-        True if angles are in degrees; None if the file does not state it.
-    named : str
-        File name of the skeleton in its comment, or ``""``.
-    """
+    """An AMC file as written."""
 
     values: dict[str, FloatArray]
     degrees: bool | None
@@ -288,7 +231,6 @@ class AmcContent:
 
 def sniff_amc(path: Path, head: bytes) -> bool:
     """Return True if a file starts like an AMC motion.
-
     Such a file has a line ``:FULLY-SPECIFIED``, ``:DEGREES`` or ``:RADIANS``, and no skeleton.
     """
     return _KEYWORD.search(head) is not None and b":bonedata" not in head.lower()
@@ -304,32 +246,7 @@ def read_amc(
     rate_hz: float | None = None,
 ) -> Motion:
     """Read root and bone ends of an AMC motion.
-
     The motion is not cleaned. A point has the name of the bone that ends there: ``ltibia`` is the left ankle.
-
-    Parameters
-    ----------
-    path : Path
-        An existing AMC file.
-    skeleton : path-like, optional
-        ASF file of the subject; default: found in the folder of the motion.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: the unit of the skeleton.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found; y is the convention.
-    rate_hz : float, optional
-        Frames per second, up to 10000; default: 120, the rate of nearly all of the CMU database, since the format
-        states none (some of its trials have 60).
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up, x and y as in the CMU database's C3D files.
-
-    Raises
-    ------
-    MotionError
-        If motion or skeleton are invalid, or do not match.
     """
     text = read_text(path)
     start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
@@ -366,7 +283,6 @@ def read_amc(
 
 def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
     """Parse the values of every bone.
-
     All frames have the same words in the same positions, so that they form one table.
     """
     second = re.compile(r"(?m)^[ \t]*\d+[ \t]*$").search(text, text.index("\n", at) if "\n" in text[at:] else len(text))
@@ -417,24 +333,7 @@ def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[s
 
 def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
     """Compute the positions of root and bone ends.
-
-    Positions are in the unit and the axes of the skeleton. The rotation of a bone in its parent's frame is
-    ``C M C^-1``, where C are its axes and M its angles in the order of its axis letters. Bones without values, or
-    without a degree of freedom, keep their rest pose.
-
-    Parameters
-    ----------
-    path : Path
-        The AMC file, for messages.
-    skeleton : Skeleton
-        The subject's bones.
-    content : AmcContent
-        The motion.
-
-    Raises
-    ------
-    MotionError
-        If the motion has a bone, or a number of values, that does not match the skeleton.
+    Positions are in the unit and the axes of the skeleton.
     """
     degrees = skeleton.degrees if content.degrees is None else content.degrees
     freedoms = {bone.name: bone.freedoms for bone in skeleton.bones}

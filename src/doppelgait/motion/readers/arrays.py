@@ -50,7 +50,6 @@ SMPL_COUNTS = (22, 24)
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
     """Return True if a file looks like npz or motion JSON.
-
     An npz file is a zip archive with a ``.npy`` file as its first member.
     """
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
@@ -69,42 +68,7 @@ def read_arrays(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read joint positions of npz or JSON files, uncleaned.
-
-    The file holds an array (frames, points, 3) under ``positions``, ``joints`` or ``Jtr``, the frame rate under
-    ``rate_hz``, ``mocap_framerate``, ``mocap_frame_rate`` or ``fps``, and, if known, one name per point under
-    ``names`` or ``joint_names`` and the length unit under ``units``. In JSON these are keys of one object, positions
-    are lists by frame, point and axis, and ``null`` is a gap.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    key : str, optional
-        Name of the array of positions, if it is another one.
-    skeleton : str, optional
-        ``"smpl"``: the 22 or 24 points without names are the joints of SMPL in its order.
-    subject : str, optional
-        Prefix of the wanted names; needed only when several subjects were recorded.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: the unit in the file, else m or mm with a
-        warning.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
-    rate_hz : float, optional
-        Frames per second, up to 10000; default: the rate in the file.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` states what was read and left out.
-
-    Raises
-    ------
-    MotionError
-        If the file is invalid, or has only parameters of a body model (``poses``, ``trans``). The message names the
-        line, key or frame.
-    """
+    """Read joint positions of npz or JSON files, uncleaned."""
     with path.open("rb") as file:
         packed = is_npz(file.read(4096))
     if packed:

@@ -36,19 +36,7 @@ MAX_NODES = 1000
 
 @dataclass
 class Node:
-    """A joint or an end site.
-
-    Parameters
-    ----------
-    name : str
-        Name as in the file; that of an end site is its joint's name and ``_End``.
-    parent : int
-        Index of its parent, -1 for the root.
-    offset : tuple of float
-        Position in the parent's frame, used for coordinates without a position channel.
-    channels : list of str
-        ``"px"``, ``"py"``, ``"pz"`` positions and ``"rx"``, ``"ry"``, ``"rz"`` rotations, in the file's order.
-    """
+    """A joint or an end site."""
 
     name: str
     parent: int
@@ -59,15 +47,7 @@ class Node:
 @dataclass(frozen=True)
 class BvhContent:
     """A BVH file as written.
-
-    Parameters
-    ----------
-    nodes : tuple of Node
-        Nodes; parents are before children.
-    frame_time_s : float
-        Declared frame time, not checked.
-    values : ndarray, shape (T, C)
-        Values with one column for each channel of each node in order, in degrees and the file's length unit.
+    Shapes: values (T, C).
     """
 
     nodes: tuple[Node, ...]
@@ -76,13 +56,7 @@ class BvhContent:
 
 
 def read_bvh_content(path: Path) -> BvhContent:
-    """Parse a BVH file.
-
-    Raises
-    ------
-    MotionError
-        If it is damaged; the message names the line.
-    """
+    """Parse a BVH file."""
     text = read_text(path)
     split = re.search(r"(?im)^[ \t]*MOTION[ \t\r]*$", text)
     if split is None:
@@ -107,7 +81,6 @@ def read_bvh_content(path: Path) -> BvhContent:
 
 def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
     """Execute one statement of the hierarchy.
-
     Statements declare, open, describe and close nodes.
     """
     word = words[0].upper()
@@ -200,33 +173,7 @@ def read_bvh(
     path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
 ) -> Motion:
     """Read the body's joints of a BVH file, uncleaned.
-
-    Rotations are applied in the order of their channels. A position channel of a joint replaces that coordinate of its
-    OFFSET. Ends of chains (finger tips, toes, paws, the nose) are kept if they do not coincide with their joint. Rig
-    helpers, a root that is not a joint of the body, nodes that coincide with others, and a rest pose before the
-    recording are left out.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: found from the size of the
-        skeleton, since the format names none.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found; y is the convention.
-    rate_hz : float, optional
-        Frames per second, up to 10000; default: one over the file's Frame Time.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up; ``report`` states what was read and left out.
-
-    Raises
-    ------
-    MotionError
-        If the file is invalid, or holds no joints of a body.
+    Rotations are applied in the order of their channels.
     """
     content = read_bvh_content(path)
     if rate_hz is None and not 0.0 < content.frame_time_s < float("inf"):
@@ -254,13 +201,7 @@ def read_bvh(
 
 def compute_bvh_positions(content: BvhContent) -> FloatArray:
     """Compute the positions (T, J, 3) of all nodes.
-
     Positions are in the unit and the axes of the file.
-
-    Parameters
-    ----------
-    content : BvhContent
-        A parsed file.
     """
     n_frames, n_nodes = len(content.values), len(content.nodes)
     translation = np.empty((n_nodes, n_frames, 3))

@@ -19,7 +19,6 @@ from doppelgait.motion.readers.points import LengthUnit, check_rate, find_unit, 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
     """Return True if a file starts like C3D.
-
     The first bytes are the block number of the parameters and 0x50, and the rest is not text.
     """
     return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
@@ -34,31 +33,7 @@ def read_c3d(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read a C3D file's physical markers, uncleaned.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    subject : str, optional
-        Prefix of the wanted labels; needed only when several subjects were recorded.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: the unit in the file.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
-    rate_hz : float, optional
-        Frames per second, up to 10000; default: the rate in the file.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` states what was read and left out.
-
-    Raises
-    ------
-    MotionError
-        If the file is invalid, or holds no usable markers.
-    """
+    """Read a C3D file's physical markers, uncleaned."""
     content = read_content(path)
     rate = check_rate(
         path,

@@ -51,7 +51,6 @@ class Span:
 @dataclass(frozen=True)
 class Record:
     """One parameter with type, dimensions, values and byte positions.
-
     Types are -1 (text), 1 and 2 (integer) and 4 (float).
     """
 
@@ -90,7 +89,6 @@ class Record:
 @dataclass(frozen=True)
 class Layout:
     """Counts and byte positions that a C3D file declares.
-
     They come from header and parameters; ``header_analog`` is in words per frame.
     """
 
@@ -124,7 +122,6 @@ class Layout:
 
     def count_declared_analog(self) -> float:
         """Return the declared analog words per frame.
-
         They are channels times samples per frame.
         """
         return (self.number("ANALOG", "USED") or 0.0) * self._count_per_frame("ANALOG")
@@ -143,7 +140,6 @@ class Layout:
 
     def is_tight(self, frames: int, points: int, analog: int) -> bool:
         """Return True if a number of frames fills the data section.
-
         Padding of the last block is allowed.
         """
         stride = (4 * points + analog) * (4 if self.is_float else 2)
@@ -152,7 +148,6 @@ class Layout:
 
 def decode_float32(raw: bytes, processor: int) -> float:
     """Decode one 32-bit float.
-
     DEC swaps the two words, and its exponent is two higher than that of IEEE.
     """
     if processor == DEC:
@@ -161,18 +156,7 @@ def decode_float32(raw: bytes, processor: int) -> float:
 
 
 def read_layout(path: Path) -> Layout:
-    """Check header and parameter section of a C3D file.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Raises
-    ------
-    MotionError
-        If the file is truncated, damaged or in a byte order that cannot be read.
-    """
+    """Check header and parameter section of a C3D file."""
     size = path.stat().st_size
     if size > MAX_SIZE:
         raise MotionError(f"{path}: has {size} bytes; C3D files of up to {MAX_SIZE} bytes are read")
@@ -236,7 +220,6 @@ def _walk_records(
     path: Path, section: bytes, section_at: int, processor: int
 ) -> tuple[dict[tuple[str, str], Record], tuple[Span, ...]]:
     """Return all parameters by (group, name) and all records.
-
     Names are in upper case. A record that does not fit raises an error.
     """
     groups: dict[int, str] = {}
@@ -297,21 +280,7 @@ def _read_record(
 @dataclass(frozen=True)
 class C3dContent:
     """3D content of a C3D file, in its units.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        NaN where a point was not seen.
-    labels : tuple of str, length P
-        Labels as in the file, ``""`` if a point has none.
-    rate_hz : float
-        Frames per second, 0 if the file states none.
-    units : tuple of str
-        One unit for all points, one for each point, or none.
-    texts : dict
-        Text parameters by ``"GROUP:NAME"``.
-    notes : tuple of str
-        Faults of the file that were worked around.
+    Shapes: position (T, P, 3).
     """
 
     position: FloatArray
@@ -323,13 +292,7 @@ class C3dContent:
 
 
 def read_content(path: Path) -> C3dContent:
-    """Read the points of a C3D file.
-
-    Raises
-    ------
-    MotionError
-        If the file is damaged, holds no points, or its header and parameters disagree and the data fit neither or both.
-    """
+    """Read the points of a C3D file."""
     layout = read_layout(path)
     # refuse a file without points, or with two different numbers of points
     declared = layout.number("POINT", "USED")
@@ -370,7 +333,6 @@ def read_content(path: Path) -> C3dContent:
 
 def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
     """Find analog words per frame and number of frames.
-
     Together they fill the data section.
     """
     frames, points = layout.header_frames, layout.header_points
@@ -392,7 +354,6 @@ def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
 
 def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
     """Decode the positions (T, P, 3), NaN for gaps.
-
     They are in the units of the file.
     """
     width = 4 * layout.header_points + analog

@@ -36,19 +36,7 @@ SKELETON = "skeleton.json"
 @dataclass(frozen=True)
 class ExpmapSkeleton:
     """Skeleton that defines the meaning of a file's numbers.
-
-    Parameters
-    ----------
-    joint_names : tuple of str, length J
-        Names in the order of the columns.
-    parents : tuple of int, length J
-        Index of each parent; -1 for the root, which is first.
-    offsets : ndarray, shape (J, 3)
-        Offset from the parent in its frame, in the file's unit.
-    metres_per_unit, frame_rate_hz : float or None
-        Unit and rate; None if the skeleton does not state them.
-    up_axis : str
-        Axis letter, by default y.
+    Shapes: offsets (J, 3).
     """
 
     joint_names: tuple[str, ...]
@@ -78,33 +66,7 @@ def read_expmap(
     rate_hz: float | None = None,
 ) -> Motion:
     """Read the joints of an exponential-map recording, not cleaned.
-
     A rest pose before the recording is left out.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    skeleton : path-like, optional
-        JSON file with ``joint_names``, ``parents``, ``offsets`` and optionally ``metres_per_unit``,
-        ``frame_rate_hz`` and ``up_axis``; default: ``skeleton.json`` in the folder of the file.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: the unit of the
-        skeleton, otherwise found from its size.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
-    rate_hz : float, optional
-        Frames per second, up to 10000; default: the rate of the skeleton.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up.
-
-    Raises
-    ------
-    MotionError
-        If the file or its skeleton is invalid, or the rate is unknown.
     """
     file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
     if not file.is_file():
@@ -149,13 +111,7 @@ def read_expmap(
 
 
 def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
-    """Read and check a skeleton in JSON.
-
-    Raises
-    ------
-    MotionError
-        If it is not JSON, or a key is missing or invalid; the message names the key.
-    """
+    """Read and check a skeleton in JSON."""
     try:
         content = parse_json(read_text(path))
     except (OSError, ValueError) as error:

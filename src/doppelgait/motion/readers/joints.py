@@ -36,15 +36,7 @@ FloatArray = npt.NDArray[np.float64]
 @dataclass(frozen=True)
 class Joints:
     """Nodes of one hierarchy: names, parents and positions.
-
-    Parameters
-    ----------
-    names : tuple of str, length J
-        Node names as in the file; an unnamed end of a chain has the name of its joint (``"Head_End"``).
-    parents : tuple of int, length J
-        Index of each node's parent, smaller than its own; -1 for the root.
-    position : ndarray, shape (T, J, 3)
-        In the file's unit and axes.
+    Shapes: position (T, J, 3).
     """
 
     names: tuple[str, ...]
@@ -54,17 +46,7 @@ class Joints:
 
 def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
     """Return right-handed rotations by angles about one coordinate axis.
-
-    Parameters
-    ----------
-    axis : str
-        ``"x"``, ``"y"`` or ``"z"``.
-    angle_rad : ndarray, shape (...)
-        Any angle.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
+    Shapes: angle_rad (...); returns (..., 3, 3).
     """
     k = "xyz".index(axis)
     i, j = (k + 1) % 3, (k + 2) % 3
@@ -78,20 +60,7 @@ def make_axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
 
 def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
     """Multiply axis rotations, ``R_axes[0] @ R_axes[1] @ ...``.
-
-    The last axis rotates a vector first.
-
-    Parameters
-    ----------
-    axes : str
-        Axis letters, none or more, ``"zyx"`` for example.
-    angles_rad : ndarray, shape (..., len(axes))
-        Angles in the order of ``axes``.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        The identity if ``axes`` is empty.
+    The last axis rotates a vector first. Shapes: angles_rad (..., len(axes); returns (..., 3, 3).
     """
     if not axes:
         return np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
@@ -103,18 +72,7 @@ def make_euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
 
 def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
     """Convert rotation vectors (exponential maps) to rotation matrices.
-
-    ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues).
-
-    Parameters
-    ----------
-    vector_rad : ndarray, shape (..., 3)
-        Unit axis times angle a; K is the cross-product matrix of the unit axis.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        Matrices that rotate column vectors by +a about the axis.
+    ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues). Shapes: vector_rad (..., 3); returns (..., 3, 3).
     """
     angle = np.linalg.norm(vector_rad, axis=-1)
     # sin(a)/a and (1 - cos(a))/a^2 without a division by zero
@@ -128,22 +86,7 @@ def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
 
 def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:
     """Compute the positions of all nodes of a hierarchy.
-
     ``p_j = p_parent + G_parent @ t_j``, ``G_j = G_parent @ R_j``.
-
-    Parameters
-    ----------
-    parents : sequence of int, length J
-        A parent comes before its children; -1 for a root.
-    translation : ndarray, shape (J, T, 3)
-        Translation of each node in its parent's frame.
-    rotation : ndarray, shape (J, T, 3, 3)
-        Rotation of each node relative to its parent.
-
-    Returns
-    -------
-    ndarray, shape (T, J, 3)
-        In the unit of ``translation``.
     """
     position = np.array(translation)
     frame = np.array(rotation)
@@ -161,7 +104,6 @@ POSE_BYTES = 240
 
 def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
     """Refuse a hierarchy with poses that take too much memory.
-
     Joints without values take no space in the file.
     """
     check_cost(path, POSE_BYTES * n_joints * n_frames, MotionError, what=f"{n_joints:,} joints in {n_frames:,} frames")
@@ -169,16 +111,7 @@ def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
 
 def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
     """Return True if the first frame is a rest pose.
-
-    Conversions of the CMU database have one. Its root is not rotated, but that of the second frame is, and the body
-    jumps between them by more than five times the median of the other steps.
-
-    Parameters
-    ----------
-    root_rotation : ndarray, shape (T, k)
-        Rotation channels of the root, any unit.
-    position : ndarray, shape (T, J, 3)
-        Positions of all nodes.
+    Conversions of the CMU database have one. Shapes: root_rotation (T, k); position (T, J, 3).
     """
     if len(position) < 3 or root_rotation[0].any() or not root_rotation[1].any():
         return False
@@ -220,38 +153,7 @@ def make_joint_motion(
     report: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Motion:
-    """Make the motion of the body's joints, uncleaned.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    joints : Joints
-        All nodes, in the file's unit and axes.
-    kind : str
-        Name of the format.
-    rate_hz : float
-        Frames per second.
-    rate_from, unit_from : str
-        Sources of rate and unit, for the report.
-    unit : str, float or None
-        Name of the length unit or metres per unit; None to find it from the size of the skeleton.
-    up_axis : str or None
-        Upward axis; None to find it.
-    declared_axis : str
-        Axis letter that points up by the convention of the format.
-    subject : str
-        Person or animal, if known.
-    report : mapping, optional
-        Further entries of the report.
-    notes : sequence of str
-        Notes on corrected faults, for the report.
-
-    Raises
-    ------
-    MotionError
-        If there are too few frames, no points, or an option is not allowed.
-    """
+    """Make the motion of the body's joints, uncleaned."""
     check_rate(path, rate_hz, said="was given" if rate_from == "option" else "declares")
     check_amount(path, len(joints.position))
     if not np.isfinite(joints.position).all():
@@ -273,13 +175,7 @@ def make_joint_motion(
 
 
 def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
-    """Select the joints that are points of the body.
-
-    Raises
-    ------
-    MotionError
-        If there are none.
-    """
+    """Select the joints that are points of the body."""
     check_labels(path, joints.names)
     # reasons to leave out a node
     size = measure_skeleton(joints.parents, _measure_bone_lengths(joints))
@@ -321,7 +217,6 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
 
 def _measure_bone_lengths(joints: Joints) -> FloatArray:
     """Return each node's median distance from its parent.
-
     The distance is in the unit of the file; it is 0 for the root.
     """
     parents = np.array([max(parent, 0) for parent in joints.parents])
@@ -331,15 +226,7 @@ def _measure_bone_lengths(joints: Joints) -> FloatArray:
 
 def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
     """Return the longest path along the bones.
-
-    The path is from one end to another and does not depend on the pose.
-
-    Parameters
-    ----------
-    parents : sequence of int, length J
-        A parent comes before its children; -1 for a root.
-    lengths : ndarray, shape (J,)
-        Length of each node's bone.
+    The path is from one end to another and does not depend on the pose. Shapes: lengths (J,).
     """
     depth = np.zeros(len(parents))
     size = 0.0
@@ -354,22 +241,7 @@ def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
 
 
 def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
-    """Return the stated length unit, or guess it.
-
-    A warning is issued if a guess is uncertain (other units also fit, none fits, or the names do not indicate the type
-    of body), or if a stated unit results in an unusual size.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    joints : Joints
-        All nodes.
-    kept : sequence of int
-        Nodes of the body.
-    unit, unit_from
-        Same as in :func:`make_joint_motion`.
-    """
+    """Return the stated length unit, or guess it."""
     # the tree of the kept nodes; if all ancestors were dropped, the first kept node is the parent
     number = {j: n for n, j in enumerate(kept)}
     parents: list[int] = []

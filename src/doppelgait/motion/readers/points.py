@@ -43,15 +43,7 @@ MIN_SUBJECT_POINTS = 8
 
 
 def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
-    """Return the reasons why points are not physical markers.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        All labels of the file.
-    texts : mapping
-        Text parameters by ``"GROUP:NAME"``.
-    """
+    """Return the reasons why points are not physical markers."""
     kinds = dict.fromkeys(_OUTPUT_LISTS) | dict.fromkeys(name.upper() for name in texts.get("POINT:TYPE_GROUPS", ()))
     listed = {
         strip_subject(label): kind.lower()
@@ -89,24 +81,7 @@ def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> d
 
 
 def _pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subject: str | None) -> tuple[str, list[int]]:
-    """Return the subject to read and its points.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    labels : sequence of str
-        All labels; the subject is before the colon.
-    kept : sequence of int
-        Indices of physical markers.
-    subject : str or None
-        Wanted subject; None selects the only subject that is not a prop.
-
-    Raises
-    ------
-    MotionError
-        If the wanted subject is absent, or several are possible.
-    """
+    """Return the subject to read and its points."""
     counts = Counter(_find_prefix(labels[i]) for i in kept)
     named = ", ".join(f"{name or '(no prefix)'} ({count} points)" for name, count in counts.most_common())
     if subject is not None:
@@ -128,13 +103,7 @@ MAX_LABEL = 400
 
 
 def check_labels(path: Path, labels: Sequence[str]) -> None:
-    """Refuse too many points and very long names.
-
-    Raises
-    ------
-    MotionError
-        If there are more than 20,000, or a name has more than 400 characters.
-    """
+    """Refuse too many points and very long names."""
     if len(labels) > MAX_POINTS:
         raise MotionError(f"{path}: holds {len(labels):,} points; up to {MAX_POINTS:,} are read")
     long = max(labels, key=len, default="")
@@ -162,25 +131,7 @@ def make_names_unique(names: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """Points of one body among those of a file.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        All points of the file.
-    kept : list of int
-        Indices of the points of the body.
-    names, parts : list of str
-        Name and body part of each kept point.
-    reasons : mapping of int to str
-        Reason why each other point is left out.
-    measured : int, optional
-        Number of points of the file that cameras measured.
-    subject, species : str
-        Subject and species, if known.
-    is_skeleton : bool
-        True if the points are joints. Their body faces along z if y is upward.
-    """
+    """Points of one body among those of a file."""
 
     labels: Sequence[str]
     kept: list[int]
@@ -201,26 +152,7 @@ def pick_markers(
     texts: Mapping[str, Sequence[str]] | None = None,
     known_parts: Mapping[str, str] | None = None,
 ) -> BodyPoints:
-    """Select the physical markers of one subject.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    labels : sequence of str
-        Labels as in the file, with the subject before a colon.
-    subject : str, optional
-        Prefix of the wanted labels.
-    texts : mapping, optional
-        Text parameters by ``"GROUP:NAME"``.
-    known_parts : mapping, optional
-        Body part by lower-case name; it takes precedence over :mod:`doppelgait.motion.skeleton`.
-
-    Raises
-    ------
-    MotionError
-        If there are no markers, the wanted subject is absent, or several are possible.
-    """
+    """Select the physical markers of one subject."""
     check_labels(path, labels)
     reasons = _sort_points(labels, texts or {})
     markers = [i for i in range(len(labels)) if i not in reasons]
@@ -245,17 +177,7 @@ def pick_markers(
 @dataclass(frozen=True)
 class LengthUnit:
     """Length unit of the points of a file.
-
-    Parameters
-    ----------
-    name : str
-        Name for the report; the most frequent one if points have several.
-    metres : float
-        Metres per unit of that name.
-    source : str
-        Source of the unit, if it is to be reported.
-    each : ndarray, shape (K, 1) or (K, 3), optional
-        Metres per unit of each kept point or coordinate, if they differ.
+    Shapes: each (K, 1).
     """
 
     name: str
@@ -269,13 +191,7 @@ MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 10_000.0
 
 
 def check_amount(path: Path, n_frames: int, n_points: int = MIN_MARKERS) -> None:
-    """Refuse too few frames or points for a motion.
-
-    Raises
-    ------
-    MotionError
-        If there are fewer than 3 frames or 3 points.
-    """
+    """Refuse too few frames or points for a motion."""
     if n_frames < MIN_FRAMES:
         raise MotionError(
             f"{path}: holds {n_frames} frame(s), a static pose; a motion needs {MIN_FRAMES} or more, because a "
@@ -286,22 +202,7 @@ def check_amount(path: Path, n_frames: int, n_points: int = MIN_MARKERS) -> None
 
 
 def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
-    """Check a frame rate and return it in Hz.
-
-    Parameters
-    ----------
-    path : Path
-        For the message.
-    rate_hz : float, str or None
-        Rate from the file or the option.
-    said : str
-        Verb for the source of the rate in the message (``"declares"``, ``"was given"``).
-
-    Raises
-    ------
-    MotionError
-        If the rate is not a number from 1 to 10000.
-    """
+    """Check a frame rate and return it in Hz."""
     try:
         rate = float(rate_hz) if rate_hz is not None and not isinstance(rate_hz, bool) else np.nan
     except (TypeError, ValueError):
@@ -317,15 +218,7 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
 
 def find_unit(path: Path, name: str, position: FloatArray) -> str:
     """Return the named unit, or guess mm or m.
-
-    Parameters
-    ----------
-    path : Path
-        For the warning.
-    name : str
-        Name of the unit; ``""`` if neither file nor user names one.
-    position : ndarray, shape (T, P, 3)
-        In file units, NaN where missing.
+    Shapes: position (T, P, 3).
     """
     if name:
         return name
@@ -350,23 +243,7 @@ BODY_M = (0.05, 15.0)
 
 def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
     """Remove implausible positions and check the body's size.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    position_m : ndarray, shape (T, P, 3)
-        Changed in place.
-
-    Returns
-    -------
-    list of str
-        A note on the gaps, if there are any.
-
-    Raises
-    ------
-    MotionError
-        If many positions are implausible, or the extent of the body is less than 5 cm or more than 15 m.
+    Shapes: position_m (T, P, 3).
     """
     with np.errstate(invalid="ignore"):
         far = ~(np.abs(position_m) <= FARTHEST_M) & ~np.isnan(position_m)
@@ -413,45 +290,7 @@ def make_point_motion(
     notes: Sequence[str] = (),
 ) -> Motion:
     """Make the motion of one body's points, not cleaned.
-
-    This is the last step of every reader.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    position : ndarray, shape (T, P, 3)
-        All points of the file in its own unit and axes; NaN in any coordinate is a gap.
-    body : BodyPoints
-        Selection of the points to keep.
-    file_format : str
-        Name of the format, for the report.
-    rate_hz : float
-        Frames per second.
-    unit : LengthUnit
-        Unit of ``position``.
-    up_axis : str or None
-        One of :data:`~doppelgait.motion.axes.AXES`; None finds it.
-    declared_up : str
-        ``"x"``, ``"y"`` or ``"z"`` if the file, or the convention of a skeleton's format, names the upward axis.
-    usual_up : str
-        Upward axis that is assumed, with a warning, if neither the points nor the file indicate it.
-    rate_from : str
-        Source of the rate, for the report.
-    report : mapping, optional
-        Further entries of the report.
-    notes : sequence of str
-        Notes on corrected faults, for the report.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps.
-
-    Raises
-    ------
-    MotionError
-        If there are too few frames, or the upward axis is not allowed.
+    This is the last step of every reader. Shapes: position (T, P, 3).
     """
     check_amount(path, len(position))
     position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)

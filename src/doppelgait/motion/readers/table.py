@@ -58,27 +58,7 @@ FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, 
 
 @dataclass(frozen=True)
 class Header:
-    """Meaning of the column names of a table.
-
-    Parameters
-    ----------
-    titles : tuple of str
-        Name of every column.
-    next_row : int
-        Index of the first row after the names.
-    labels : tuple of str, length P
-        Points in the order of the file; each repetition of a name is another point.
-    columns : tuple of (int, int, int), length P
-        Columns of x, y and z; -1 for a missing one.
-    units : tuple of (str, str, str), length P
-        Unit in the name of each of these columns, ``""`` without one.
-    time_column : int or None
-        Column of the times.
-    time_factor : float
-        Seconds per unit of the times.
-    left_out : tuple of str
-        Columns that are not coordinates, time or frame number.
-    """
+    """Meaning of the column names of a table."""
 
     titles: tuple[str, ...]
     next_row: int
@@ -98,7 +78,6 @@ class Header:
 
 def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
     """Return numbered lines without blanks and comments.
-
     A comment starts with ``# ``.
     """
     return [(i + 1, line) for i, line in enumerate(lines) if line.strip(' \t,;"') and not line.startswith("# ")]
@@ -106,13 +85,7 @@ def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
 
 def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
     """Split the content lines into numbered rows of cells.
-
     The function also returns the delimiter: the most frequent of tab, ``;`` and ``,`` in the first line.
-
-    Raises
-    ------
-    MotionError
-        If a quoted cell does not end.
     """
     numbered = _list_content_lines(lines)
     if not numbered:
@@ -134,20 +107,7 @@ def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
 
 
 def read_header(path: Path, rows: Sequence[Row]) -> Header:
-    """Interpret the column names of a table.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    rows : sequence of (int, list of str)
-        First rows of the table (one or more).
-
-    Raises
-    ------
-    MotionError
-        If no columns are coordinates of points, or a coordinate of a point is missing.
-    """
+    """Interpret the column names of a table."""
     two = not any(_COORDINATE.fullmatch(cell) for cell in rows[0][1]) and _has_axis_row(rows)
     titles = _join_titles(path, rows) if two else trim_cells(rows[0][1])
     spelled = titles if any(_COORDINATE.fullmatch(title) for title in titles) else _split_triples(titles)
@@ -205,9 +165,7 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
 
 def _split_triples(titles: Sequence[str]) -> list[str]:
     """Rename triples of columns to ``NAME x (UNIT)``.
-
-    Triples are ``HeadX, HeadY, HeadZ``, ``X1, Y1, Z1`` or ``X, Y, Z``. Other titles are kept. A point without a name,
-    or with only a number, is named ``point_N``.
+    Triples are ``HeadX, HeadY, HeadZ``, ``X1, Y1, Z1`` or ``X, Y, Z``. Other titles are kept.
     """
     spelled, n_points, i = list(titles), 0, 0
     while i + 2 < len(titles):
@@ -235,7 +193,6 @@ def _has_axis_row(rows: Sequence[Row]) -> bool:
 
 def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
     """Join rows of names and axes into titles.
-
     A name is above its first coordinate or above all three.
     """
     axes = trim_cells(rows[1][1])
@@ -289,42 +246,7 @@ def read_table(
     missing: float | None = None,
 ) -> Motion:
     """Read the points of a delimited table, not cleaned.
-
-    The column of times is ``time_s``, ``time_ms`` or ``Time``; without a unit, times are in s. Coordinates are in one
-    of these forms:
-
-    - ``NAME_x_m, NAME_y_m, NAME_z_m`` (as ``doppelgait motion convert`` writes them), ``NAME_x``, ``NAME:X`` or
-      ``NAME X (mm)``;
-    - a row of names above a row ``X, Y, Z``;
-    - the columns of ACCAD (``Field``, ``Time``, ``NAME:X``) in mm, with -9999.99 for markers that were not seen;
-    - triples of adjacent columns without a separator (``NAMEX, NAMEY, NAMEZ``; ``X1, Y1, Z1``; ``X, Y, Z``).
-
-    Cells are separated by tabs, ``;`` or ``,``. With ``;``, numbers may have a decimal comma. Blank cells are gaps.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    subject : str, optional
-        Prefix of the wanted points; needed only when several subjects were recorded.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``, for columns without a unit in the name.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
-    rate_hz : float, optional
-        Frames per second, up to 10000; needed if there is no time column.
-    missing : float, optional
-        Number that means "not seen" if it is in all three cells of a point.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` states what was read and left out.
-
-    Raises
-    ------
-    MotionError
-        If the table is invalid; the message names line and column.
+    The column of times is ``time_s``, ``time_ms`` or ``Time``; without a unit, times are in s.
     """
     rows, delimiter = _split_rows(path, read_lines(path))
     if not rows:

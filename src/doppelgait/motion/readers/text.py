@@ -17,13 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 or Latin-1 text file.
-
-    Raises
-    ------
-    MotionError
-        If the file is too large.
-    """
+    """Read a UTF-8 or Latin-1 text file."""
     return "\n".join(read_lines(path))
 
 
@@ -31,30 +25,7 @@ def parse_rows(
     path: Path, text: str, at: int, *, n_columns: int, n_rows: int | None = None, separator: str = " "
 ) -> FloatArray:
     """Parse a table of numbers up to the end.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    text : str
-        The whole file, so that messages can count its lines.
-    at : int
-        Index of the first character of the table.
-    n_columns : int
-        Number of values in a row.
-    n_rows : int, optional
-        Declared number of rows; by default all rows are read.
-    separator : str
-        Separator of values: ``" "`` for any white space, or ``","`` with one row per line.
-
-    Returns
-    -------
-    ndarray, shape (T, n_columns)
-
-    Raises
-    ------
-    MotionError
-        If values are missing, superfluous, not numbers or not finite; the message names the first such line.
+    Shapes: returns (T, n_columns).
     """
     lines = [text[at:]] if separator == " " else [line for line in text[at:].split("\n") if line.strip()]
     with warnings.catch_warnings():
@@ -108,7 +79,6 @@ _BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 def decode(raw: bytes) -> str:
     """Decode a table's text as UTF-8 or, if that fails, as Latin-1.
-
     A byte-order mark is removed.
     """
     try:
@@ -118,13 +88,7 @@ def decode(raw: bytes) -> str:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Read the lines of a text file.
-
-    Raises
-    ------
-    MotionError
-        If the file is larger than 1 GiB, or has so many short lines that they take too much memory.
-    """
+    """Read the lines of a text file."""
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise MotionError(f"{path}: has {size} bytes; tables of up to {MAX_BYTES} bytes are read")
@@ -143,26 +107,7 @@ def to_numbers(
     path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str], *, decimal_comma: bool = False
 ) -> FloatArray:
     """Convert cells to numbers, shape (rows, columns).
-
     Blank cells, ``na``, ``n/a``, ``null``, ``none`` and ``-`` become NaN.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    rows : sequence of (int, list of str)
-        Line numbers and cells; every row has all columns.
-    columns : sequence of int
-        Indices of the wanted cells.
-    titles : sequence of str
-        Name of each wanted column, for messages.
-    decimal_comma : bool
-        True if numbers are written ``1,5``.
-
-    Raises
-    ------
-    MotionError
-        If a cell is text; the message names line and column.
     """
     values = np.empty((len(rows), len(columns)))
     for k, (line, cells) in enumerate(rows):
@@ -196,34 +141,7 @@ def find_frame_rate(
     path: Path, time_s: FloatArray, lines: Sequence[int], *, digit_s: float, declared_hz: float | None = None
 ) -> float:
     """Determine the frame rate from frame times.
-
-    It is the declared rate if the times agree with it. Otherwise it is the roundest rate that explains all times to
-    their last printed digit (times printed 0.0083, 0.0167 are 120 Hz, not 120.0008 Hz), or the number of frames over
-    the time from first to last.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    time_s : ndarray, shape (T,)
-        Times in s, T at least 2.
-    lines : sequence of int, length T
-        Line of each frame, for messages.
-    digit_s : float
-        One unit of the last printed digit (:func:`find_last_digit`), s.
-    declared_hz : float, optional
-        Rate in the header.
-
-    Returns
-    -------
-    float
-        Frame rate in Hz, 1 to 10000.
-
-    Raises
-    ------
-    MotionError
-        If a time is missing, times do not increase, or frames are not evenly spaced to 1 % of a frame. The message
-        names the line.
+    It is the declared rate if the times agree with it. Shapes: time_s (T,).
     """
     step = np.diff(time_s)
     if np.isnan(time_s).any():
@@ -254,7 +172,6 @@ def find_frame_rate(
 
 def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
     """Return the largest deviation from even times.
-
     The even times are fitted for the smallest maximum deviation.
     """
     return float(np.ptp(time_s - np.arange(len(time_s)) / rate_hz)) / 2.0
@@ -267,17 +184,7 @@ def _rounding_s(digit_s: float, rate_hz: float) -> float:
 
 def find_last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
     """Return the unit of a time column's last printed digit, s.
-
     It is at least 1e-8 of the largest time.
-
-    Parameters
-    ----------
-    cells : sequence of str
-        Times as printed.
-    time_s : ndarray
-        The same in s, NaN where missing.
-    factor : float
-        Seconds per printed unit.
     """
     decimals = max((len(cell.strip().partition(".")[2]) for cell in cells if "e" not in cell.lower()), default=15)
     # large numbers printed to nine significant digits have fewer decimals

@@ -62,32 +62,7 @@ def read_trc(
     rate_hz: float | None = None,
 ) -> Motion:
     """Read the markers of a TRC file, not cleaned.
-
-    Blank cells and points at exactly 0, 0, 0 are gaps. If the header states another rate than the times of the frames,
-    the times are used and a warning is issued.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    subject : str, optional
-        Prefix of the wanted labels; needed only when several subjects were recorded.
-    units : str, optional
-        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: the unit in the header.
-    up_axis : str, optional
-        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found, or y if nothing indicates it.
-    rate_hz : float, optional
-        Frames per second, up to 10000; default: the rate of times and header.
-
-    Returns
-    -------
-    Motion
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` states what was read and left out.
-
-    Raises
-    ------
-    MotionError
-        If the file is invalid; the message names the line.
+    Blank cells and points at exactly 0, 0, 0 are gaps.
     """
     content = _parse_trc(path)
     check_amount(path, len(content.rows), len(content.labels))
@@ -197,7 +172,6 @@ def _find_rate(path: Path, content: _Content, notes: list[str]) -> float:
 
 def _is_other(declared: str, count: int) -> bool:
     """Return True if a header states another number.
-
     Numbers may have thousands of digits.
     """
     return declared.isdecimal() and (len(declared) > LONGEST_NUMBER or int(declared) != count)

@@ -108,13 +108,7 @@ def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> f
 
 @dataclass(frozen=True)
 class RangeWindow:
-    """Training cells along range, the same on both sides.
-
-    Parameters
-    ----------
-    first, reach, step : int
-        Distances in bins: to the nearest cell beyond the guard, to the farthest cell, and between neighbouring cells.
-    """
+    """Training cells along range, the same on both sides."""
 
     first: int
     reach: int
@@ -128,7 +122,6 @@ class RangeWindow:
 
 def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
     """Build the window of training cells along range.
-
     The cells are at distances from ``guard_m`` to ``window_m`` with a spacing of about ``resolution_m``.
     """
     return RangeWindow(
@@ -140,21 +133,7 @@ def make_range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, 
 
 def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
     """Find cells above their cell-averaged threshold along range.
-
-    Range is the last axis; see :func:`ca_factor`.
-
-    Parameters
-    ----------
-    power_v2 : ndarray, shape (..., N)
-        Cells of one exponential variable each.
-    window : RangeWindow
-        At the ends of the frame only the side inside the frame is used. A cell with fewer than four training cells is
-        never above its threshold.
-    pfa : float
-
-    Returns
-    -------
-    ndarray of bool, shape (..., N)
+    Range is the last axis; see :func:`ca_factor`. Shapes: power_v2 (..., N); returns (..., N).
     """
     total = np.zeros(power_v2.shape, dtype=power_v2.dtype)
     for here, there in _iterate_pairs(window, power_v2.shape[-1]):
@@ -166,24 +145,7 @@ def mark_above_ca(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
 
 def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
     """Find cells above their ordered-statistic threshold along range.
-
-    Range is the last axis; see :func:`os_factor`. A cell is above alpha times the k-th smallest training cell if and
-    only if at least k training cells are below the cell divided by alpha. The training cells are therefore counted and
-    not sorted.
-
-    Parameters
-    ----------
-    power_v2 : ndarray, shape (..., N)
-        Cells of one exponential variable each.
-    window : RangeWindow
-        The ends of the frame are treated as in :func:`mark_above_ca`.
-    pfa : float
-    rank_share : float
-        k / N, rounded up to whole cells.
-
-    Returns
-    -------
-    ndarray of bool, shape (..., N)
+    Range is the last axis; see :func:`os_factor`. Shapes: power_v2 (..., N); returns (..., N).
     """
     counts = count_training_cells(window, power_v2.shape[-1])
     ranks = np.maximum(np.ceil(rank_share * counts - 1e-9), 1).astype(int)
@@ -199,7 +161,6 @@ def mark_above_os(power_v2: Power, window: RangeWindow, pfa: float, *, rank_shar
 
 def count_training_cells(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
     """Count the training cells of every range bin.
-
     There are fewer at the ends of the frame; shape (N,).
     """
     counts = np.zeros(n_bins, dtype=np.int64)

@@ -22,13 +22,7 @@ IN_PLANE[1] = True
 @dataclass(frozen=True)
 class Cells:
     """Cells of clusters, with one entry per cell.
-
-    Parameters
-    ----------
-    scan, doppler, range_bin : ndarray of int64, shape (C,)
-        Position of the cell.
-    cluster : ndarray of int64, shape (C,)
-        Number of its cluster, from 0; every number occurs.
+    Shapes: scan, doppler, range_bin (C,); cluster (C,).
     """
 
     scan: IntArray
@@ -43,7 +37,6 @@ class Cells:
 
     def merge(self, group: IntArray) -> Cells:
         """Merge clusters by group numbers.
-
         Cluster i becomes part of ``group[i]``, or is removed if that is -1.
         """
         wanted = group[self.cluster]
@@ -54,20 +47,7 @@ class Cells:
 
 def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cells:
     """Find connected groups of cells after dilation.
-
-    The Doppler axis is circular.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (J, K, N)
-        Cells that may belong to a body.
-    join_bins, join_doppler_bins : int
-        Size of the dilating box along range and Doppler, odd. Cells are joined if there are fewer bins than this
-        between them on each axis.
-
-    Returns
-    -------
-    Cells
+    The Doppler axis is circular. Shapes: mask (J, K, N).
     """
     from scipy import ndimage
     from scipy.sparse import coo_array
@@ -92,16 +72,7 @@ def keep_bodies(
     cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
 ) -> Cells:
     """Keep clusters with a peak or enough power.
-
     The power is enough if the sum of power over noise is at least ``min_snr``.
-
-    Parameters
-    ----------
-    cells : Cells
-    peak : ndarray of bool, shape (J, K, N)
-    power_v2 : ndarray, shape (J, K, N)
-    floor_v2 : ndarray, shape (N,)
-    min_snr : float
     """
     place = (cells.scan, cells.doppler, cells.range_bin)
     snr = power_v2[place] / np.maximum(floor_v2[cells.range_bin], 1e-300)
@@ -113,21 +84,7 @@ def keep_bodies(
 @dataclass(frozen=True)
 class Shape:
     """Centre, size and power of every cluster.
-
-    The arrays have one value per cluster; positions are in bins.
-
-    Parameters
-    ----------
-    scan : ndarray of int64
-    power, snr : ndarray
-        Sum of the cells' power above the noise in V^2, and the same divided by the noise of one cell.
-    range_bin, doppler_bin : ndarray
-        Power-weighted centre. Doppler bins may lie outside 0..K-1 if a cluster crosses the ends of the Doppler axis.
-    range_spread, doppler_spread : ndarray
-        Power-weighted standard deviation around the centre.
-    range_box, doppler_box : ndarray, shape (n, 2)
-        Edges of the cells that contain the power, without the quantile on either side.
-    n_cells : ndarray of int64
+    The arrays have one value per cluster; positions are in bins. Shapes: range_box, doppler_box (n, 2).
     """
 
     scan: IntArray
@@ -146,15 +103,7 @@ def measure_shapes(
     cells: Cells, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, box_quantile: float
 ) -> Shape:
     """Measure centre, box and power of every cluster.
-
-    Parameters
-    ----------
-    cells : Cells
-    power_v2 : ndarray, shape (J, K, N)
-    floor_v2 : ndarray, shape (N,)
-        Noise of a cell.
-    box_quantile : float
-        Share of the power left out on either side of a box.
+    Shapes: power_v2 (J, K, N); floor_v2 (N,).
     """
     n, (_, n_doppler, n_bins) = cells.n_clusters, power_v2.shape
     level = power_v2[cells.scan, cells.doppler, cells.range_bin].astype(np.float64)
@@ -188,7 +137,6 @@ def measure_shapes(
 
 def _sum_profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int, size: int) -> FloatArray:
     """Sum the power of every cluster along one axis.
-
     The result has the shape (n, size).
     """
     return _sum_weights(cluster * size + place, weight, n * size).reshape(n, size)
@@ -213,24 +161,7 @@ def _compute_moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, 
 
 def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_bins: float, n_doppler: int) -> IntArray:
     """Assign each cluster to its body.
-
     The result is the strongest cluster of the same body in the scan, which may be the cluster itself.
-
-    Parameters
-    ----------
-    shape : Shape
-    range_bins : float
-        Centres closer than this are near.
-    gap_bins : float
-        Largest gap between the Doppler boxes of near clusters that are one body, on the ring of ``n_doppler`` bins.
-    limb_gap_bins : float
-        Largest gap for a cluster that is a limb: much weaker, with the same direction of motion.
-    n_doppler : int
-
-    Returns
-    -------
-    ndarray of int64, one per cluster
-        Clusters do not form chains: each is near the leader itself, so that a row of bodies is not merged.
     """
     group = np.arange(shape.power.size)
     order = np.lexsort((-shape.power, shape.scan))

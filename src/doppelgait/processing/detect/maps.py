@@ -82,18 +82,7 @@ def estimate_noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[n
 
 def estimate_residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
     r"""Estimate the mean power of permanent echoes per cell.
-
-    The estimate is the 0.25-quantile over the scans, divided by -ln 0.75. A body hardly changes it if it is in a cell
-    for less than half of the scans. With fewer than ten scans a body cannot be distinguished from permanent echoes, and
-    the map is 0.
-
-    Parameters
-    ----------
-    power_v2 : ndarray, shape (J, K, N)
-
-    Returns
-    -------
-    ndarray, shape (K, N)
+    The estimate is the 0.25-quantile over the scans, divided by -ln 0.75. Shapes: power_v2 (J, K, N); returns (K, N).
     """
     if power_v2.shape[0] < MIN_SCANS:
         return np.zeros(power_v2.shape[1:])
@@ -112,17 +101,7 @@ TRANSFORM_SCANS = 64
 @dataclass(frozen=True)
 class Maps:
     """Range-Doppler maps of some scans.
-
     The maps contain power per cell, scaled so that the mean of white noise is its variance.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (J,)
-    doppler_hz, velocity_mps : ndarray, shape (K,)
-    range_m : ndarray, shape (N,)
-    power_v2 : ndarray of float32, shape (J, K, N)
-    floor_v2 : ndarray, shape (N,)
-        Noise floor of every range bin.
     """
 
     time_s: FloatArray
@@ -146,20 +125,7 @@ class Maps:
 
 def compute_maps(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
     """Compute maps in blocks of about a minute.
-
     Each block has its own noise map.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-        Without static clutter.
-    settings : Detector
-    wavelength_m : float
-
-    Raises
-    ------
-    AnalysisError
-        If the recording is too short or too slow for a processing interval.
     """
     hop = max(1, round(settings.hop_s * sampling_rate_hz(read_axis(baseband, "slow_time"))))
     analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)
@@ -183,19 +149,7 @@ def compute_cell_power(
     baseband: xr.DataArray, transform: Transform, scans: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float32]:
     """Compute the power of every range-Doppler cell (E-24).
-
     The power is divided by sum(w^2), so that the mean of white noise is its variance.
-
-    Parameters
-    ----------
-    baseband : DataArray (slow_time, range)
-    transform : Transform
-    scans : ndarray of int64, shape (J,)
-
-    Returns
-    -------
-    ndarray of float32, shape (J, K, N)
-        Doppler ascending, 0 at K // 2.
     """
     from scipy import fft
 

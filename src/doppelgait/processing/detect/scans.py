@@ -120,7 +120,6 @@ def find_scans(
 
 def find_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
     """Find the cells of bodies and the peaks, both (J, K, N).
-
     A peak is a cell that is strong enough to make its cluster a body.
     """
     power = maps.power_v2
@@ -190,7 +189,6 @@ def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
 
 def _compute_centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
     """Compute the standard deviation of a centre.
-
     It has three parts: a constant, the motion of limbs, and noise relative to a cell's width (Cramer-Rao bound).
     """
     return math.sqrt(always**2 + (share * spread) ** 2 + cell**2 / snr)

@@ -16,13 +16,7 @@ MAX_EVENTS = 20_000
 
 class Associations(NamedTuple):
     """Assignment and association weights of one scan.
-
-    Parameters
-    ----------
-    assigned : ndarray of int, shape (T,)
-        Detection of each track in the single best assignment, -1 for none.
-    weights : ndarray, shape (T, D + 1)
-        Probability of each detection for each track; the last column is the probability of no detection. Rows sum to 1.
+    Shapes: assigned (T,); weights (T, D + 1).
     """
 
     assigned: npt.NDArray[np.int64]
@@ -39,17 +33,7 @@ def associate(
     association: str = "auto",
 ) -> Associations:  # fmt: skip
     """Assign the detections of one scan to tracks.
-
-    Parameters
-    ----------
-    log_likelihood : ndarray, shape (T, D)
-        ln N(z_d; z_hat_t, S_t) where detection d lies in the gate of track t, -inf elsewhere.
-    detection_probability, gate_probability : float
-        P_D and P_G.
-    clutter_density : float
-        False detections per scan and unit of measurement space, in the same unit as the densities.
-    association : {"auto", "gnn", "jpda"}
-        See :class:`doppelgait.processing.track.Tracker`.
+    Shapes: log_likelihood (T, D).
     """
     tracks, detections = log_likelihood.shape
     assigned = np.full(tracks, -1, dtype=np.int64)
@@ -75,7 +59,6 @@ def associate(
 
 def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
     """Find connected groups of tracks and detections.
-
     Tracks without any detection are in no group.
     """
     wanted = {t: {d for d, inside in enumerate(row) if inside} for t, row in enumerate(in_gate.tolist())}
@@ -95,15 +78,7 @@ def find_clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[
 
 def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
     """Find the assignment of the largest total gain.
-
     The Hungarian method is used; the result is -1 for a track that has a higher gain without a detection.
-
-    Parameters
-    ----------
-    gain : ndarray, shape (T, D)
-        Log weight of each pair, -inf if the pair is not allowed.
-    miss : float
-        Log weight of a track without detection.
     """
     tracks, detections = gain.shape
     if tracks == 1:
@@ -121,22 +96,8 @@ def find_best_assignment(gain: FloatArray, miss: float) -> list[int]:
 
 def compute_joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
     """Compute marginal association probabilities over all joint events.
-
     The method is that of Fortmann, Bar-Shalom and Scheffe 1983. In an event every track has one detection of its gate
-    or none, and no detection has two tracks. The weight of an event is the product of P_D N / lambda over the hits and
-    of 1 - P_D P_G over the misses.
-
-    Parameters
-    ----------
-    gain : ndarray, shape (T, D)
-        ln(P_D N / lambda), -inf outside the gate.
-    miss : float
-        ln(1 - P_D P_G).
-
-    Returns
-    -------
-    ndarray, shape (T, D + 1)
-        Rows sum to 1; the last column is "none".
+    or none, and no detection has two tracks. Shapes: gain (T, D); returns (T, D + 1).
     """
     tracks, detections = gain.shape
     finite = gain[np.isfinite(gain)]

@@ -29,7 +29,6 @@ class Gaussian(NamedTuple):
 
 class Model(NamedTuple):
     """Motion model over one interval.
-
     R becomes R - carry_s v, v becomes keep v, and the covariance of the process noise is added.
     """
 
@@ -42,7 +41,6 @@ class Model(NamedTuple):
 
 class Innovation(NamedTuple):
     """Innovation: difference of measurement and prediction.
-
     It includes the covariance, the normalised square and the log density of the difference.
     """
 
@@ -56,28 +54,17 @@ class Innovation(NamedTuple):
 
 
 def make_constant_velocity_model(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
-    """Build a constant-velocity model with white acceleration.
-
-    With the spectral density q the covariance is q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; the negative sign follows from
-    dR/dt = -v (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, section 6.2.2).
+    """Build a constant-velocity model with white acceleration of spectral density q.
+    Q = q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; minus since dR/dt = -v (Bar-Shalom, Li, Kirubarajan, Estimation with
+    Applications to Tracking and Navigation, section 6.2.2).
     """
     q, dt = acceleration_noise_m2ps3, interval_s
     return Model(dt, 1.0, q * dt**3 / 3, -q * dt**2 / 2, q * dt)
 
 
 def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
-    """Build the model of a resting body.
-
-    Its velocity is an Ornstein-Uhlenbeck process around 0.
-
-    Parameters
-    ----------
-    interval_s : float
-    time_constant_s : float
-        tau: v decays with exp(-dt/tau).
-    velocity_sd_mps : float
-        Stationary standard deviation s of v. With a = exp(-dt/tau) the added covariance is
-        s^2 [[tau^2 (2 dt/tau - 3 + 4 a - a^2), -tau (1 - a)^2], [-tau (1 - a)^2, 1 - a^2]].
+    """Build the model of a resting body: its velocity is an Ornstein-Uhlenbeck process around 0.
+    With a = exp(-dt/tau), Q = s^2 [[tau^2 (2 dt/tau - 3 + 4 a - a^2), -tau (1 - a)^2], [., 1 - a^2]].
     """
     tau, variance = time_constant_s, velocity_sd_mps**2
     keep = math.exp(-interval_s / tau)
@@ -87,7 +74,6 @@ def make_resting_model(interval_s: float, *, time_constant_s: float, velocity_sd
 
 def predict(state: Gaussian, model: Model) -> Gaussian:
     """Predict the state after an interval.
-
     The prediction is F x and F P F' + Q with F = [[1, -carry], [0, keep]].
     """
     carry, keep = model.carry_s, model.keep
@@ -109,16 +95,7 @@ def compute_innovation(
     velocity_sd_mps: float,
     velocity_span_mps: float | None = None,
 ) -> Innovation:
-    """Compare a measurement with the prediction.
-
-    Parameters
-    ----------
-    predicted : Gaussian
-    range_m, velocity_mps, range_sd_m, velocity_sd_mps : float
-        Measurement and its standard deviations.
-    velocity_span_mps : float, optional
-        Unambiguous velocity span lambda f_p / 2: the difference is taken modulo this value, nearest to 0.
-    """
+    """Compare a measurement with the prediction."""
     y_r, y_v = range_m - predicted.range_m, velocity_mps - predicted.velocity_mps
     if velocity_span_mps is not None:
         y_v -= velocity_span_mps * round(y_v / velocity_span_mps)
@@ -131,7 +108,6 @@ def compute_innovation(
 
 def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
     """Update a state with a measurement.
-
     The state is x + K y with K = P S^-1. Because H = I, the covariance is K times that of the measurement.
     """
     p_rr, p_rv, p_vv = predicted.range_m2, predicted.cross_m2ps, predicted.velocity_m2ps2
@@ -150,7 +126,6 @@ def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
 
 def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
     """Reduce a mixture to one Gaussian with its mean and covariance.
-
     The weights must sum to 1.
     """
     r = sum(w * s.range_m for w, s in zip(weights, states, strict=True))
@@ -166,22 +141,7 @@ def merge_mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gauss
 
 def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: Sequence[Model]) -> list[Gaussian]:
     """Smooth over a fixed interval (Rauch, Tung and Striebel).
-
     The method was published in AIAA J. 3, 1965, 1445.
-
-    Parameters
-    ----------
-    filtered : sequence of Gaussian, length n
-        States after each scan.
-    predicted : sequence of Gaussian, length n
-        States before each scan; the first is not used.
-    models : sequence of Model, length n
-        Model that led to each prediction; the first is not used.
-
-    Returns
-    -------
-    list of Gaussian, length n
-        States conditional on all scans; the last is the filtered one.
     """
     states = list(filtered)
     for n in range(len(states) - 2, -1, -1):

@@ -125,7 +125,6 @@ MEASURED, SHARED, MISSED = "measured", "shared", "missed"
 
 class Step(NamedTuple):
     """One scan of a track.
-
     ``box`` contains the detection's limits relative to its centre (range low, high; velocity low, high).
     """
 
@@ -142,7 +141,6 @@ class Step(NamedTuple):
 @dataclass(eq=False)
 class LiveTrack:
     """Track in progress.
-
     Tracks that were started by the same detection have the same ``family``.
     """
 
@@ -167,7 +165,6 @@ class LiveTrack:
 
     def add(self, step: Step, *, share_s: float) -> None:
         """Add a scan to the history.
-
         A shared detection keeps the track alive for ``share_s`` after its last own detection.
         """
         again = self.steps[-1].outcome == MEASURED
@@ -180,9 +177,7 @@ class LiveTrack:
 
     def is_slow(self, settings: Tracker) -> bool:
         """Return True if the body may rest.
-
-        The body was slow enough when last detected. A single detection between misses is ignored, because it may be
-        clutter in a gate that has grown.
+        The body was slow enough when last detected.
         """
         return abs(self.last_speed_mps) < settings.rest_speed_mps
 
@@ -276,7 +271,6 @@ class Track:
 
 def finish_track(live: LiveTrack) -> Track:
     """Build the smoothed track of a confirmed :class:`LiveTrack`.
-
     The track ends with the last own detection.
     """
     stop = max(n for n, step in enumerate(live.steps) if step.outcome == MEASURED) + 1

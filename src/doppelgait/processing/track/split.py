@@ -46,13 +46,7 @@ SAME_M, SAME_S = 0.4, 0.5
 @dataclass(frozen=True)
 class Ridge:
     """Second torso echo next to a track's own.
-
-    Parameters
-    ----------
-    own_m, other_m : ndarray, shape (T,)
-        Ranges of the stronger and the weaker echo at the scans of the track; NaN where there is no second echo.
-    deep : ndarray of bool, shape (T,)
-        Scans in which the valley between them is deep.
+    Shapes: own_m, other_m (T,); deep (T,).
     """
 
     own_m: FloatArray
@@ -62,19 +56,7 @@ class Ridge:
 
 def sum_torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
     """Compute the moving power along range around a track.
-
-    Parameters
-    ----------
-    clean : DataArray (slow_time, range)
-        Without static clutter.
-    found : Track
-    wavelength_m, cpi_s : float
-
-    Returns
-    -------
-    ndarray, shape (T, D)
-        Power within 0.35 m/s of the track's velocity, from 1.6 m before the track to 1.6 m behind it, every 5 cm;
-        0 outside the frame.
+    Shapes: returns (T, D).
     """
     times_s, range_m = read_axis(clean, "slow_time"), read_axis(clean, "range")
     prf_hz = sampling_rate_hz(times_s)
@@ -108,14 +90,7 @@ def profile_offsets_m() -> FloatArray:
 
 def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
     """Find a second torso in a track.
-
-    Parameters
-    ----------
-    profiles : ndarray, shape (T, D)
-        Result of :func:`sum_torso_profiles`.
-    found : Track
-    others : sequence of Track
-        A second echo near one of these tracks at the same time belongs to that track.
+    Shapes: profiles (T, D).
     """
     from scipy.ndimage import median_filter
     from scipy.signal import find_peaks
@@ -209,9 +184,7 @@ def _find_longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int
 
 def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int]) -> list[Track]:
     """Replace one track by two.
-
-    One of them lasts as long as the original track. The other may be joined to an existing track as its beginning or
-    end.
+    One of them lasts as long as the original track.
     """
     found, one = list(tracks), tracks[number]
     for echo in (1, 0):
@@ -228,7 +201,6 @@ def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int
 
 def _move_to_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
     """Move a track to its nearer or farther echo.
-
     Number 0 is the nearer echo, 1 the farther. The track is limited to the time of both echoes unless ``whole``.
     """
     inside = slice(*run)

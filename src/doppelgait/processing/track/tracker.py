@@ -113,7 +113,6 @@ def track(
 
 def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> None:
     """Predict, associate and update every track.
-
     Detections are assigned to confirmed tracks first.
     """
     free = list(scan.detections)
@@ -163,7 +162,6 @@ def _update_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps
 
 def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
     """Choose the motion model up to the next scan.
-
     The model is constant velocity, or rest for a body that was slow and is no longer detected.
     """
     interval_s = time_s - one.steps[-1].time_s
@@ -181,7 +179,6 @@ def _update_track(
     chosen: Associations, number: int, options: Tracker,
 ) -> Step:  # fmt: skip
     """Update one track after one scan.
-
     The best assignment determines the track that owns a detection; the weights determine the update.
     """
     own, weights = int(chosen.assigned[number]), chosen.weights[number]
@@ -201,10 +198,7 @@ def _update_in_boxes(
     steps: list[Step], chosen: Associations, detections: list[Detection], options: Tracker, span_mps: float | None
 ) -> list[Step]:
     """Update tracks inside the box of another detection.
-
-    If a box has no owner and contains one track alone, it belongs to this track: a limb has shifted its centre. If a
-    box contains several tracks, and one of them has no own detection, bodies pass each other. The centre then belongs
-    to none of them, and the width of the box determines the standard deviation of each.
+    If a box has no owner and contains one track alone, it belongs to this track: a limb has shifted its centre.
     """
     inside = {m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)]
               for m, d in enumerate(detections)}  # fmt: skip
@@ -226,7 +220,6 @@ def _update_in_boxes(
 
 def _update_in_box(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
     """Update a track at an unknown position in a box.
-
     The standard deviation is half the width of the box.
     """
     half_m, half_mps = (d.range_high_m - d.range_low_m) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
@@ -259,9 +252,7 @@ def _is_in_box(d: Detection, predicted: Gaussian, span_mps: float | None) -> boo
 
 def _start_tracks(live: list[LiveTrack], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
     """Return the first steps of new tracks.
-
-    Tracks start at the strongest detections first, and not near an existing track. There is one step for each unfolded
-    velocity.
+    Tracks start at the strongest detections first, and not near an existing track.
     """
     ranges_m = [one.state.range_m for one in live]
     new = []
@@ -305,7 +296,6 @@ def _is_over(one: LiveTrack, live: list[LiveTrack], time_s: float, options: Trac
 
 def _is_duplicate(one: LiveTrack, other: LiveTrack) -> bool:
     """Return True if ``one`` is a duplicate of ``other``.
-
     Of two equal tracks the younger one is the duplicate.
     """
     if other is one or other.confirmed_at_s is None or other.steps[-1].time_s != one.steps[-1].time_s:

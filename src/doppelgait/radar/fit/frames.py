@@ -25,19 +25,7 @@ BUSY_SHARE = 0.03
 @dataclass(frozen=True)
 class FrameFaults:
     """Faulty frames of a recording.
-
-    Parameters
-    ----------
-    dropped : ndarray of bool, shape (I,)
-        Frames that repeat the previous frame exactly, or are all zero.
-    blank : int
-        Number of these frames that are zero.
-    lost : int
-        Number of frames missing from the time axis, from gaps of at least one and a half frame times.
-    probability : Estimate
-        Share of dropped and lost frames.
-    mean_length : float
-        Mean length of a run of dropped frames; 0 without any.
+    Shapes: dropped (I,).
     """
 
     dropped: Mask
@@ -49,11 +37,7 @@ class FrameFaults:
 
 def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
     """Find dropped and lost frames.
-
     A dropped frame repeats exactly or is zero (noise never repeats); a lost frame is a gap of the time axis.
-
-    The uncertainty of the probability is binomial with one additional success and failure (Laplace), multiplied by the
-    square root of the mean run length, because frames are lost in runs.
     """
     blank = ~samples_v.any(axis=1)
     repeated = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
@@ -71,17 +55,7 @@ def find_frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> Fr
 @dataclass(frozen=True)
 class Bursts:
     """Interference in an otherwise good recording.
-
-    Parameters
-    ----------
-    frames : ndarray of bool, shape (I,)
-        Frames hit.
-    level_db : float
-        rms level of the cells hit, dB re 1 V; NaN without bursts.
-    mean_length : float
-        Mean number of frames in a row; 0 without bursts.
-    share : float
-        Mean share of the bins hit in these frames; 0 without bursts.
+    Shapes: frames (I,).
     """
 
     frames: Mask
@@ -92,21 +66,7 @@ class Bursts:
 
 def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
     """Find frames with interference.
-
     Such frames have cells far above the noise after a running median has removed slow motion.
-
-    The threshold is ln(cells / 1e-3) times the noise power, which noise alone exceeds once in 1000 recordings. In a bin
-    with more variation than noise, the threshold is that multiple of its own median power. The first and last four
-    frames are not used, because the running median is asymmetric there.
-
-    Parameters
-    ----------
-    rest_v : ndarray, shape (I, N)
-        Residual after removal of the static part.
-    noise_power_v2 : float
-        Noise power of a cell.
-    quiet : ndarray of bool, shape (N,)
-        Bins without targets; only these are used.
     """
     nothing = np.zeros(len(rest_v), dtype=bool)
     if not noise_power_v2 > 0 or not quiet.any():
@@ -127,7 +87,6 @@ def find_bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> 
 
 def _compute_running_median(values: FloatArray) -> FloatArray:
     """Return the running median of nine frames per bin.
-
     The first and last frame are repeated beyond the ends.
     """
     half = MEDIAN_FRAMES // 2

@@ -23,9 +23,7 @@ PERSON_M2 = 0.8
 
 def rescale_radar(radar: Radar, scale_db: float) -> Radar:
     """Return a radar with volts scaled up.
-
-    Echoes, noise and the step of a counter are scaled together, so that the SNR does not change. ``volts_per_unit``
-    does not change either: it converted the unit of the recording, and the other levels are in these volts.
+    Echoes, noise and the step of a counter are scaled together, so that the SNR does not change.
     """
     changes = {"receiver_gain_db": radar.receiver_gain_db + scale_db}
     if radar.threshold_step_v is not None:
@@ -38,9 +36,7 @@ def fit_gain(
     radar_is_known: bool,
 ) -> Radar:  # fmt: skip
     """Return a radar with fitted gain and noise figure.
-
-    The spread of both is added to ``pooled``. The noise figure is the one that gives the noise of each recording in its
-    radar. Its spread excludes the spread of the gain, if the direct path shows it, and the effect of unequal channels.
+    The spread of both is added to ``pooled``.
     """
     if "noise_level_db" not in pooled:
         return radar
@@ -93,7 +89,6 @@ def fit_gain(
 
 def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
     """Return True if noise and echo images differ.
-
     They differ in gain or phase of Q relative to I if the noise arises behind the mixer.
     """
     for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
@@ -107,7 +102,6 @@ def is_noise_separate(pooled: Mapping[str, PooledQuantity]) -> bool:
 
 def find_noise_figure(radar: Radar, level_db: Estimate) -> Estimate:
     """Return the noise figure for a measured level.
-
     It is found by bisection, because the level behind a threshold counter is not proportional to it.
     """
     from scipy.optimize import brentq

@@ -114,7 +114,6 @@ def format_kind_preset(kind: SensorKind) -> str:
 
 def _draw(pooled: PooledQuantity, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
     """Return a number, or a distribution of known spread.
-
     The distribution is normal, or uniform with the same spread if a value must not fall below ``lowest``.
     """
     value = round(middle, digits) if lowest is None else float(f"{middle:.4g}")
@@ -224,7 +223,6 @@ def _iterate_noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str,
 
 def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
     """Return knots of noise over the floor, by Doppler.
-
     At refused frequencies it is that floor, 0 dB; an impairment extends its outer knots to both sides.
     """
     step_hz, runs = kind.doppler_step_hz, [[kind.doppler[0]]]
@@ -245,7 +243,6 @@ def _make_doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
 
 def _subtract_level(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
     """Return knots of the power over a lowest level.
-
     They are in dB relative to a reference, with a minimum of -20 dB.
     """
     excess = [(x, max(10.0 ** (level_db / 10.0) - 10.0 ** (lowest_db / 10.0), 0.01)) for x, level_db in knots]

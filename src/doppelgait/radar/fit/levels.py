@@ -26,21 +26,7 @@ FLAT_DB = 1.0
 @dataclass(frozen=True)
 class NoiseFloor:
     """Noise of an empty room.
-
-    Parameters
-    ----------
-    power_v2 : Estimate
-        Mean square per bin and frame, V^2: the median over the bins.
-    by_bin_v2 : ndarray, shape (N,)
-        Mean square of each bin, V^2; NaN where static echoes hide it.
-    slope_db_per_m : Estimate
-        Change of the level with range.
-    flat : bool
-        False if the level changes over the frame by more than 1 dB and three standard deviations.
-    correlation : ndarray, shape (L,)
-        Complex correlation rho_l at a lag of l bins; rho_0 = 1.
-    independent_bins : float
-        Number of independent bins that would give the same spread of the mean power.
+    Shapes: by_bin_v2 (N,); correlation (L,).
     """
 
     power_v2: Estimate
@@ -53,19 +39,7 @@ class NoiseFloor:
 
 def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
     """Estimate the mean square of the noise.
-
     The estimate uses frame-to-frame differences of the residual after removal of the static part.
-
-    For each bin it is sum |d|^2 / (2 n), corrected for the share removed with the common factor. The level is the
-    median over bins, divided by the median of the gamma distribution of such a sum. Static echoes, slow drift, phase
-    jitter, and targets in fewer than about a third of the bins have no effect.
-
-    Parameters
-    ----------
-    static : StaticPart
-        Static part of the good frames only.
-    range_m : ndarray, shape (N,)
-        Range of the bins.
     """
     from scipy.stats import gamma
 
@@ -88,7 +62,6 @@ def estimate_noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFlo
 
 def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
     """Estimate the noise correlation rho_l at a lag of l bins.
-
     It is the median over the bins; insignificant values are set to 0.
     """
     size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
@@ -107,7 +80,6 @@ def estimate_bin_correlation(steps: ComplexArray) -> ComplexArray:
 
 def _fit_slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
     """Fit the level's slope in dB over range.
-
     It is the Theil-Sen slope; its standard deviation follows from the median absolute deviation.
     """
     from scipy.stats import theilslopes
@@ -135,15 +107,7 @@ KNOT_EXPONENT = 1.5
 @dataclass(frozen=True)
 class ClutterProfile:
     """Mean clutter level, linear in dB between knots.
-
-    Parameters
-    ----------
-    range_m : ndarray, shape (M,)
-        Ranges of the knots.
-    level_db : ndarray, shape (M,)
-        rms of |y| at the knots, dB re 1 V.
-    sd_db : ndarray, shape (M,)
-        Standard uncertainty of the level for an ensemble of rooms, of which this room is one sample.
+    Shapes: range_m (M,); level_db (M,); sd_db (M,).
     """
 
     range_m: FloatArray
@@ -152,7 +116,6 @@ class ClutterProfile:
 
     def at(self, range_m: npt.ArrayLike) -> FloatArray:
         """Return the level at a range, dB re 1 V.
-
         It is constant beyond the ends.
         """
         return np.asarray(np.interp(np.asarray(range_m, dtype=float), self.range_m, self.level_db))
@@ -162,23 +125,7 @@ def fit_clutter_profile(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
 ) -> ClutterProfile:
     """Fit the most likely clutter profile to static powers.
-
-    Each cell is assumed to be complex Gaussian.
-
-    Powers are then exponential with mean mu(R); log mu is piecewise linear between knots and fitted by Fisher scoring.
-    Unlike a smoothed mean, the fit does not smear the steep near end; unlike a mean of dB values, it has no bias of
-    -2.5 dB.
-
-    Parameters
-    ----------
-    echo_v : ndarray, shape (N,)
-        Static echo per bin, V.
-    range_m : ndarray, shape (N,)
-        Range of the bins.
-    noise_power_v2 : float
-        Noise power in ``echo_v`` (that of a frame divided by the number of frames), which is subtracted.
-    resolution_m : float
-        Half-power width of an echo; bins within this distance are not independent.
+    Each cell is assumed to be complex Gaussian. Shapes: echo_v (N,); range_m (N,).
     """
     spacing = float(np.mean(np.diff(range_m)))
     sigma = resolution_m / (2.0 * math.sqrt(math.log(2.0)))
@@ -203,17 +150,7 @@ def fit_clutter_profile(
 
 @dataclass(frozen=True)
 class Leakage:
-    """Strongest static echo nearby, and a constant over range.
-
-    Parameters
-    ----------
-    range_m : float
-        Range of the strongest bin below 1 m; NaN for frames that start beyond it.
-    level_db : Estimate
-        Level of this bin, dB re 1 V.
-    constant_v : Estimate
-        Modulus of the complex constant of all bins (a DC offset rather than an echo), V.
-    """
+    """Strongest static echo nearby, and a constant over range."""
 
     range_m: float
     level_db: Estimate
@@ -228,15 +165,7 @@ def estimate_leakage(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, per_cell: float = 2.0
 ) -> Leakage:
     """Estimate direct path and constant of the static echo.
-
-    Parameters
-    ----------
-    echo_v : ndarray, shape (N,)
-    range_m : ndarray, shape (N,)
-    noise_power_v2 : float
-        Noise power in ``echo_v``.
-    per_cell : float
-        Bins per independent cell.
+    Shapes: echo_v (N,); range_m (N,).
     """
     near = range_m < NEAR_M
     level, place = Estimate(-math.inf, math.inf), math.nan

@@ -59,16 +59,7 @@ ONE_WAY = 0.5
 
 @dataclass(frozen=True)
 class Line:
-    """Doppler line shared by all ranges and most windows.
-
-    Parameters
-    ----------
-    frequency_hz : float
-    level_db : Estimate
-        Amplitude, dB re 1 V.
-    half_width_hz : float
-        Half width of the uncertainty interval of the frequency.
-    """
+    """Doppler line shared by all ranges and most windows."""
 
     frequency_hz: float
     level_db: Estimate
@@ -246,18 +237,7 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
 
 def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Return Doppler axis, power and spectrum of centred windows.
-
     The window is a Hann window; white noise has the power of one sample in every cell.
-
-    Parameters
-    ----------
-    part : ndarray, shape (W, L, N)
-
-    Returns
-    -------
-    f_hz : ndarray, shape (L,)
-    power : ndarray, shape (W, L, N)
-    spectrum : ndarray, shape (W, L, N), complex
     """
     length = part.shape[1]
     shape = np.hanning(length + 2)[1:-1]
@@ -269,9 +249,7 @@ def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArra
 
 def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
     """Return a converter's step, full scale and clipping.
-
-    The step is found from values on a lattice, the full scale from many equal values at both ends. Both are NaN if
-    they are not visible.
+    The step is found from values on a lattice, the full scale from many equal values at both ends.
     """
     parts = np.concatenate([samples.real.ravel(), samples.imag.ravel()])
     found, counts = np.unique(parts, return_counts=True)
@@ -293,7 +271,6 @@ def find_converter(samples: ComplexArray) -> tuple[float, float, Mask]:
 
 def _fit_room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
     """Fit static echoes, phase and faults of continuous frames.
-
     In a recording of bursts, the first pulse of each burst is such a frame.
     """
     what = "clutter and phase noise"
@@ -349,9 +326,7 @@ def _list_room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, 
 
 def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
     """Subtract static echoes times one factor per frame.
-
     Nothing is subtracted if the echoes are too weak or the bins too few.
-    The share of each bin's noise that is subtracted is returned, too.
     """
     nothing = np.zeros(samples.shape[1])
     if samples.shape[1] < MIN_BINS or (~bad).sum() < MIN_FRAMES:
@@ -368,9 +343,7 @@ def _remove_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray
 
 def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
     """Return the windows with noise alone in the upper half-band.
-
-    Noise is identified by the spread of its powers, not by its level. If there are many bins, a window is judged by the
-    half of its bins that is most similar to noise.
+    Noise is identified by the spread of its powers, not by its level.
     """
     cells = power[:, upper]
     low, high = np.quantile(cells, (0.25, 0.75), axis=1)
@@ -382,7 +355,6 @@ def _find_quiet_windows(power: FloatArray, upper: Mask) -> Mask:
 
 def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
     """Return the noise power, overall and of every bin.
-
     Both are estimated from low quantiles of quiet cells.
     """
     by_bin = np.quantile(cells.reshape(-1, cells.shape[2]), QUANTILE, axis=0) / AT_QUANTILE
@@ -391,7 +363,6 @@ def _measure_bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
 
 def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
     """Return an estimate with its jackknife uncertainty.
-
     Groups of consecutive windows are omitted in turn.
     """
     groups = np.array_split(np.arange(count), min(most, count))
@@ -403,7 +374,6 @@ def _estimate_by_jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], co
 
 def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
     """Return the correlation at a lag of l bins, and its uncertainty.
-
     It is the median over the bins of the mean over quiet cells.
     """
     n_bins = spectrum.shape[2]
@@ -422,7 +392,6 @@ def _measure_correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[Complex
 
 def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the noise level over the absolute frequency.
-
     It is NaN where there was motion.
     """
     size_hz = np.unique(np.abs(f_hz))
@@ -447,7 +416,6 @@ def _measure_over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArr
 
 def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
     """Find lines in Doppler.
-
     They exceed their neighbours in three quarters of all windows and bins.
     """
     n_pulses, n_bins = rest.shape
@@ -498,11 +466,7 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
 def _estimate_image(
     spectrum: ComplexArray, moving: FloatArray, f_hz: FloatArray, refused: dict[str, str]
 ) -> dict[str, Estimate]:  # fmt: skip
-    r"""Estimate the quadrature channel's errors from moving echoes.
-
-    An echo y at any Doppler is circular, E y^2 = 0; behind the channels E I^2, E Q^2 and E I Q are in the ratio
-    1 : g^2 : g sin(phi). A target with fewer than three Doppler periods in a window is not used.
-    """
+    r"""Estimate the quadrature channel's errors from moving echoes."""
     if f_hz.size < WINDOW / 2:
         refused["I/Q image"] = f"windows of {f_hz.size} pulses are too short for the direction of motion"
         return {}
@@ -539,7 +503,6 @@ def _estimate_image(
 
 def convert_ratio(ratio: complex) -> tuple[float, float]:
     r"""Return gain (dB) and phase error (deg) of Q.
-
     From E y^2 / E |y|^2 = (1 - g^2 + 2 j g sin phi) / (1 + g^2) behind the channels.
     """
     in_phase, quadrature = (1.0 + ratio.real) / 2.0, (1.0 - ratio.real) / 2.0
@@ -550,7 +513,6 @@ def convert_ratio(ratio: complex) -> tuple[float, float]:
 
 def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
     """Estimate gain and phase of Q for noise alone.
-
     Noise of amplifiers behind the mixer is not affected by the mixer's error.
     """
     both = upper & (f_hz != f_hz.min())  # half the pulse rate has no opposite frequency
@@ -570,7 +532,6 @@ def _estimate_channel_noise(spectrum: ComplexArray, f_hz: FloatArray, upper: Mas
 
 def _estimate_constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
     """Estimate the constant of a radar with few bins.
-
     It is the median of I and the median of Q.
     """
 

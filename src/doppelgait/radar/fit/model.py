@@ -53,15 +53,7 @@ MAX_PHASE_VARIANCE = 0.05
 
 @dataclass(frozen=True)
 class MovingInterval:
-    """A range interval with motion.
-
-    Parameters
-    ----------
-    start_m, stop_m : float
-        First and last bin.
-    excess_db : float
-        Maximum slow-time variance in the interval relative to the noise floor.
-    """
+    """A range interval with motion."""
 
     start_m: float
     stop_m: float
@@ -233,7 +225,6 @@ def _separate(
     samples: ComplexArray, range_m: FloatArray
 ) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[MovingInterval, ...]]:
     """Separate interference, noise, static part and targets.
-
     Two passes are needed, because each of them hides the others in the first.
     """
     quiet = np.ones(range_m.size, dtype=bool)

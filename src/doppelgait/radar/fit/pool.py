@@ -95,7 +95,6 @@ class SensorKind:
 
 def _find_difference(radar: Radar, other: Radar) -> str:
     """Return the difference of two radars as text, or "".
-
     The noise of a frame depends on the number of averaged pulses, so that frame rates must agree.
     """
     if abs(radar.carrier_hz / other.carrier_hz - 1.0) > SAME:
@@ -245,7 +244,6 @@ def _pool_doppler(
     same: Sequence[SensorMeasurement], refused: dict[str, str]
 ) -> tuple[tuple[tuple[float, Estimate], ...], float]:
     """Return noise over the floor by Doppler, and cell width.
-
     Only recordings with the windows of the fastest one are used.
     """
     usable = [m for m in same if "noise_level_db" in m.estimates]
@@ -289,7 +287,6 @@ def _pool_doppler(
 
 def _pool_over_range(spaced: Sequence[SensorMeasurement]) -> tuple[tuple[float, float], ...]:
     """Return the noise over range, or nothing if it is flat.
-
     Bins are averaged in groups.
     """
     usable = [m for m in spaced if m.range_db.size]
@@ -328,7 +325,6 @@ def _pool_correlation(spaced: Sequence[SensorMeasurement]) -> tuple[float, ...]:
 
 def _pool_lines(same: Sequence[SensorMeasurement]) -> tuple[PooledLine, ...]:
     """Return lines that at least half of the recordings share.
-
     At least two recordings must share a line, because motion differs between recordings.
     """
     found: list[PooledLine] = []
@@ -352,7 +348,6 @@ MAINS_HZ = (50.0, 60.0)
 
 def find_mains_harmonic(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
     """Return the mains harmonic at the frequency of a line, or "".
-
     Aliasing by the frame rate is included.
     """
     for mains_hz in MAINS_HZ:

@@ -138,7 +138,6 @@ def _format_fitted(fit: SensorFit, sd: float, unit: str) -> str:
 
 def _iterate_impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
     """Yield impairment tables with comments in their order.
-
     The order is: echoes of the room, their phase, then faults of the recorder.
     """
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
@@ -225,7 +224,6 @@ def format_setting(key: str, value: Any, comment: str) -> str:
 
 def clean_comment(comment: str) -> str:
     """Remove line breaks and control characters from a comment.
-
     They would end the comment, or are not allowed in TOML.
     """
     return " ".join("".join(c if c.isprintable() else " " for c in comment).split())
@@ -233,7 +231,6 @@ def clean_comment(comment: str) -> str:
 
 def _format_toml(value: Any) -> str:
     """Return a value in TOML.
-
     For strings, numbers, booleans and lists of them, the JSON text is valid TOML.
     """
     if isinstance(value, dict):

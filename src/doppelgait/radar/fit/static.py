@@ -45,11 +45,7 @@ def level_db(power: Estimate) -> Estimate:
 
 
 def take_root(power: float, sd: float) -> Estimate:
-    """Return the square root of a variance that may be negative.
-
-    With the root r, the uncertainty is sqrt(r^2 + sd) - r: sd / (2 r) for a well measured variance, and sqrt(sd) for
-    one that does not differ significantly from 0.
-    """
+    """Return the square root of a variance that may be negative."""
     value = math.sqrt(max(power, 0.0))
     return Estimate(value, math.sqrt(value * value + sd) - value)
 
@@ -62,18 +58,7 @@ Mask = npt.NDArray[np.bool_]
 @dataclass(frozen=True)
 class StaticPart:
     """Rank-one model y = z c + rest of a room.
-
-    Parameters
-    ----------
-    echo_v : ndarray, shape (N,)
-        Static echo c per bin, V: the time mean after removal of the common phase.
-    reference_v : ndarray, shape (N,)
-        Static echo of the bins that determine the common factor, 0 in the other bins.
-    factor : ndarray, shape (I,)
-        Common factor z per frame: its angle is the phase of the frame, its modulus the gain; the mean modulus is
-        about 1.
-    rest_v : ndarray, shape (I, N)
-        Residual: noise and targets, V.
+    Shapes: echo_v (N,); reference_v (N,); factor (I,); rest_v (I, N).
     """
 
     echo_v: ComplexArray
@@ -84,17 +69,7 @@ class StaticPart:
 
 def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
     """Fit static echo and common factor by least squares.
-
     The factor is the eigenvector of the largest eigenvalue of the bins' covariance, followed by one average.
-
-    A time mean alone would lose level if the phase drifts; the eigenvector does not.
-
-    Parameters
-    ----------
-    samples_v : ndarray, shape (I, N)
-        Frames.
-    bins : ndarray of bool, shape (N,), optional
-        Bins that determine the common factor; all by default. Exclude bins with targets.
     """
     from scipy.linalg import eigh
 
@@ -113,7 +88,6 @@ def fit_static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> Sta
 
 def split_still_part(samples_v: ComplexArray) -> StaticPart:
     """Split samples into time mean and residual.
-
     This is for echoes that are too weak to show a common phase.
     """
     echo = np.mean(samples_v, axis=0)
@@ -126,7 +100,6 @@ def _compute_energy(values_v: ComplexArray) -> float:
 
 def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
     """Multiply the noise correlation matrix by a vector.
-
     The matrix R is Toeplitz with the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
     """
     both = np.concatenate([correlation[:0:-1].conj(), correlation])
@@ -137,10 +110,7 @@ def multiply_correlation(values_v: ComplexArray, correlation: ComplexArray) -> C
 
 def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
     """Return each bin's noise share lost with the common factor.
-
     The result has the shape (N,).
-    For r = w - c (a^H w) / S, with the reference a and its energy S, the share is
-    2 Re(c_n* (R a)_n) / S - |c_n|^2 a^H R a / S^2.
     """
     echo, reference = static.echo_v, static.reference_v
     energy = _compute_energy(reference)
@@ -154,7 +124,6 @@ def compute_leverage(static: StaticPart, correlation: ComplexArray) -> FloatArra
 
 def compute_factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
     """Return the variance that noise adds to the common factor.
-
     The phase (rad^2) and the relative gain of a frame both have this variance: a^H R a sigma^2 / (2 S^2).
     """
     reference = static.reference_v
@@ -174,17 +143,7 @@ NEAR_BOUND = 1.0
 @dataclass(frozen=True)
 class SeriesFit:
     """Drift, random walk and white jitter of a series.
-
     The unit of the series is written as u.
-
-    Parameters
-    ----------
-    drift_per_s : Estimate
-        Slope, u/s. Its uncertainty includes the random walk.
-    walk_per_root_s : Estimate
-        Standard deviation of the random walk after one second, u/sqrt(s).
-    white : Estimate
-        Standard deviation from frame to frame without the measurement noise, u.
     """
 
     drift_per_s: Estimate
@@ -194,22 +153,8 @@ class SeriesFit:
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
     """Fit drift, random walk and white jitter to a series.
-
-    The model is x(t) = a + b t + W(t) + e with the drift b, the variance rate q of the walk W and the white variance
-
-    s^2. The differences of x have the covariance q dt I + s^2 T, where T is tridiagonal with 2 and -1. Its eigenvectors
-    are sines and its eigenvalues are q dt + s^2 (2 - 2 cos(pi k / (n + 1))): after a sine transform the likelihood is
-    exact and needs one pass. The restricted likelihood is used, which allows for the fitted drift (Patterson and
-    Thompson, Biometrika 58, 1971, 545). Uncertainties are the inverse of Fisher's information.
-
-    Parameters
-    ----------
-    values : ndarray, shape (I,)
-        The series, at least 8 values.
-    time_s : ndarray, shape (I,)
-        Rising times; if a frame is missing, the walk over the gap counts as one mean step.
-    measurement_variance : float
-        White variance of the measurement, which is subtracted.
+    The differences of x have the covariance q dt I + s^2 T, where T is tridiagonal with 2 and -1. The restricted
+    likelihood is used, which allows for the fitted drift (Patterson and Thompson, Biometrika 58, 1971, 545).
     """
     from scipy.fft import dst
     from scipy.optimize import minimize

@@ -36,7 +36,6 @@ class Apply(Protocol):
 
 class ShiftTimes(Protocol):
     """Fact ``shift_times`` of an impairment that moves pulses in time.
-
     It is applied before the scene is observed.
     """
 
@@ -157,13 +156,7 @@ def shift_pulse_times(
 
 
 def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
-    """Return the volts per unit of the sensor's own files.
-
-    Raises
-    ------
-    ConfigError
-        If the radar does not state it.
-    """
+    """Return the volts per unit of the sensor's own files."""
     if radar.volts_per_unit is None:
         raise ConfigError(
             f"{wanted_by} is in the sensor's own unit, but the radar {radar.name!r} has no volts_per_unit: set "
@@ -174,7 +167,6 @@ def find_volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
 
 def convert_level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
     """Convert a level in dB to volts.
-
     The reference of the level is 1 V, or one unit of the sensor's own files.
     """
     unit_v = find_volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
@@ -185,18 +177,7 @@ def make_static_samples(
     range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar
 ) -> npt.NDArray[np.complex64]:
     """Return receiver samples of scatterers at rest.
-
-    Each row of ``range_m`` is a pulse.
-
-    Parameters
-    ----------
-    range_m, amplitude_v : ndarray, shape (I, L)
-        Range and echo amplitude at the receiver output, V, 0 or larger.
-    radar : Radar
-
-    Returns
-    -------
-    ndarray, shape (I, S), complex64
+    Each row of ``range_m`` is a pulse. Shapes: range_m, amplitude_v (I, L); returns (I, S).
     """
     one_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
     values = {
@@ -221,7 +202,6 @@ def check_width(samples: Samples, radar: Radar) -> None:
 
 def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
     """Return the range of every sample, m.
-
     If samples contain echoes from all ranges (fmcw, stepped), there is one value only, the middle of the frame.
     """
     if radar.waveform.samples_are_bins:

@@ -74,7 +74,6 @@ DEFAULT_ISOLATION_DB = 34.0
 
 def leakage_v(spec: Leakage, radar: Radar) -> float:
     """Return the direct path's amplitude at the receiver output, V.
-
     It is the stated level, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20).
     """
     if spec.level_db is not None:
@@ -153,10 +152,7 @@ def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar
 
 
 def echo_energy_m(radar: Radar) -> float:
-    """Return the energy of a compressed unit echo, m.
-
-    It is the integral over range of the power of an echo with peak 1, computed for an echo in the middle of the frame.
-    """
+    """Return the energy of a compressed unit echo, m."""
     bin_m = radar.bin_spacing_m
     n_places = int(np.clip(math.ceil(4.0 * bin_m / radar.range_resolution_m), 8, 512))
     middle_m = radar.range_start_m + (radar.n_range_bins // 2) * bin_m
@@ -167,7 +163,6 @@ def echo_energy_m(radar: Radar) -> float:
 
 def make_clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
     """Return the ranges and the spacing of clutter scatterers, m.
-
     They may begin before range 0: otherwise a frame that starts at 0 would have half the power in its first cell.
     """
     cell_m = radar.range_resolution_m

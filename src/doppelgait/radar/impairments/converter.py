@@ -57,7 +57,6 @@ DEFAULT_BACKOFF_DB = 12.0
 @plugin("impairment", parameters=Adc)
 def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Generator) -> Samples:
     """Round the samples to the converter's levels.
-
     More than 1 % of clipped values causes a warning.
     """
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
@@ -142,7 +141,6 @@ def x4_frame_rate_hz(spec: X4Counts) -> float:
 @plugin("impairment", parameters=X4Counts)
 def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.Generator) -> Samples:
     """Convert samples to whole counts.
-
     An impossible frame rate or more than 1 % of saturated samples causes a warning.
     """
     unit_v = find_volts_per_unit(radar, wanted_by="x4_counts")

@@ -71,10 +71,7 @@ class PhaseNoise(FrozenModel):
 @plugin("impairment", parameters=PhaseNoise)
 def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng: np.random.Generator) -> Samples:
     """Rotate samples by phase noise.
-
     The phase depends on the frame and, with a density, on the range.
-
-    If samples contain echoes from all ranges (fmcw, stepped), the phase noise is that of the middle of the frame.
     """
     phase_rad = common_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
     if parameters.density_dbc_per_hz is not None:
@@ -93,7 +90,6 @@ def common_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
     """Return the phase shared by a frame's samples, rad.
-
     It is the sum of white phase, jitter, and a linear drift and a random walk that start at 0.
     """
     sd_rad = math.hypot(spec.white_rad, 2.0 * math.pi * radar.carrier_hz * spec.jitter_s)
@@ -109,27 +105,7 @@ def residual_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     r"""Return the oscillator phase left after range correlation, rad.
-
-    It is the phase at reception minus the phase at transmission. One oscillator phase is common to all ranges; the
-    filter :math:`1 - e^{-j 2 \pi f \tau}`, tau = 2R/c, gives the phase of each range. The filter is very smooth over
-    tau, so that it is evaluated at a few delays :math:`\tau_k` only; between them :math:`\psi(\tau) / \tau` is the
-    interpolating polynomial (Chebyshev nodes, error below 1e-9 of psi). The series is sampled over twice the recording,
-    because it is periodic.
-
-    Parameters
-    ----------
-    n_frames : int
-    spec : PhaseNoise
-        Phase noise with a density.
-    radar : Radar
-    rng : Generator
-
-    Returns
-    -------
-    phase_rad : ndarray, shape (K, n_frames)
-        Phase at the delays tau_k.
-    weights : ndarray, shape (samples or 1, K)
-        ``weights @ phase_rad`` is the phase of every sample; one row where samples mix all ranges.
+    It is the phase at reception minus the phase at transmission.
     """
     from scipy import fft
 
@@ -151,11 +127,7 @@ def residual_phase_rad(
 def make_delay_nodes(
     delay_s: npt.NDArray[np.float64], highest_hz: float
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    r"""Return delays to interpolate the residual phase from, and weights.
-
-    Interpolation of :math:`(1 - e^{-j 2 \pi f \tau}) / \tau` at K Chebyshev nodes over an interval of half length h
-    errs by at most :math:`(2 \pi f h)^K / (2^{K-1} K!)` times :math:`2 \pi f / (K + 1)`.
-    """
+    r"""Return delays to interpolate the residual phase from, and weights."""
     middle_s, half_s = (delay_s.max() + delay_s.min()) / 2.0, (delay_s.max() - delay_s.min()) / 2.0
     if not half_s:
         return delay_s[:1], np.ones((delay_s.size, 1))

@@ -63,7 +63,6 @@ def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
 @plugin("impairment", parameters=ThermalNoise)
 def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, rng: np.random.Generator) -> Samples:
     """Add receiver noise to samples.
-
     The noise value of a sample is a function of (key, pulse, sample) only.
     """
     from doppelgait.core.kernels.noise import draw_key
@@ -120,7 +119,6 @@ def add_interference(samples: Samples, parameters: Interference, radar: Radar, r
 
 def find_hit_pulses(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
     """Return the numbers of the pulses that bursts hit.
-
     The numbers rise; pulse i is hit if the interval from i/f_p to (i+1)/f_p overlaps a burst.
     """
     record_s = n_pulses / radar.prf_hz

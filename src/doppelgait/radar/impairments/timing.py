@@ -39,7 +39,6 @@ class FrameJitter(FrozenModel):
 
 def add_jitter(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Times:
     """Add independent normal errors to the pulse times.
-
     Jitter above the limit raises a :class:`ConfigError`.
     """
     largest_s = LARGEST_JITTER / radar.prf_hz
@@ -54,7 +53,6 @@ def add_jitter(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.ra
 @plugin("impairment", parameters=FrameJitter, shift_times=add_jitter)
 def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Samples:
     """Return the samples unchanged.
-
     The jitter is already in the times at which the scene was observed.
     """
     return samples
@@ -106,7 +104,6 @@ class DroppedFrames(FrozenModel):
 @plugin("impairment", parameters=DroppedFrames)
 def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: np.random.Generator) -> Samples:
     """Fill lost frames as the recorder does.
-
     A listed frame beyond the end raises a :class:`ConfigError`.
     """
     lost = sample_lost_frames(samples.shape[0], parameters, rng=rng)

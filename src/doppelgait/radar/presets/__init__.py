@@ -42,12 +42,7 @@ def _list_built_in() -> tuple[str, ...]:
 def change_preset(
     name: str | Path, changes: Mapping[str, Any], *, sampled: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return the parameters of a preset with some changed.
-
-    A changed pulse shape replaces that of the preset; a table ``waveform`` without ``kind`` changes the preset's
-    waveform. Distributions in the file are replaced by their centre, unless ``sampled`` is the preset's table after
-    sampling.
-    """
+    """Return the parameters of a preset with some changed."""
     try:
         found = replace_by_middle(read_preset(name)) if sampled is None else sampled
     except ConfigError as error:
@@ -102,7 +97,6 @@ def read_full_preset(name: str | Path) -> dict[str, Any]:
 
 def read_preset(name: str | Path) -> dict[str, Any]:
     """Return the table of a preset, which must not be changed.
-
     The table of a built-in preset is shared.
     """
     if str(name).lower().endswith(".toml"):
@@ -118,7 +112,6 @@ def read_preset(name: str | Path) -> dict[str, Any]:
 
 def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Read a radar file; one with the key ``preset`` changes that preset.
-
     A relative path of a preset file is resolved against the folder of the file that names it.
     """
     table, text = read_toml(path)
@@ -140,7 +133,6 @@ def _read_file(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 @lru_cache(maxsize=64)
 def _parse_built_in(name: str) -> dict[str, Any]:
     """Parse the table of a built-in preset once.
-
     Planning needs it for every example.
     """
     with resources.as_file(resources.files("doppelgait.radar.presets") / f"{name}.toml") as path:

@@ -34,19 +34,7 @@ TICK_WRAP = 2**32
 
 @dataclass(frozen=True)
 class Subsweep:
-    """Settings of one subsweep.
-
-    Parameters
-    ----------
-    start_point, num_points, step_length : int
-        First range point, their number, and points from one to the next.
-    profile : int
-        1 (short pulse) to 5 (long).
-    hwaas : int
-        Number of averages in the sensor.
-    receiver_gain : int
-        0 (lowest) to 23.
-    """
+    """Settings of one subsweep."""
 
     start_point: int
     num_points: int
@@ -59,25 +47,7 @@ class Subsweep:
 @dataclass(frozen=True)
 class Entry:
     """One sensor's frames of one session.
-
-    Parameters
-    ----------
-    values : ndarray, shape (frames, sweeps, points)
-        complex64, counts.
-    ticks : ndarray, shape (frames,)
-        Times of the frames, int64, unwrapped at 2^32.
-    ticks_per_second : float, optional
-    sweeps_per_frame : int
-    continuous : bool
-        True without a pause between the last sweep of a frame and the first of the next.
-    sweep_rate_hz, frame_rate_hz, max_sweep_rate_hz : float, optional
-        Configured rates, and the maximum sweep rate with these settings; None if not stored.
-    step_m : float
-        Spacing of the range points.
-    step_assumed : bool
-    subsweeps : tuple of Subsweep
-    n_saturated, n_delayed : int
-        Frames that the sensor marked.
+    Shapes: values (frames, sweeps, points); ticks (frames,).
     """
 
     values: npt.NDArray[np.complex64]
@@ -96,7 +66,6 @@ class Entry:
 
     def columns(self, number: int) -> slice:
         """Return the points of a subsweep in a sweep.
-
         Subsweeps are consecutive.
         """
         first = sum(one.num_points for one in self.subsweeps[:number])
@@ -105,7 +74,6 @@ class Entry:
 
 def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -> Entry:
     """Read one entry of an open file.
-
     Missing content raises an error of h5py, ValueError or RecordingError.
     """
     generation = _read_text(file["generation"])
@@ -192,7 +160,6 @@ def _parse_whole(config: Mapping[str, Any], key: str, least: int, most: int) -> 
 
 def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
     """Return a positive number or None.
-
     None stands for a missing value, null or 0, the vendor's value for "does not apply".
     """
     value = config.get(key)
@@ -209,7 +176,6 @@ def _parse_optional(config: Mapping[str, Any], key: str, most: float) -> float |
 
 def _read_ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:
     """Return the times of the frames in ticks.
-
     The counter of some boards wraps at 2^32.
     """
     if "tick" not in result:
@@ -246,7 +212,6 @@ def sniff_acconeer(path: Path) -> bool:
 
 def list_subsweeps(path: Path) -> list[dict[str, Any]]:
     """List the first entry's subsweeps as reader options.
-
     The list is empty for a damaged file; the reader then reports the fault.
     """
     try:
@@ -268,38 +233,7 @@ def read_acconeer(
     conjugate: bool = True,
     full_scale_v: float = 1.0,
 ) -> Recording:
-    """Read a recording of an A121 sensor.
-
-    Parameters
-    ----------
-    path : path-like
-        An HDF5 file saved by the exploration tool.
-    session, group, entry : int
-        Part of the file, counted from 0 as in its names (``session_0/group_0/entry_0``).
-    subsweep : int, optional
-        Number of the subsweep, from 0; needed if there are several, as each has its own range axis and profile.
-    sweep_rate_hz : float, optional
-        Sweeps per second within a frame, up to 1 MHz; by default the configured rate, or if there is none, the maximum
-        rate that the sensor reports for these settings.
-    conjugate : bool
-        True for the vendor's convention, in which the phase increases with distance (its phase tracking adds
-        lambda/2 per turn; in its handbook, the velocity of a receding object is positive).
-    full_scale_v : float
-        Voltage of the largest 16-bit value.
-
-    Returns
-    -------
-    Recording
-        All sweeps in slow time. If there are pauses between frames, ``slow_time`` includes them, and the baseband has
-        the attribute ``burst_pulses`` (sweeps per frame): analyse it with
-        :func:`doppelgait.processing.bursts.burst_signature`. With one sweep per frame, or continuous sweeps, slow time
-        is evenly spaced.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged or of another sensor generation, the part does not exist, or an option is not allowed.
-    """
+    """Read a recording of an A121 sensor."""
     file = Path(path)
     scale_v = check_number(file, "full_scale_v", full_scale_v, above=0, most=1e6) / INT16_CODES
     if sweep_rate_hz is not None:
@@ -369,7 +303,6 @@ def _find_sweep_times(
     path: Path, part: Entry, sweep_rate_hz: float | None
 ) -> tuple[npt.NDArray[np.float64], float, list[str]]:
     """Return sweep times, sweep rate and notes on assumptions.
-
     The rate is the sweep rate within a frame.
     """
     n_frames, per_frame = part.values.shape[:2]
@@ -407,7 +340,6 @@ def _find_sweep_times(
 
 def _find_frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:
     """Return the start of every frame by the recorder's ticks.
-
     If the ticks are evenly spaced except for rounding, the times are evenly spaced.
     """
     ticks = part.ticks

@@ -80,13 +80,7 @@ class ArrayFacts(FrozenModel):
 
 def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
     """Read facts about an array.
-
     They are read from the TOML file of the same stem, if it exists; options take precedence.
-
-    Raises
-    ------
-    RecordingError
-        If the TOML file is broken, a key is unknown or a value is not allowed.
     """
     sidecar = path.with_suffix(".toml")
     table: dict[str, Any] = {}
@@ -101,14 +95,7 @@ def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
 
 @dataclass(frozen=True)
 class Frame:
-    """Axes of an array, its radar, and assumptions.
-
-    Parameters
-    ----------
-    slow_time_s, range_m : ndarray, shapes (I,), (N,)
-    radar : Radar
-    notes : list of str
-    """
+    """Axes of an array, its radar, and assumptions."""
 
     slow_time_s: FloatArray
     range_m: FloatArray
@@ -118,22 +105,7 @@ class Frame:
 
 def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]) -> Frame:
     """Determine axes and radar of a (pulses, range bins) array.
-
     An entry of ``facts`` takes precedence over an axis in the file, and the axis over the radar's parameter.
-
-    Parameters
-    ----------
-    path : Path
-    facts : ArrayFacts
-    shape : tuple of int
-        Pulses and range bins.
-    axes : mapping
-        ``slow_time_s`` and ``range_m``, if the file has them.
-
-    Raises
-    ------
-    RecordingError
-        If required values are missing (the message names all), or the stated values are inconsistent.
     """
     n_pulses, n_bins = shape
     stated = _read_stated_radar(path, facts)
@@ -206,7 +178,6 @@ def _read_stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
 
 def _make_radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
     """Return the stated radar updated by the recording's facts.
-
     Without a stated radar, it is made from these facts only.
     """
     table: dict[str, Any] = {name: known[name] for name in ("prf_hz", "carrier_hz")}

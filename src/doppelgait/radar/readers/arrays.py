@@ -53,33 +53,7 @@ def read_arrays(
     key: str | None = None,
 ) -> Recording:
     """Read a recording of a complex matrix (pulses, range bins).
-
-    A one-dimensional array is a continuous-wave recording.
-
-    A ``.npy`` file holds one array. An ``.npz`` file holds the matrix as ``baseband``, as its only array, or as real
-    ``i`` and ``q``, and optionally the axes ``slow_time_s`` and ``range_m``. A real array has I and Q along its last
-    axis of length two. A TOML file of the same stem (``walk.npz``, ``walk.toml``) describes the values with the keys of
-    :class:`~doppelgait.radar.readers.array_facts.ArrayFacts`; the options below replace its entries.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    radar : str or Path, optional
-        Preset, or path of such a file, that represents the sensor.
-    prf_hz, carrier_hz, range_start_m, bin_spacing_m, time_first, conjugate, scale_v, key
-        As in :class:`~doppelgait.radar.readers.array_facts.ArrayFacts`.
-
-    Returns
-    -------
-    Recording
-        Baseband in V.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, holds objects, NaN or infinity, a required value is not stated, or a value is not
-        allowed. Pickled objects are never loaded.
+    A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
     """
     options = {
         "prf_hz": prf_hz, "carrier_hz": carrier_hz, "range_start_m": range_start_m, "bin_spacing_m": bin_spacing_m,
@@ -152,7 +126,6 @@ def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
 
 def _join(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Join I and Q to complex values.
-
     The type is wide enough to keep 32-bit integers exact before scaling.
     """
     joined = np.empty(i.shape, np.result_type(i.dtype, np.complex64))
@@ -257,7 +230,6 @@ def _format_value(value: Any) -> str:
 
 def _quote_text(text: str) -> str:
     """Quote a text in TOML.
-
     TOML has the escapes of JSON, except for one character.
     """
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -29,7 +29,6 @@ HEAD_BYTES = 256
 
 def sniff_cw_text(path: Path) -> bool:
     """Return whether a path is a pair of continuous-wave text files.
-
     It is one of them, or their common stem.
     """
     try:
@@ -56,38 +55,7 @@ def read_cw_text(
     full_scale_v: float = 1.0,
 ) -> Recording:
     """Read two text files of a continuous-wave module.
-
     ``y = (RE - 2048 -+ j (IM - 2048)) full_scale_v / 4096``; the mean stays in, as recorded.
-
-    Parameters
-    ----------
-    path : path-like
-        Either file, or the common part of their names before ``_RE.txt`` and ``_IM.txt``.
-    carrier_hz : float
-        Carrier, 1 MHz to 1 THz; the files do not state it.
-    sample_rate_hz : float
-        Samples per second within a burst, up to 1 MHz.
-    burst_pulses : int
-        Samples in a burst, 1 or more; the samples are continuous within a burst.
-    burst_period_s : float
-        Time from the start of one burst to the start of the next, at least the duration of a burst.
-    conjugate : bool
-        True if the phase of RE + j IM falls for an approaching target.
-    full_scale_v : float
-        Voltage of the converter's 4096 steps.
-
-    Returns
-    -------
-    Recording
-        Recording with one range bin; ``slow_time`` includes the pauses, and the baseband has the attribute
-        ``burst_pulses``. An incomplete last burst is ignored, with a warning. Analyse the recording with
-        :func:`doppelgait.processing.bursts.burst_signature`.
-
-    Raises
-    ------
-    RecordingError
-        If a file is missing or has values other than integers from 0 to 4095, the files differ in length, an option is
-        not allowed, or there is no complete burst.
     """
     file = Path(path)
     names = _find_pair(file)

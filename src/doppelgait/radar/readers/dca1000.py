@@ -61,38 +61,7 @@ def read_dca1000(
     range_stop_m: float | None = None,
 ) -> Recording:
     """Read the samples of one receiver, or of their sum.
-
     Every chirp becomes a row of range bins by a windowed (Hann) transform.
-
-    Parameters
-    ----------
-    path : path-like
-    config : str, optional
-        File of the settings, also from the folder of ``path``: TOML or JSON with the keys of
-        :class:`~doppelgait.radar.readers.ti_config.ChirpConfig`, or TI's ``.cfg``. By default the one of the same stem,
-        or the only ``.cfg`` in the folder.
-    device : str, optional
-        ``xwr14xx``, ``xwr16xx``, ``xwr18xx``, ``xwr68xx``, ..., where the settings do not state it.
-    rx : int or "sum", optional
-        Receiver, from 0; by default the first active receiver. ``sum`` adds all receivers, which steers the beam to
-        boresight.
-    chirp : int
-        Chirp of a loop, from 0, if the transmitters alternate.
-    conjugate : bool
-        True for these sensors, in which the phase increases with distance.
-    range_stop_m : float, optional
-        Maximum range; by default that of all samples, or of half of them for the outputs real and complex2x.
-
-    Returns
-    -------
-    Recording
-        Recording with one pulse per loop. If there are pauses between frames, ``slow_time`` includes them, and the
-        baseband has the attribute ``burst_pulses``: one signature column per frame.
-
-    Raises
-    ------
-    RecordingError
-        If the settings are missing, incomplete or not allowed, or the file does not have the length that they imply.
     """
     file = Path(path)
     if not file.is_file():

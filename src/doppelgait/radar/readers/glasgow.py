@@ -31,7 +31,6 @@ VOLTS_PER_CODE = 1.0 / 4096
 
 def sniff_glasgow(path: Path) -> bool:
     """Return whether a file begins as a Glasgow recording.
-
     It starts with four numbers and a complex sample.
     """
     if not Path(path).is_file():
@@ -49,29 +48,7 @@ def sniff_glasgow(path: Path) -> bool:
 @plugin("radar_reader", "glasgow", sniff=sniff_glasgow, suffixes=(".dat",))
 def read_glasgow(path: str | Path, *, conjugate: bool = True, range_stop_m: float | None = None) -> Recording:
     """Read an Ancortek text file, such as ``1P36A01R01.dat``.
-
-    Every sweep is transformed to a row of range bins with a Hann window. Static echoes and the converter offset are not
-    removed; the offset is in the bins nearest to the radar.
-
-    Parameters
-    ----------
-    path : path-like
-    conjugate : bool
-        True for this format, in which the phase increases with distance.
-    range_stop_m : float, optional
-        Maximum range; by default that of half the samples, as in the published program: 24 m for 128 samples over
-        400 MHz.
-
-    Returns
-    -------
-    Recording
-        Recording with one pulse per sweep, without pauses. An incomplete last sweep is ignored, with a warning.
-
-    Raises
-    ------
-    RecordingError
-        If a number of the first four lines is missing or not allowed, a line is not a complex number, or there are
-        fewer than two sweeps.
+    Every sweep is transformed to a row of range bins with a Hann window.
     """
     file = Path(path)
     if not file.is_file():

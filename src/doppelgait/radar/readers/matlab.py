@@ -39,25 +39,7 @@ FRONT_BYTES = 4096
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of the file, not loaded.
-
-    Parameters
-    ----------
-    name : str
-    shape : tuple of int
-    kind : int
-        Class number of the format.
-    is_complex : bool
-    packed : bytes or memoryview
-        Bytes of the variable in the file, compressed or not.
-    is_packed : bool
-    n_bytes : int
-        Bytes after unpacking.
-    data_at : int
-        Position of its numbers in the unpacked bytes.
-    order : {"<", ">"}
-        Byte order.
-    """
+    """A variable of the file, not loaded."""
 
     name: str
     shape: tuple[int, ...]
@@ -72,13 +54,7 @@ class Variable:
 
 def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
     """List the variables of a file by name.
-
     The file is read, but no variable is unpacked.
-
-    Raises
-    ------
-    ValueError
-        If the file has more than ``max_bytes`` or its structure is damaged.
     """
     if path.stat().st_size > max_bytes:
         raise ValueError(f"the file has {path.stat().st_size:,} bytes; up to {max_bytes:,} are read")
@@ -139,13 +115,7 @@ def _read_element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
 
 
 def load_variable(variable: Variable) -> npt.NDArray[Any]:
-    """Load a numeric variable in its class's type.
-
-    Raises
-    ------
-    ValueError
-        If it has no numbers, or their number does not agree with its shape.
-    """
+    """Load a numeric variable in its class's type."""
     if variable.kind not in CLASSES:
         raise ValueError(f"{variable.name} is of class {variable.kind}, which holds no plain numbers")
     content = bytes(variable.packed)
@@ -201,7 +171,6 @@ def sniff_matlab(path: Path) -> bool:
 
 def list_matrices(path: Path) -> list[dict[str, Any]]:
     """List a file's frame matrices as reader options.
-
     The list is empty for a damaged file; the reader then reports the fault.
     """
     try:
@@ -238,40 +207,7 @@ def read_matlab(
     filter: Literal["hamming", "chip"] = "hamming",
 ) -> Recording:
     """Read X4 RF frames of a MATLAB file.
-
-    Versions 5, 7 and 7.3 are read.
-
-    The file holds the frames as ``Data_Matrix``, ``Data_Matrix_1`` ..., in the normalised unit of the driver
-    (1 = 1024 DAC codes), and ``actual_fps``, ``bin_length`` and ``range_axis``, ``range_vector`` or ``frame_start``.
-    The frames are mixed with the carrier, low-passed and decimated to every 8th bin
-    (:func:`~doppelgait.radar.xethru.downconvert.down_convert_frames`, E-17), so that the phase falls with range and
-    an approaching target has positive Doppler.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-    matrix : str, optional
-        Name of the matrix of frames; needed where the file holds several.
-    carrier_hz : float
-        Transmitter's centre frequency, above 0 and below half the sampling rate; the file does not state it.
-    radar : str or Path
-        Preset of the sensor, or path of a preset file; its ``volts_per_unit`` scales the values to V.
-    prf_hz, range_start_m, bin_spacing_m : float, optional
-        Frames per second, range of the first RF bin and bin spacing, instead of the values of the file.
-    filter : {"hamming", "chip"}
-        Low-pass of the down-conversion: the host's or the chip's. An echo has the same volts with both; the radar
-        states the noise bandwidth and correlation of the chosen filter.
-
-    Returns
-    -------
-    Recording
-        Baseband in V; the range axis is that of the file (the driver uses c = 3e8 m/s).
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, has none or several matrices of frames, or an option is not allowed.
+    Versions 5, 7 and 7.3 are read (E-17).
     """
     content = _load(path, matrix)
     frames = content[MATRIX]
@@ -315,7 +251,6 @@ def read_matlab(
 
 def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     """Load the frames, their name and the facts.
-
     The frames are under ``MATRIX``; missing facts are omitted.
     """
     if matrix is not None and not isinstance(matrix, str):
@@ -362,7 +297,6 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
 
 def _check_facts(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> None:
     """Check that facts are numbers and axes are short.
-
     This is done before they are loaded.
     """
     for fact in (name for name in FACTS if name in shapes):
@@ -401,7 +335,6 @@ def _convert_to_scalar(value: npt.NDArray[Any]) -> Any:
 
 def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, value: float | None) -> float:
     """Return the range of the first RF bin.
-
     It is that of the option, the axis or the frame's start.
     """
     if value is not None:

@@ -42,7 +42,6 @@ MAX_ROWS = 100_000_000
 
 def sniff_sigmf(path: Path) -> bool:
     """Return whether a path is one of a SigMF pair.
-
     Its metadata start like JSON and have a SigMF data type.
     """
     file = Path(path)
@@ -69,44 +68,7 @@ def read_sigmf(
     ignore_checksum: bool = False,
 ) -> Recording:
     """Read a SigMF recording with complex samples.
-
     The file may be written by :func:`write_sigmf` or by other software.
-
-    Without the keys of doppelgait, the samples are those of a continuous-wave radar with one range bin, the rate
-    ``core:sample_rate`` and the carrier ``core:frequency``; with ``samples_per_pulse`` they are rows of range bins, one
-    row per pulse.
-
-    Parameters
-    ----------
-    path : path-like
-        ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; the other one is in the same folder.
-    carrier_hz : float, optional
-        Carrier, if the file does not state ``core:frequency``, or states that of a tuner behind a mixer.
-    samples_per_pulse : int, optional
-        Range bins in a row, 1 by default. This and the next three options are for files of other software only.
-    prf_hz : float, optional
-        Rows per second, up to 1 MHz; by default ``core:sample_rate`` over ``samples_per_pulse``.
-    range_start_m, bin_spacing_m : float, optional
-        Range of the first bin (0 m by default), and bin spacing, which is needed for several bins.
-    scale_v : float, optional
-        Volts per unit of the samples. The default is the value of the file; without it, 1 V, or for integers the value
-        that maps the largest integer to 1 V.
-    channel : int, optional
-        Channel, from 0; needed if several are interleaved.
-    conjugate : bool
-        Invert the Doppler axis, if approaching targets have negative Doppler.
-    ignore_checksum : bool
-        Read samples even if they do not have the stored SHA-512.
-
-    Returns
-    -------
-    Recording
-        Recording without truth, which SigMF cannot store; labels of annotations are in its notes.
-
-    Raises
-    ------
-    RecordingError
-        If a file is missing or damaged, the samples are real, or a required value is not stated.
     """
     file = Path(path)
     meta = read_metadata(file)
@@ -234,7 +196,6 @@ def _make_foreign_radar(
     bin_spacing_m: float | None, notes: list[str],
 ) -> tuple[Radar, FloatArray]:  # fmt: skip
     """Return radar and range axis of a file of other software.
-
     Assumptions are added to ``notes``.
     """
     name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
@@ -371,7 +332,6 @@ def _find_even_segments(
     slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float
 ) -> tuple[npt.NDArray[np.int64], float]:
     """Find the evenly spaced segments of slow time.
-
     The result is the first pulse of each segment, and the pulses per second of the longest one.
     """
     if slow_time_s.size < 2:

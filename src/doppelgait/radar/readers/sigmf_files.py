@@ -27,21 +27,7 @@ MAX_NOTE_LABELS = 20
 
 @dataclass(frozen=True)
 class Metadata:
-    """Metadata of a recording.
-
-    Parameters
-    ----------
-    data_path : Path
-        The file of samples.
-    common : dict
-        The object ``global``.
-    captures, annotations : list of dict
-    number : numpy.dtype
-        Type of one component of a sample.
-    n_channels : int
-        Number of interleaved channels.
-    sample_rate_hz : float, optional
-    """
+    """Metadata of a recording."""
 
     data_path: Path
     common: dict[str, Any]
@@ -60,7 +46,6 @@ class Metadata:
     @property
     def scale_v(self) -> Any:
         """Volts of one unit of the samples.
-
         It is the stated value, otherwise 1 V corresponds to the largest integer or to 1.
         """
         largest = float(2 ** (8 * self.number.itemsize - 1)) if self.number.kind in "iu" else 1.0
@@ -80,13 +65,7 @@ def find_sigmf_pair(path: Path) -> tuple[Path, Path]:
 
 
 def read_metadata(path: Path) -> Metadata:
-    """Read the metadata of a recording, from either file.
-
-    Raises
-    ------
-    RecordingError
-        If they are missing, not SigMF metadata, or of an unsupported kind.
-    """
+    """Read the metadata of a recording, from either file."""
     meta_path, data_path = find_sigmf_pair(path)
     if path.name.endswith(".sigmf"):
         raise RecordingError(
@@ -157,13 +136,7 @@ def read_samples(
     path: Path, meta: Metadata, *, channel: int | None, ignore_checksum: bool
 ) -> npt.NDArray[np.complex64]:
     """Read the complex samples of one channel, shape (samples,).
-
     They are in units of the file.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, empty, or has another checksum, or the channel does not exist.
     """
     chosen = 0 if channel is None and meta.n_channels == 1 else channel
     if isinstance(chosen, bool) or not isinstance(chosen, int) or not 0 <= chosen < meta.n_channels:

@@ -109,7 +109,6 @@ class ChirpConfig(FrozenModel):
 
 def find_config(path: Path) -> Path | None:
     """Return settings next to a sample file, or None.
-
     They have its stem and the suffix .toml, .json or .cfg; otherwise they are the only .cfg in its folder.
     """
     for suffix in (".toml", ".json", ".cfg"):
@@ -120,20 +119,7 @@ def find_config(path: Path) -> Path | None:
 
 
 def read_config(path: Path, *, device: str | None = None) -> ChirpConfig:
-    """Read the settings of a file of samples.
-
-    Parameters
-    ----------
-    path : Path
-        TOML or JSON with the keys of :class:`ChirpConfig`, or TI's text.
-    device : str, optional
-        Device family, if the file does not state it; TI's text may have it in a comment.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read, lacks a key or command, or a value is not allowed.
-    """
+    """Read the settings of a file of samples."""
     text, where = "", f"{path}: radar settings"
     try:
         if not path.is_file():
@@ -172,7 +158,6 @@ CHANGES = {3: "start frequency", 4: "slope", 5: "idle time", 6: "start of sampli
 
 def _is_swapped(path: Path, numbers: list[float], device: str) -> bool:
     """Return whether Q comes before I by adcbufCfg.
-
     Newer lines have a subframe as first value, those of older kits have none.
     """
     if not numbers:

@@ -94,9 +94,6 @@ class Impulse(Waveform):
 
 
 def _make_geometry(radar: Radar) -> tuple[float, float, float, float, float]:
-    """Return the pulse geometry for the kernels.
-
-    These are first bin, spacing, standard deviation of the pulse in range, wavelength (m), and transmitted phase (rad).
-    """
+    """Return the pulse geometry for the kernels."""
     sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
     return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad

@@ -174,24 +174,7 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 @lru_cache(maxsize=4)
 def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
     r"""Tabulate the response of a chirp for :func:`~doppelgait.core.kernels.responses.add_tabled_responses`.
-
-    Every bin is divided into P intervals of delay, in which the response without Doppler shift is a parabola through
-    its values at three Chebyshev nodes; its spectrum of width B leaves an error of
-    :math:`(\pi B \Delta / 2 P)^3 / 24`. The peak, where the response has a kink, lies between two intervals.
-
-    Parameters
-    ----------
-    n_bins : int
-        N.
-    step : float
-        Delay from bin to bin, in pulse durations; N times it is below 1.
-    time_bandwidth : float
-        beta.
-
-    Returns
-    -------
-    ndarray, shape (P, 3, N - 1 + M), float32
-        M is the next multiple of VECTOR.
+    Shapes: returns (P, 3, N - 1 + M).
     """
     n_places = max(8, math.ceil(0.5 * math.pi * time_bandwidth * step / (24.0 * TABLE_ERROR) ** (1.0 / 3.0)))
     nodes = (1.0 + np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.75)) / 2.0
@@ -206,7 +189,6 @@ def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.
 @lru_cache(maxsize=64)
 def _compute_half_power_width(time_bandwidth: float) -> float:
     """Return the half-power width of a chirp's response.
-
     It is in pulse durations, about 0.886 / (B T).
     """
     from scipy.optimize import brentq

@@ -278,7 +278,6 @@ class Stepped(_Sweep):
 
 def _slope_hz_per_s(radar: Radar) -> float:
     """Return the sweep slope.
-
     It is the bandwidth divided by the sampling time T_c = S / f_s.
     """
     return float(radar.bandwidth_hz or 0.0) / (radar.waveform.n_samples(radar) / radar.sample_rate_hz)
@@ -286,22 +285,7 @@ def _slope_hz_per_s(radar: Radar) -> float:
 
 def make_range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
     r"""Return the symmetric window of a sweep without zeros.
-
-    .. math:: w_n = \sum_k (-1)^k c_k \cos(2 \pi k (n + 1/2) / S)
-
-    It is shifted by half a sample relative to the usual form: the phase of the sweep's middle does not change, and no
-    sample has the weight 0.
-
-    Parameters
-    ----------
-    name : str
-        A key of ``COSINES``.
-    n_samples : int
-        S, 1 or more.
-
-    Returns
-    -------
-    ndarray, shape (S,)
+    Shapes: returns (S,).
     """
     angle = 2.0 * np.pi * (np.arange(n_samples) + 0.5) / n_samples
     terms = [(-1.0) ** k * c * np.cos(k * angle) for k, c in enumerate(COSINES[name])]
@@ -318,16 +302,7 @@ def _find_kaiser_beta() -> float:
 @lru_cache(maxsize=1)
 def tabulate_taps() -> npt.NDArray[np.float32]:
     r"""Tabulate window derivatives at half bins around a scatterer.
-
-    The window of Kaiser and Bessel is :math:`I_0(\beta \sqrt s) / I_0(\beta)`, s = 1 - (2 y /
-    TAPS)^2, a power series in s of positive terms; that of a place beside y follows by putting in the polynomial of s
-    there.
-
-    Returns
-    -------
-    ndarray, shape (PLACES * ORDERS * ROW,), float32
-        Order d is the d-th derivative times (2 / pi)^d, by the place y of a half bin, from -TAPS / 2 + 1 on, less that
-        of the scatterer, at the middle of each of PLACES intervals. Seven zeros before it.
+    Shapes: returns (PLACES * ORDERS * ROW,).
     """
     from doppelgait.core.kernels.responses import ORDERS, PLACES, ROW, TAPS
 
@@ -354,25 +329,7 @@ def tabulate_taps() -> npt.NDArray[np.float32]:
 @lru_cache(maxsize=8)
 def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> npt.NDArray[np.float32]:
     r"""Tabulate the response of range bins to half bins.
-
-    The scatterers are spread by :func:`tabulate_taps`.
-
-    .. math:: H(\nu) = \sum_n \frac{w_n}{\hat\varphi(t_n)} \cos(\pi \nu t_n) \Big/ \sum_n w_n
-
-    with the spectrum of the window that scatterers are spread by, :math:`\hat\varphi(t) = \int \varphi(y) \cos(\pi y
-    t / 2)\,dy`.
-
-    Parameters
-    ----------
-    name : str
-        A key of ``COSINES``.
-    n_samples, n_columns : int
-        S, and the number of bins M.
-
-    Returns
-    -------
-    ndarray, shape (2 * (S + M + 16),), float32
-        At the bins nu from -S - 8 to M + 7, then half a bin before each.
+    The scatterers are spread by :func:`tabulate_taps`. Shapes: returns (2 * (S + M + 16).
     """
     from scipy.fft import ifft
 
@@ -394,7 +351,6 @@ def tabulate_half_bin_responses(name: str, n_samples: int, n_columns: int) -> np
 
 def compute_noise_ratio(name: str, n_samples: int) -> float:
     """Return the noise power ratio of the windowed transform.
-
     It is sum(w^2) / sum(w)^2, the power after the transform divided by the power before.
     """
     window = make_range_window(name, n_samples)
@@ -404,13 +360,7 @@ def compute_noise_ratio(name: str, n_samples: int) -> float:
 @lru_cache(maxsize=64)
 def compute_independent_share(name: str, n_samples: int) -> float:
     r"""Return the independent noise values per bin.
-
     The window correlates the noise of neighbouring bins.
-
-    .. math:: \Big(\sum_k |r_k|^2\Big)^{-1}, \quad r_k = \sum_n w_n^2 e^{-j 2 \pi k n / S} / \sum_n w_n^2
-
-    is the effective number of independent bins per bin in a mean power over many bins: 1 without a window, 18/35 for
-    Hann.
     """
     spectrum = np.fft.fft(make_range_window(name, n_samples) ** 2)
     return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
@@ -419,7 +369,6 @@ def compute_independent_share(name: str, n_samples: int) -> float:
 @lru_cache(maxsize=64)
 def half_power_bins(name: str, n_samples: int) -> float:
     """Return the half-power width of a tone, bins.
-
     It is the width of the main lobe in a transform with the window's length.
     """
     from scipy.optimize import brentq

@@ -30,20 +30,7 @@ LARGEST_GAP = 1_000_000
 
 def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
     """Derive frame numbers from 32-bit counters, and count lost frames.
-
-    Parameters
-    ----------
-    counters : ndarray, shape (n,)
-        Frame counters, which may overflow.
-
-    Returns
-    -------
-    numbers : ndarray, shape (n,)
-        Frame numbers from 0, including gaps; 0, 1, 2 ... if the counters do not rise and are therefore not valid.
-    n_lost : int
-        Number of frames missing between the first and the last.
-    n_gaps : int
-        Number of gaps.
+    Shapes: counters (n,); numbers (n,); returns (n,).
     """
     steps = np.mod(np.diff(counters.astype(np.int64)), COUNTER_PERIOD)
     if steps.size and (steps.min() < 1 or steps.max() > LARGEST_GAP):
@@ -54,21 +41,7 @@ def derive_frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[
 
 def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int64]) -> float | None:
     """Measure the frame rate from the times of the records.
-
-    The times are integer milliseconds, and records may be written in bursts.
-
-    Parameters
-    ----------
-    time_ms : ndarray, shape (n,)
-        Times.
-    numbers : ndarray, shape (n,)
-        Rising numbers of the frames, gaps included.
-
-    Returns
-    -------
-    float or None
-        Rate from the least-squares line through the times that are near the line of the median slope over half the
-        recording; None if there are fewer than two times or they do not rise.
+    The times are integer milliseconds, and records may be written in bursts. Shapes: time_ms (n,); numbers (n,).
     """
     n = min(time_ms.size, numbers.size)
     if n < 2:
@@ -266,19 +239,7 @@ def convert_records(
     filter: FrameFilter = "hamming",
 ) -> tuple[npt.NDArray[np.complex64], Radar, npt.NDArray[np.float64]]:
     """Convert records to volts.
-
     The options are those of :func:`read_xethru_recording`; ``rate_hz`` is the frame rate if the records state none.
-
-    Returns
-    -------
-    volts : ndarray, shape (records, range bins)
-    radar : Radar
-    range_m : ndarray, shape (range bins,)
-
-    Raises
-    ------
-    RecordingError
-        If an option is needed or a value is not allowed.
     """
     is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
     needed = ("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz")
@@ -324,7 +285,6 @@ def _refuse_missing(source: Records, missing: list[str]) -> None:
 
 def _read_constant(source: Records, name: str) -> float:
     """Return a header field that all records share.
-
     The value is the shortest decimal number that rounds to this float32.
     """
     values = np.ascontiguousarray(source.records[name])

@@ -139,11 +139,7 @@ def down_convert_frames(
 
 
 def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> float:
-    """Return the gain of the chip's filter relative to another filter.
-
-    It is 1 for ``"chip"``, and 1.56 (low band) or 1.54 (high band) for ``"hamming"``; the band is the one nearer to the
-    carrier.
-    """
+    """Return the gain of the chip's filter relative to another filter."""
     band = min(CHIP_CARRIER, key=lambda name: abs(CHIP_CARRIER[name] - carrier_hz / sample_rate_hz))
     return (
         1.0
@@ -155,15 +151,7 @@ def compute_chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFil
 def filter_noise(
     carrier_hz: float, sample_rate_hz: float, *, decimation: int = 8, filter: FrameFilter = "chip"
 ) -> tuple[float, tuple[float, ...]]:
-    """Return a filter's response to white RF noise (E-18c).
-
-    Returns
-    -------
-    bandwidth_hz : float
-        Noise bandwidth B_n.
-    correlation : tuple of float
-        Correlation at lags of 1, 2, ... bins within the filter length; its small imaginary part is neglected.
-    """
+    """Return a filter's response to white RF noise (E-18c)."""
     cycles = carrier_hz / sample_rate_hz
     taps, _ = _make_complex_taps(cycles, decimation, filter)
     energy = float((np.abs(taps) ** 2).sum())
@@ -175,11 +163,7 @@ def filter_noise(
 
 
 def change_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
-    """Return a chip's radar with the noise of another filter.
-
-    Bandwidth and correlation become those of the filter of the down-conversion; a radar without a stated correlation
-    does not change.
-    """
+    """Return a chip's radar with the noise of another filter."""
     if filter == "chip" or not radar.noise_correlation:
         return radar
     bandwidth_hz, correlation = filter_noise(radar.carrier_hz, radar.sample_rate_hz, filter=filter)
@@ -196,7 +180,6 @@ def _make_complex_taps(
     cycles_per_sample: float, decimation: int, filter: FrameFilter
 ) -> tuple[npt.NDArray[np.complex128], float]:
     """Return filter and mixer in one, and its centre.
-
     The taps are ``h[k] exp(-j 2 pi f_c k / f_s)``; the centre of the envelope is in samples.
     """
     if filter == "chip":

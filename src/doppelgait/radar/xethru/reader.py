@@ -222,7 +222,6 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
 
 def _find_main_path(path: Path) -> Path:
     """Return the first file to read.
-
     It is the folder's meta file, otherwise that of its first part, otherwise its only data file.
     """
     if not path.is_dir():

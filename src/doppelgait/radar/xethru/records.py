@@ -46,28 +46,7 @@ is the number of bytes of all data files up to and including this record.
 
 @dataclass(frozen=True)
 class Meta:
-    """Content of a meta file.
-
-    Parameters
-    ----------
-    start_ms : int
-        Start, ms since 1970-01-01 UTC.
-    session_id : str
-    entries : ndarray of ENTRY
-        Records and closed data files, in the order they were written.
-    file_names : tuple of str
-        Data files, in the order they were opened.
-    duration_ms : int
-    trailer_ms : int, optional
-        Time of the trailer, if it differs from the duration (the trailer may be written 1 ms later).
-    profile_id : int
-        0 for raw data.
-    next_meta : str
-        Relative path of the meta file that continues this recording, ``""`` for the last.
-    version : int
-    flag : int
-        Byte 16: 1 in every file seen; its meaning is not known.
-    """
+    """Content of a meta file."""
 
     start_ms: int
     session_id: str
@@ -88,7 +67,6 @@ class Meta:
 
 def pack_meta(meta: Meta) -> bytes:
     """Return the bytes of a meta file.
-
     :func:`parse_meta` reads them.
     """
     session = meta.session_id.encode("utf-8") + b"\0"
@@ -117,20 +95,7 @@ def _pack_text(text: str) -> bytes:
 
 
 def parse_meta(content: bytes, *, where: str) -> Meta:
-    """Parse the bytes of a meta file.
-
-    Parameters
-    ----------
-    content : bytes
-    where : str
-        Name of the file, for messages.
-
-    Raises
-    ------
-    RecordingError
-        If the content is not a meta file of version 12 to 14, is truncated, or its table or trailer is not at the
-        stated position.
-    """
+    """Parse the bytes of a meta file."""
     if not content:
         raise RecordingError(f"{where}: is empty (0 bytes), no meta file of a XeThru recording")
     if content[:4] != MAGIC_BYTES:
@@ -234,22 +199,7 @@ _STEPS: tuple[Field, ...] = (("level_start_db", "<f4"), ("level_step_db", "<f4")
 
 @dataclass(frozen=True)
 class DataType:
-    """One data type of a XeThru recording.
-
-    Parameters
-    ----------
-    name : str
-        Without the prefix ``xethru_`` that its files carry.
-    bit : int
-        Number of its bit in the meta file, 0 to 22.
-    header : tuple of (field, NumPy type)
-        Fixed part of a record; the field ``count`` is the number of the following values. Empty if the layout is
-        unknown.
-    payload : tuple of (field, NumPy type)
-        Arrays after the header, each with ``count`` values.
-    text : bool
-        The files are semicolon-separated text (``.csv``).
-    """
+    """One data type of a XeThru recording."""
 
     name: str
     bit: int
@@ -305,7 +255,6 @@ _BY_MASK = {entry.mask: entry for entry in _TYPES}
 
 def find_data_type(name: str) -> DataType:
     """Return the data type of a name.
-
     An unknown name raises a :class:`RecordingError` that lists the known names.
     """
     if name not in DATA_TYPES:
@@ -329,13 +278,7 @@ def find_data_type_by_file(file_name: str) -> DataType | None:
 @lru_cache(maxsize=4096)
 def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
     """Return the structured type of a record.
-
     Each of its arrays has ``count`` values.
-
-    Raises
-    ------
-    RecordingError
-        If the layout of this type is not known.
     """
     if not kind.header:
         raise RecordingError(f"records of the XeThru data type {kind.name} have no known layout; read its bytes")
@@ -344,7 +287,6 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
 
 def record_bytes(kind: DataType, *, count: int) -> int:
     """Return the length of a record with ``count`` values.
-
     The structured type is not made, because a damaged count can be very large.
     """
     head = np.dtype(list(kind.header)).itemsize
@@ -397,21 +339,7 @@ def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
 
 def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt.NDArray[np.void]], int]:
     """Split the content of a data file into records.
-
     Consecutive records of one size form one array, which shares the memory of ``content``.
-
-    Parameters
-    ----------
-    content : bytes
-        Records, one after the other.
-    kind : DataType
-
-    Returns
-    -------
-    blocks : list of ndarray
-        Structured arrays in the order of the file.
-    used : int
-        Number of bytes of these records; less than the length of ``content`` if it has content that is not a record.
     """
     blocks, offset = [], 0
     while (found := _find_next_block(content, kind, offset)) is not None:
@@ -422,7 +350,6 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
 
 def _find_next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt.NDArray[np.void] | None:
     """Return the next run of equally long records, or None.
-
     The records start at ``offset``; the result is None without a complete record.
     """
     head = np.dtype(list(kind.header))

@@ -103,11 +103,7 @@ def needs_angles(effects: Sequence[FrozenModel]) -> bool:
 
 def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
     """Check and return the effects in their order.
-
     A :class:`ConfigError` is raised if a reflection follows an effect that changes ranges or levels.
-
-    Images are computed from the positions of the scatterers, which the delay of a wall would falsify. The images
-    themselves also pass through walls and lose level with range.
     """
     floors = [spec for spec in effects if isinstance(spec, GroundBounce)]
     if len(floors) > 1:

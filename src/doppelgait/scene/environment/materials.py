@@ -28,10 +28,7 @@ MaterialName = Literal[
 
 
 class Constants(NamedTuple):
-    """Constants of a material, with the frequency band of the fit.
-
-    eps' = a f^b and sigma = c f^d (S/m); f and the band are in GHz.
-    """
+    """Constants of a material, with the frequency band of the fit."""
 
     a: float
     b: float
@@ -80,7 +77,6 @@ class Dielectric(FrozenModel):
 
 def _check_material(material: Any) -> Any:
     """Reject an invalid material with a single message.
-
     The union type would give one message per alternative.
     """
     if isinstance(material, Dielectric) or material in get_args(MaterialName):
@@ -157,22 +153,9 @@ GRAZING_COSINE = 1e-6
 
 
 def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex, mode: Mode) -> ComplexArray:
-    """Compute Fresnel's reflection coefficient of a half space in air.
-
-    Parameters
-    ----------
-    cos_incidence : array_like
-        Cosine of the angle between the ray and the normal, 0 to 1.
-    permittivity : complex
-        Relative permittivity eps of the half space, imaginary part 0 or negative.
-    mode : {"te", "tm"}
-
-    Returns
-    -------
-    ndarray of complex128
-        te: (c - s) / (c + s); tm: (eps c - s) / (eps c + s), with the cosine c and s = sqrt(eps - 1 + c^2)
-        (ITU-R P.2040). The tm coefficient refers to the vertical field component over a floor; like te, it is -1 at
-        grazing incidence.
+    """Compute Fresnel's reflection coefficient of a half space in air (ITU-R P.2040).
+    te: (c - s) / (c + s); tm, of the vertical field over a floor: (eps c - s) / (eps c + s); c the cosine,
+    s = sqrt(eps - 1 + c^2).
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     inside = _refract(cosine, permittivity)
@@ -183,23 +166,9 @@ def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex,
 def slab_reflection(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the reflection coefficient of a slab in air.
-
-    The coefficient refers to the front face and includes all internal reflections.
-
-    Parameters
-    ----------
-    cos_incidence : array_like
-        Cosine of the angle between the ray and the normal, 0 to 1.
-    permittivity : complex
-    thickness_m, wavelength_m : float
-    mode : {"te", "tm"}
-
-    Returns
-    -------
-    ndarray of complex128
-        r (1 - exp(-2jq)) / (1 - r^2 exp(-2jq)), r of :func:`interface_reflection`,
-        q = 2 pi d sqrt(eps - sin^2) / lambda (ITU-R P.2040).
+    """Compute the reflection coefficient of a slab in air (ITU-R P.2040).
+    r (1 - exp(-2jq)) / (1 - r^2 exp(-2jq)), with r of :func:`interface_reflection` and
+    q = 2 pi d sqrt(eps - sin^2) / lambda; all internal reflections are included.
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r = interface_reflection(cosine, permittivity=permittivity, mode=mode)
@@ -210,24 +179,8 @@ def slab_reflection(
 def slab_transmission(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the transmission coefficient of a slab in air.
-
-    The coefficient includes all internal reflections.
-
-    Parameters
-    ----------
-    cos_incidence : array_like
-        Cosine of the angle between the ray and the normal, 0 to 1.
-    permittivity : complex
-    thickness_m, wavelength_m : float
-    mode : {"te", "tm"}
-
-    Returns
-    -------
-    ndarray of complex128
-        t = (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): the ratio of the field at the back face to the field at the
-        opposite point of the front face (ITU-R P.2040). Its phase replaces the phase of the air that the slab
-        displaces, -2 pi d cos / lambda: see :func:`insertion_coefficient`.
+    """Compute the transmission coefficient of a slab in air, with all internal reflections (ITU-R P.2040).
+    (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite on the front face.
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
@@ -253,10 +206,7 @@ def insertion_coefficient(
 
 def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float) -> FloatArray:
     """Compute how much a slab lengthens a path.
-
     The one-way excess length is (sqrt(eps' - sin^2) - cos) d; at normal incidence it is (sqrt(eps') - 1) d.
-
-    At oblique incidence it includes the shift of the refracted ray along the slab.
     """
     cosine = np.asarray(cos_incidence, dtype=float)
     return np.asarray((np.sqrt(permittivity.real - 1.0 + cosine**2) - cosine) * thickness_m)
@@ -265,30 +215,7 @@ def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickne
 def compute_slab_spreading(
     cos_incidence: npt.ArrayLike, range_m: npt.ArrayLike, *, permittivity: complex, thickness_m: float
 ) -> FloatArray:
-    r"""Compute the two-way power gain inside a slab.
-
-    The wave spreads less inside a slab than over the same distance in air, because refraction bends the rays towards
-    the normal. A narrow ray bundle has the principal radii (geometrical optics, from the second derivatives of the
-    phase)
-
-    .. math:: \rho_s = R - d \left(\frac{1}{\cos} - \frac{1}{q}\right), \quad
-              \rho_t = R - d \left(\frac{1}{\cos} - \frac{\epsilon' \cos^2}{q^3}\right), \quad q^2 = \epsilon' - \sin^2
-
-    and the two-way power is proportional to :math:`(\rho_s \rho_t)^{-2}` instead of :math:`R^{-4}`. At normal incidence
-    the effective range is shorter by d (1 - 1/n).
-
-    Parameters
-    ----------
-    cos_incidence, range_m : array_like
-        Cosine of the angle of incidence, and length R of the straight path, of which at most R is in the slab.
-    permittivity : complex
-    thickness_m : float
-
-    Returns
-    -------
-    ndarray
-        1 or more.
-    """
+    r"""Compute the two-way power gain inside a slab."""
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     distance_m = np.maximum(np.asarray(range_m, dtype=float), 1e-12)
     inside = np.sqrt(np.maximum(permittivity.real - 1.0, 0.0) + cosine**2)
@@ -308,22 +235,7 @@ def interpolate_coefficient(
     wavelength_m: float = 1.0,
 ) -> ComplexArray:
     """Interpolate a coefficient for many rays from fewer values.
-
     The interpolation is linear.
-
-    Parameters
-    ----------
-    coefficient : callable
-        Function of the cosines of incidence.
-    cos_incidence : ndarray
-    thickness_m, wavelength_m : float
-        Thickness of the slab and wavelength; for an interface the thickness is 0 and the wavelength is not used.
-
-    Returns
-    -------
-    ndarray of complex128
-        The interpolation nodes are 0.001 or 0.01 lambda / (2 pi d) apart, which gives an error of about 1e-5
-        (-100 dB). If there are fewer rays than nodes, every value is computed exactly.
     """
     step = min(1e-3, 1e-2 * wavelength_m / (2.0 * np.pi * thickness_m)) if thickness_m else 1e-3
     if not cos_incidence.size:
@@ -339,20 +251,7 @@ def interpolate_coefficient(
 
 def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
     """Compute the TE share at an upright wall.
-
     It is the share of the power of a vertically polarised wave that is in TE mode.
-
-    Parameters
-    ----------
-    along, aside, up : ndarray
-        Components of the ray along the wall's normal, along the wall and upwards, in any unit.
-
-    Returns
-    -------
-    ndarray
-        sin^2(azimuth from the normal) / sin^2(incidence): 1 for a horizontal ray, 0 for a ray in the vertical plane of
-        the normal, 1 at normal incidence, where the modes are equal. For horizontal polarisation the TE share is the
-        remainder.
     """
     level, across = along**2 + aside**2, aside**2 + up**2
     product = level * across
@@ -363,7 +262,6 @@ def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> Fl
 
 def _refract(cosine: FloatArray, permittivity: complex) -> ComplexArray:
     """Compute sqrt(eps - sin^2).
-
     It is the ratio of the normal component of the wave vector in the medium to that in air at normal incidence.
     """
     square = permittivity.real - 1.0 + cosine**2

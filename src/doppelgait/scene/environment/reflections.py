@@ -44,19 +44,7 @@ IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
 
 @dataclass(frozen=True)
 class Mirror:
-    """Reflecting plane, and the table rows that are images.
-
-    Parameters
-    ----------
-    normal : (float, float, float)
-        Unit vector from the plane towards the radar's side.
-    radar_distance_m : float
-        Distance of the radar from the plane, above 0.
-    sources : tuple of int
-        Table rows of the n scatterers.
-    first : int
-        First row of the n images with one reflection; the n images with two reflections follow.
-    """
+    """Reflecting plane, and the table rows that are images."""
 
     normal: tuple[float, float, float]
     radar_distance_m: float
@@ -67,9 +55,7 @@ class Mirror:
 @dataclass(frozen=True)
 class Rays:
     """Paths from the radar to points.
-
     They have a length, an approach speed and a position relative to the radar; every array is (slow_time, scatterer).
-    For a mixed path the position gives the direction only.
     """
 
     range_m: FloatArray
@@ -84,13 +70,7 @@ class Rays:
 
 
 def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
-    """Return the direct paths of a table.
-
-    Raises
-    ------
-    ConfigError
-        If the table has no angles, or is bistatic: positions do not follow from a sum of two ranges and one direction.
-    """
+    """Return the direct paths of a table."""
     if scatterers.attrs.get("bistatic", False):
         raise ConfigError(
             f"environment effect {effect!r} needs a monostatic radar; remove receiver_position_m from the scene, or "
@@ -117,10 +97,7 @@ def make_direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
 
 def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
     """Differentiate along the first axis by central differences.
-
-    The error is T^2/6 times the third derivative. For the heights of a walking person at 1 kHz it has a median of
-
-    3e-6 m/s, and reaches 2e-3 m/s at footfalls. For a single pulse the rate is 0.
+    The error is T^2/6 times the third derivative. 3e-6 m/s, and reaches 2e-3 m/s at footfalls.
     """
     if slow_time_s.size < 2:
         return np.zeros_like(values)
@@ -130,23 +107,7 @@ def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
 def compute_image_length(
     rays: Rays, *, radar_distance_m: float, target_distance_m: FloatArray, target_rate_mps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute length and approach speed of paths with one reflection.
-
-    Parameters
-    ----------
-    rays : Rays
-        The direct paths R, R'.
-    radar_distance_m : float
-        Distance h_r of the radar from the plane.
-    target_distance_m, target_rate_mps : ndarray
-        Distance h of every point from the plane and its time derivative.
-
-    Returns
-    -------
-    ndarray, ndarray
-        g = sqrt(R^2 + 4 h_r h), the distance of the mirror image, and -g' = -(R R' + 2 h_r h') / g, which is as exact
-        as h'.
-    """
+    """Compute length and approach speed of paths with one reflection."""
     length_m = np.sqrt(rays.range_m**2 + 4.0 * radar_distance_m * target_distance_m)
     rate = -rays.range_m * rays.velocity_mps + 2.0 * radar_distance_m * target_rate_mps
     return length_m, -rate / np.maximum(length_m, 1e-12)
@@ -154,7 +115,6 @@ def compute_image_length(
 
 def find_originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
     """Return indices of the rows that are not images.
-
     Images of images are not modelled.
     """
     names = np.char.endswith(read_axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
@@ -179,31 +139,7 @@ def add_images(
     endings: tuple[str, str],
     plane: tuple[tuple[float, float, float], float],
 ) -> xr.Dataset:
-    """Append the echoes with one and with two reflections.
-
-    Parameters
-    ----------
-    scatterers : Dataset (slow_time, scatterer)
-    columns : ndarray of int
-        Rows of the table that have an image.
-    direct, image : Rays
-        Direct and reflected paths of these rows, R and g.
-    reflection : ndarray of complex
-        Coefficient c of each reflection.
-    endings : (str, str)
-        Endings of marker and part names for one and for two reflections.
-    plane : (tuple of float, float)
-        Normal and distance of the radar, for the :class:`Mirror` that is added to the attribute ``mirrors``.
-
-    Returns
-    -------
-    Dataset
-        One reflection (two equal paths, hence twice the amplitude): apparent range (R + g)/2, field 2 c / (R g). Two
-        reflections: apparent range g, field c^2 / g^2. ``path_gain`` compensates for the spreading that the radar
-        equation assumes, so that all paths sum to (exp(-jkR)/R + c exp(-jkg)/g)^2. The direction of the echo with one
-        reflection is the mean of the directions of its two paths. The radar cross section is that of the direct path;
-        there is no aspect.
-    """
+    """Append the echoes with one and with two reflections."""
     from doppelgait.core.kernels.images import fill_images
 
     table = add_path_phase(scatterers)
@@ -237,7 +173,6 @@ def add_images(
 
 def add_path_phase(scatterers: xr.Dataset) -> xr.Dataset:
     """Return the table with ``path_phase``.
-
     If the variable is missing, it is added with the value 0.
     """
     if "path_phase" in scatterers:
@@ -326,7 +261,6 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
 
 def compute_floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: float) -> ComplexArray:
     """Compute the coefficient of a bounce off a rough floor.
-
     It is Fresnel's coefficient at the sine of the grazing angle (0 to 1) times the roughness factor.
     """
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
@@ -442,13 +376,7 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
 
 
 def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
-    """Compute a wall's normal azimuth (rad) and distance (m).
-
-    Raises
-    ------
-    ConfigError
-        If the wall passes through the radar.
-    """
+    """Compute a wall's normal azimuth (rad) and distance (m)."""
     if spec.side_m is not None:
         turn = math.pi / 2 if spec.side == "left" else -math.pi / 2
         return setting.radar_azimuth_rad + turn, spec.side_m
@@ -465,12 +393,7 @@ def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
 
 
 def compute_wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
-    """Compute the co-polar coefficient of paths to mirror images.
-
-    With the share w of the power in te mode (:func:`compute_te_share`), the coefficient is r_te w - r_tm (1 - w) for
-    vertical polarisation, and r_tm w - r_te (1 - w) for horizontal polarisation, with the field positive along rising
-    azimuth. The cross-polar part is lost.
-    """
+    """Compute the co-polar coefficient of paths to mirror images."""
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
     toward_m = image.along(normal_rad)
     cosine = np.clip(toward_m / np.maximum(image.range_m, 1e-12), 0.0, 1.0)

@@ -15,7 +15,6 @@ from doppelgait.testing.conformance import format_report, run_conformance
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table of figures and return the exit code.
-
     0 if all passed, 1 if one failed, 2 for wrong usage.
     """
     parser = argparse.ArgumentParser(prog="python -m doppelgait.testing.conformance", description=main.__doc__)

@@ -26,7 +26,6 @@ class Sweep(Protocol):
 
     def __call__(self, scatterers: xr.Dataset, radar: Radar, /) -> Any:
         """Return complex samples (I, S) in order of time.
-
         The sign of the beat does not matter.
         """
 
@@ -81,13 +80,7 @@ class Bench:
 
 
 def simulate_baseband(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, Complex]:
-    """Return the simulator's range axis (N,) and baseband (I, N).
-
-    Raises
-    ------
-    AnalysisError
-        If the baseband has another shape or other dimensions.
-    """
+    """Return the simulator's range axis (N,) and baseband (I, N)."""
     result = bench.simulator(scatterers, radar)
     if isinstance(result, xr.DataArray):
         if result.dims != ("slow_time", "range") or "range" not in result.coords:

@@ -19,10 +19,7 @@ FRACTIONS = (0.12, 0.3, 0.5, 0.7, 0.9)
 
 def radar_equation(bench: Bench, radar: Radar) -> float:
     """Compare an echo's level with the radar equation, dB.
-
     The level is that of the strongest bin, over sqrt(2 Z0 P_r G_rx).
-
-    Taken over several ranges, cross sections and path gains.
     """
     range_m = np.array([place_m(radar, fraction) for fraction in FRACTIONS])
     rcs_m2, gain = np.array([0.1, 0.5, 1.0, 3.0, 10.0]), np.array([1.0, 0.25, 1.0, 0.01, 2.0])
@@ -33,7 +30,6 @@ def radar_equation(bench: Bench, radar: Radar) -> float:
 
 def phase_linearity(bench: Bench, radar: Radar) -> float:
     """Compare the phase per metre with theory, rad.
-
     Theory is -4 pi / lambda, over half a wavelength.
     """
     offset_m = np.linspace(-0.25, 0.25, 17) * theory.wavelength_m(radar)
@@ -45,7 +41,6 @@ def phase_linearity(bench: Bench, radar: Radar) -> float:
 
 def absolute_phase(bench: Bench, radar: Radar) -> float:
     """Compare the phase of an echo with theory, rad.
-
     The echo is in the middle of a bin; theory is theta - 4 pi R / lambda.
     """
     range_m = np.array([place_m(radar, fraction) for fraction in FRACTIONS])
@@ -67,10 +62,7 @@ def path_phase(bench: Bench, radar: Radar) -> float:
 
 def doppler_sign(bench: Bench, radar: Radar) -> float:
     """Compare the Doppler shift with +2 v / lambda, %.
-
-    Of an approaching and a receding scatterer.
-
-    Measured by pulse pairs over all bins.
+    Of an approaching and a receding scatterer. Measured by pulse pairs over all bins.
     """
     errors = []
     for velocity_mps in (speed_mps(radar), -speed_mps(radar)):
@@ -87,10 +79,7 @@ def doppler_sign(bench: Bench, radar: Radar) -> float:
 
 def range_migration(bench: Bench, radar: Radar) -> float:
     """Compare the strongest bin with the true range, in bins.
-
-    The scatterer crosses the frame.
-
-    Half a bin is natural.
+    The scatterer crosses the frame. Half a bin is natural.
     """
     start_m, stop_m = place_m(radar, 0.85), place_m(radar, 0.2)
     velocity_mps = speed_mps(radar)
@@ -102,7 +91,6 @@ def range_migration(bench: Bench, radar: Radar) -> float:
 
 def superposition(bench: Bench, radar: Radar) -> float:
     """Compare three echoes together with their sum.
-
     The difference is relative to the maximum.
     """
     rng = np.random.default_rng(5)
@@ -117,7 +105,6 @@ def superposition(bench: Bench, radar: Radar) -> float:
 
 def frame_integration(bench: Bench, radar: Radar) -> float:
     """Compare a moving echo's loss with sinc(f_d T_i), dB.
-
     A frame sums over 0.8 of its time; a wrong sign beyond a null fails.
     """
     share, turns = 0.8, np.array([0.1, -0.35, 0.6, 0.85, -1.4, 2.5])
@@ -132,9 +119,7 @@ def frame_integration(bench: Bench, radar: Radar) -> float:
 
 def folding(bench: Bench, radar: Radar) -> float:
     """Compare earlier pulses' echoes with later frames, relative.
-
-    The pulse interval is slightly longer than a frame. The expected frame is the sum of the frames that start k pulses
-    later, for a radar without a next pulse. Scatterers are at the fold, and one and two intervals beyond it.
+    The pulse interval is slightly longer than a frame.
     """
     start_m = radar.range_start_m + 0.2 * (radar.range_stop_m - radar.range_start_m)
     pulse_m = 1.007 * (radar.range_stop_m - start_m)
@@ -154,7 +139,6 @@ def folding(bench: Bench, radar: Radar) -> float:
 
 def worst_db(ratio: np.ndarray) -> float:
     """Return the largest deviation of amplitude ratios from 1, dB.
-
     Infinite where a ratio is 0.
     """
     smallest, largest = float(ratio.min()), float(ratio.max())
@@ -168,9 +152,7 @@ CELLS = 2.0
 
 def range_profile(bench: Bench, radar: Radar) -> float:
     """Compare range profile and transformed spectrum, dB.
-
-    Within two cells (equivalence i). Echoes stand at several places between two bins; levels are relative to the
-    strongest bin of the same frame, which leaves the radar equation out.
+    Within two cells (equivalence i).
     """
     axis_m = theory.range_axis_m(radar)
     middle_m, step_m = place_m(radar, 0.6), axis_m[1] - axis_m[0]
@@ -193,10 +175,7 @@ def _relative_db(amplitude: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 def beat_frequency(bench: Bench, radar: Radar) -> float:
     """Compare the beat frequency with theory, %.
-
-    The scatterer is at rest, then moves. Theory is S 2 R / c - 2 v f_c / c.
-
-    The sign of the beat is a convention.
+    The scatterer is at rest, then moves. Theory is S 2 R / c - 2 v f_c / c. The sign of the beat is a convention.
     """
     assert bench.sweep is not None
     range_m, velocity_mps = place_m(radar, 0.3), speed_mps(radar) * np.array([0.0, 1.0, -1.0])
@@ -213,12 +192,7 @@ def beat_frequency(bench: Bench, radar: Radar) -> float:
 
 def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
     """Compare a moving scatterer's range shift with theory, %.
-
-    Theory is -f_c v T / B.
-
-    The velocity makes it 0.3 cells. The scatterer stands at many places around a bin; the one at which this bin is
-    strongest gives the shift. Half the difference between approaching and receding leaves out everything that does not
-    depend on velocity.
+    Theory is -f_c v T / B. The velocity makes it 0.3 cells.
     """
     cell_m = theory.half_power_width_m(radar)
     velocity_mps = -0.3 * cell_m / theory.coupling_s(radar)
@@ -229,7 +203,6 @@ def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
 
 def _strongest_place_m(bench: Bench, radar: Radar, velocity_mps: float, cell_m: float) -> float:
     """Find where a moving scatterer is strongest in a bin.
-
     The bin is that of a scatterer at rest; the place is relative to it.
     """
     middle_m = place_m(radar, 0.6)

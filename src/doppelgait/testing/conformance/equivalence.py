@@ -31,7 +31,6 @@ STEPS_HZ = (0.8, 4.0)
 
 def same_signature(bench: Bench, radar: Radar) -> float:
     """Return 1 minus the signatures' correlation.
-
     The reference is sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii).
     """
     return float(1.0 - np.corrcoef(_simulate_signature(bench, radar).ravel(), compute_wanted_signature().ravel())[0, 1])
@@ -57,7 +56,6 @@ def _simulate_signature(bench: Bench, radar: Radar) -> Float:
 @lru_cache(maxsize=1)
 def compute_wanted_signature() -> Float:
     """Compute the signature of the walk's summed phasors.
-
     All radars of a small band share carrier, frame rate and levels.
     """
     radar = make_narrow_radar("cw")
@@ -80,9 +78,7 @@ def walk(prf_hz: float) -> xr.Dataset:
 
 def compute_signature(bins: Complex) -> Float:
     """Compute the share of power (time, Doppler) in Hann windows.
-
-    Power is summed over range, Doppler ascends. Every column has the sum 1, which removes the decrease of power with
-    range.
+    Power is summed over range, Doppler ascends.
     """
     starts = np.arange(0, bins.shape[0] - CPI + 1, HOP)
     frames = bins[starts[:, None] + np.arange(CPI)] * np.hanning(CPI)[None, :, None]
@@ -99,7 +95,6 @@ def torso_doppler_hz(share: Float, prf_hz: float) -> float:
 
 def step_frequency_hz(share: Float, prf_hz: float) -> float:
     """Return the strongest frequency of the spectrum's width.
-
     The width is the same for steps of the left and the right foot.
     """
     doppler = np.arange(N_DOPPLER) - N_DOPPLER // 2

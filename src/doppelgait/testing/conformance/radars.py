@@ -25,7 +25,6 @@ def make_table(
     **values: npt.ArrayLike,
 ) -> xr.Dataset:
     """Make a scatterer table of ranges (I, L) or (I,).
-
     Cross sections are 1 m^2 and velocities 0 unless ``values`` has others.
     """
     ranges_m = np.asarray(range_m, dtype=float)
@@ -51,10 +50,7 @@ def make_table(
 
 def place_m(radar: Radar, fraction: float) -> float:
     """Return the range at a fraction of the frame.
-
-    It is 1 m or more.
-
-    It is the middle of a bin, except for a CW radar.
+    It is 1 m or more. It is the middle of a bin, except for a CW radar.
     """
     wanted_m = radar.range_start_m + fraction * (radar.range_stop_m - radar.range_start_m)
     wanted_m = max(wanted_m, 1.0)

@@ -26,7 +26,6 @@ def noise_power(bench: Bench, radar: Radar) -> float:
 
 def noise_whiteness(bench: Bench, radar: Radar) -> float:
     """Return the larger of pulse correlation and non-circularity of noise.
-
     The latter is |E w^2| / E |w|^2, 0 where I and Q are alike.
     """
     noise = _sample_noise(bench, radar)
@@ -44,7 +43,6 @@ LAGS = 4
 
 def counter_noise(bench: Bench, radar: Radar) -> float:
     """Compare the noise of swept-threshold counters with E-18b, dB.
-
     The largest deviation for input noise of 1, 5 and 20 threshold steps. The counter pauses for a tenth of the frame.
     """
     pulses = {"pulse_rate_hz": 165.0 * 4.0 * radar.prf_hz, "sweep_levels": 4, "integration_share": 0.9}
@@ -57,7 +55,6 @@ def counter_noise(bench: Bench, radar: Radar) -> float:
 
 def noise_correlation(bench: Bench, radar: Radar) -> float:
     """Compare the noise correlation over range with its statement.
-
     The largest deviation at 1 to 4 bins apart.
     """
     radar = change_radar(radar, noise_correlation=radar.noise_correlation or CORRELATION)
@@ -70,11 +67,7 @@ def noise_correlation(bench: Bench, radar: Radar) -> float:
 
 def matched_snr(bench: Bench, radar: Radar) -> float:
     """Compare the matched SNR with E / N0, dB.
-
-    Equivalence v.
-
-    Without a window along sweeps. An impulse radar averages, with white noise up to its sampling rate, and its bins are
-    summed with the pulse's shape. The other waveforms' bins are matched already.
+    Equivalence v. Without a window along sweeps.
     """
     from scipy.signal import fftconvolve
 
@@ -108,7 +101,6 @@ def _sample_noise(bench: Bench, radar: Radar) -> Complex:
 
 def quantisation_snr(bench: Bench, radar: Radar) -> float:
     """Compare the quantisation SNR of a tone with theory, dB.
-
     Theory is 6.02 b + 1.76 - back-off.
     """
     del radar
@@ -131,7 +123,6 @@ def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
 
 def quantisation_bias(bench: Bench, radar: Radar) -> float:
     """Return the largest mean error between two codes, in steps.
-
     With noise of half a step rms. Gaussian noise of s steps leaves exp(-2 pi^2 s^2) / pi of it: 0.0023 (Widrow and
     Kollar, Quantization Noise, 2008).
     """
@@ -167,7 +158,6 @@ LOWEST_FIELD = 10.0 ** (-30.0 / 20.0)
 
 def wall_loss(bench: Bench, radar: Radar) -> float:
     """Compare a wall's two-way loss with a slab's, dB.
-
     It is |T|^4 with the spreading of a bundle of rays that the slab refracts.
     """
     return max(abs(10.0 * math.log10(gain)) for gain, _, _, _ in _measure_walls(bench, radar))
@@ -186,11 +176,7 @@ def wall_phase(bench: Bench, radar: Radar) -> float:
 
 
 def _measure_walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float, float], complex, float]]:
-    """Measure every wall at every angle.
-
-    Returns the echo's power over the theoretical one, (added range, added phase), and the theoretical T and added
-    range.
-    """
+    """Measure every wall at every angle."""
     assert bench.wall is not None
     results = []
     for wall, azimuth_rad in product(WALLS, AZIMUTHS_RAD):
@@ -222,9 +208,7 @@ def _phase_rad(scatterers: xr.Dataset) -> np.ndarray:
 
 def two_ray_pattern(bench: Bench, radar: Radar) -> float:
     """Compare a floor's field with the two-ray formula, dB.
-
-    The formula is (exp(-jkR) / R + Gamma exp(-jkg) / g)^2, at heights from 0.05 to 1.8 m. All echoes of a scatterer are
-    summed at one frequency, as a cw radar does.
+    The formula is (exp(-jkR) / R + Gamma exp(-jkg) / g)^2, at heights from 0.05 to 1.8 m.
     """
     assert bench.two_ray is not None
     height_m, ground_m = (side.ravel() for side in np.meshgrid(np.linspace(0.05, 1.8, 36), np.linspace(2.0, 8.0, 25)))

@@ -31,7 +31,6 @@ def wavelength_m(radar: Radar) -> float:
 
 def count_averages(radar: Radar) -> int:
     """Return the whole pulses per frame and threshold level (E-18).
-
     Only pulses within the integration time of a frame count.
     """
     if not radar.pulse_rate_hz:
@@ -42,7 +41,6 @@ def count_averages(radar: Radar) -> int:
 
 def pulse_sigma_s(radar: Radar) -> float:
     """Return the standard deviation of a Gaussian envelope.
-
     Its power spectrum exp(-4 pi^2 tau^2 f^2) is L dB down at B/2.
     """
     if radar.pulse_sigma_s is not None:
@@ -68,7 +66,6 @@ def sweep_time_s(radar: Radar) -> float:
 
 def range_axis_m(radar: Radar) -> Float:
     """Return the range bins.
-
     Every D c / (2 f_s) (E-15), every c / (2 B) counted from 0, or the middle of the frame.
     """
     start_m, stop_m = radar.range_start_m, radar.range_stop_m
@@ -84,10 +81,7 @@ def range_axis_m(radar: Radar) -> Float:
 
 def received_w(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
     """Evaluate the radar equation, W.
-
-    P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4).
-
-    ``gain_m2`` is sigma times the path gain.
+    P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4). ``gain_m2`` is sigma times the path gain.
     """
     sent_w = 10.0 ** ((radar.tx_power_dbm + radar.tx_gain_dbi + radar.rx_gain_dbi - 30.0) / 10.0)
     return np.asarray(sent_w * wavelength_m(radar) ** 2 * gain_m2 / ((4.0 * np.pi) ** 3 * range_m**4))
@@ -99,17 +93,13 @@ def compute_receiver_gain(radar: Radar) -> float:
 
 
 def echo_v(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
-    """Return the envelope of an echo into 50 ohm, V.
-
-    sqrt(2 Z0 P_r G_rx).
-    """
+    """Return the envelope of an echo into 50 ohm, V."""
     power_w = received_w(radar, range_m=range_m, gain_m2=gain_m2)
     return np.asarray(np.sqrt(2.0 * OHM * power_w * compute_receiver_gain(radar)))
 
 
 def make_window(radar: Radar) -> Float:
     """Return the window along a sweep.
-
     Samples in the middle of S equal parts of the cosine sum (Harris 1978).
     """
     x = (np.arange(count_sweep_samples(radar)) + 0.5) / count_sweep_samples(radar)
@@ -124,11 +114,7 @@ def compute_noise_figure(radar: Radar) -> float:
 
 
 def bin_noise_v2(radar: Radar) -> float:
-    """Return a bin's mean-square noise, V^2.
-
-    2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2, of a counter times d / (sqrt(pi) s)
-    (E-18b).
-    """
+    """Return a bin's mean-square noise, V^2 (E-18, E-18b)."""
     own_hz = {
         "impulse": math.sqrt(math.log(10.0)) / (math.pi * pulse_sigma_s(radar))
         if radar.waveform.kind == "impulse"
@@ -159,7 +145,6 @@ def input_noise_v(radar: Radar) -> float:
 
 def compute_energy_ratio(radar: Radar, *, range_m: float, gain_m2: float) -> float:
     """Return E / N0 of N_eff averaged pulses.
-
     P_r times the integral of the square of the envelope, over k T0 F.
     """
     if radar.waveform.kind == "impulse":
@@ -174,9 +159,7 @@ def compute_energy_ratio(radar: Radar, *, range_m: float, gain_m2: float) -> flo
 
 def power_spectrum(radar: Radar) -> tuple[Float, Float]:
     """Return frequencies from the carrier, Hz, and the received spectrum.
-
-    Its transform is the range profile. The Gaussian of E-11 for an impulse; |S|^2 of the sampled pulse for a matched
-    filter; the window over the band of a sweep.
+    Its transform is the range profile (E-11).
     """
     if radar.waveform.kind == "impulse":
         tau = pulse_sigma_s(radar)
@@ -197,10 +180,7 @@ def power_spectrum(radar: Radar) -> tuple[Float, Float]:
 
 def compute_profile(radar: Radar, offset_m: Float) -> Float:
     """Return the range profile at offsets from a point echo.
-
-    It is 1 at 0.
-
-    It is the magnitude of the transform of the spectrum.
+    It is 1 at 0. It is the magnitude of the transform of the spectrum.
     """
     frequency_hz, weight = power_spectrum(radar)
     delay_s = 2.0 * offset_m.ravel() / C_MPS
@@ -221,26 +201,19 @@ def half_power_width_m(radar: Radar) -> float:
 
 
 def coupling_s(radar: Radar) -> float:
-    """Return the range shift per approach speed of a sweep.
-
-    -f_c T_c / B, or 0 without a sweep.
-    """
+    """Return the range shift per approach speed of a sweep."""
     if radar.waveform.kind not in ("lfm", *SWEPT):
         return 0.0
     return -radar.carrier_hz * sweep_time_s(radar) / (radar.bandwidth_hz or math.nan)
 
 
 def compute_permittivity(*, permittivity: float, conductivity_s_per_m: float, carrier_hz: float) -> complex:
-    """Return the complex relative permittivity.
-
-    eps' - j sigma / (2 pi f eps_0).
-    """
+    """Return the complex relative permittivity."""
     return complex(permittivity, -conductivity_s_per_m / (2.0 * math.pi * carrier_hz * VACUUM_F_PER_M))
 
 
 def compute_slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
     """Return the field ratio behind and without a slab.
-
     The electric field is parallel to the slab. By the slab's characteristic matrix (Born and Wolf, Principles of
     Optics, section 1.6).
     """
@@ -256,11 +229,7 @@ def compute_slab_insertion(cosine: float, *, permittivity: complex, thickness_m:
 
 
 def refracted_radii_m(range_m: float, angle_rad: float, *, index: float, thickness_m: float) -> tuple[float, float]:
-    """Return the principal radii of rays behind a slab.
-
-    By Snell's law: the rays from the radar meet the plane of the target, parallel to the slab, at x(angle); the bundle
-    is x / sin(angle) wide across the plane of incidence and cos(angle) dx / d(angle) in it, per angle.
-    """
+    """Return the principal radii of rays behind a slab."""
     depth_m = range_m * math.cos(angle_rad)
 
     def place_m(angle: float) -> float:
@@ -273,7 +242,6 @@ def refracted_radii_m(range_m: float, angle_rad: float, *, index: float, thickne
 
 def compute_floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
     """Return the Fresnel coefficient of a half space, vertical polarisation.
-
     The sign refers to the vertical field.
     """
     root = np.sqrt(permittivity - 1.0 + sin_grazing**2)

@@ -18,7 +18,6 @@ def require(condition: Any, text: str) -> None:
 
 def require_close(actual: Any, wanted: Any, text: str, rtol: float = 1e-4) -> None:
     """Require two arrays to be almost equal.
-
     The tolerance is relative to the largest value.
     """
     scale = float(np.abs(wanted).max(initial=0.0)) or 1.0

@@ -62,7 +62,6 @@ def check_waveform(kind: str, radar: Radar) -> None:
 
 def _check_waveform_numbers(name: str, radar: Radar) -> None:
     """Check counts, lengths and ratios before use.
-
     Callers divide by them or loop over them.
     """
     waveform = radar.waveform
@@ -138,7 +137,6 @@ def _check_synthesis(name: str, radar: Radar) -> None:
 
 def _check_point_echo(name: str, radar: Radar) -> None:
     """Check amplitude, phase and half-power width of a point echo.
-
     The echo is in the middle of a bin.
     """
     from doppelgait.radar.link import echo_amplitude_v
