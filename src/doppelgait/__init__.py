@@ -48,9 +48,20 @@ PLUGIN_ROOMS: tuple[str, ...] = (
 """Modules in which the groups of plug-ins are declared (:mod:`doppelgait.core.plugins`)."""
 
 _SUBPACKAGES = {
-    "classify", "core", "dataset", "features", "motion", "pipeline", "processing", "radar", "reproduce", "scene",
-    "testing", "viewer", "viz",
-}  # fmt: skip
+    "classify",
+    "core",
+    "dataset",
+    "features",
+    "motion",
+    "pipeline",
+    "processing",
+    "radar",
+    "reproduce",
+    "scene",
+    "testing",
+    "viewer",
+    "viz",
+}
 
 __all__ = ["__version__", *sorted(set(_LAZY) | _SUBPACKAGES)]
 

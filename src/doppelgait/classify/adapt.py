@@ -126,8 +126,11 @@ def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntAr
         candidates = np.flatnonzero(rows.labels == number)
         # sample by target, so that as many targets as possible remain to score
         targets = rng.permutation(np.unique(rows.groups[candidates]))
-        ordered = [name for target in targets for name in
-                   rng.permutation(np.unique(names[candidates][rows.groups[candidates] == target]))]  # fmt: skip
+        ordered = [
+            name
+            for target in targets
+            for name in rng.permutation(np.unique(names[candidates][rows.groups[candidates] == target]))
+        ]
         if len(ordered) < n:
             return None
         own += candidates[np.isin(names[candidates], ordered[:n])].tolist()
@@ -139,8 +142,13 @@ def sample_own_rows(rows: Rows, n: int, rng: np.random.Generator) -> tuple[IntAr
 
 
 def score_adaptation(
-    model: Model, rows: Rows, values: Inputs, rng: np.random.Generator, *, counts: Sequence[int] = COUNTS,
-) -> list[dict[str, Any]]:  # fmt: skip
+    model: Model,
+    rows: Rows,
+    values: Inputs,
+    rng: np.random.Generator,
+    *,
+    counts: Sequence[int] = COUNTS,
+) -> list[dict[str, Any]]:
     """Score a model against the number of own recordings.
     Every count is sampled :data:`REPEATS` times.
     """
@@ -157,19 +165,28 @@ def score_adaptation(
             probability: npt.NDArray[np.float64] = adapted.probability(values[scored])
             right = [probability.argmax(axis=1) == labels]
             right += [other.probability(values[scored]).argmax(axis=1) == labels for other in (model, blind)]
-            scores.append([*(balanced_accuracy(labels, each, count) for each in right),
-                           np.unique(rows.groups[scored]).size])  # fmt: skip
+            scores.append(
+                [*(balanced_accuracy(labels, each, count) for each in right), np.unique(rows.groups[scored]).size]
+            )
             sure.append(probability.max(axis=1))
             hits.append(right[0])
             shares.append(row_weights(labels, count))
         accuracy, before, unlabelled, n_targets = np.mean(scores, axis=0)
         low, high = np.quantile([score[0] for score in scores], (0.1, 0.9))
         bins = bin_reliability(np.concatenate(sure), np.concatenate(hits), np.concatenate(shares), 1.0 / count)
-        curve.append({
-            "n": n, "balanced_accuracy": float(accuracy), "low": float(low), "high": float(high),
-            "before": float(before), "unlabelled": float(unlabelled), "movers": float(n_targets),
-            "expected_calibration_error": expected_calibration_error(bins), "reliability": bins,
-        })  # fmt: skip
+        curve.append(
+            {
+                "n": n,
+                "balanced_accuracy": float(accuracy),
+                "low": float(low),
+                "high": float(high),
+                "before": float(before),
+                "unlabelled": float(unlabelled),
+                "movers": float(n_targets),
+                "expected_calibration_error": expected_calibration_error(bins),
+                "reliability": bins,
+            }
+        )
     return curve
 
 

@@ -115,9 +115,13 @@ def read_day(path: str | Path | None = None) -> Day:
 
 
 def run_day(
-    day: Day, model: Model, *, window_s: float | None = None, hop_s: float | None = None,
+    day: Day,
+    model: Model,
+    *,
+    window_s: float | None = None,
+    hop_s: float | None = None,
     on_progress: Callable[[int, int], None] | None = None,
-) -> list[Episode]:  # fmt: skip
+) -> list[Episode]:
     """Simulate a day and classify it in windows."""
     alarm = model.facts.alarm
     if alarm is None:
@@ -153,9 +157,11 @@ def run_day(
 def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
     """Sample the scene of a recording of an episode."""
     table: dict[str, Any] = {
-        **day.scene, "duration_s": section.duration_s, "targets": section.targets,
+        **day.scene,
+        "duration_s": section.duration_s,
+        "targets": section.targets,
         "environment": [*day.scene.get("environment", ()), *section.environment],
-    }  # fmt: skip
+    }
     sampled = resolve(table, seed=day.seed, example=example, key="day", turn=example % day.repeats)
     return parse_run({**sampled, "seed": day.seed, "example": example}, where=f"{day.name}, {section.label}")
 
@@ -200,11 +206,16 @@ def _score_at_threshold(day: Day, episodes: Sequence[Episode], threshold: float)
     for section in day.episodes:
         times = by_label[section.label]
         hours, count = len(times) * section.duration_s / 3600.0, sum(each.size for each in times)
-        kinds.append({
-            "label": section.label, "hours": hours, "recordings": len(times),
-            "triggered": sum(each.size > 0 for each in times), "per_hour": count / hours,
-            "should_trigger": section.should_trigger,
-        })  # fmt: skip
+        kinds.append(
+            {
+                "label": section.label,
+                "hours": hours,
+                "recordings": len(times),
+                "triggered": sum(each.size > 0 for each in times),
+                "per_hour": count / hours,
+                "should_trigger": section.should_trigger,
+            }
+        )
         if section.should_trigger:
             first_s += [float(each[0]) if each.size else math.inf for each in times]
         else:
@@ -278,8 +289,11 @@ def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
     """
     rows = []
     for number, kind in enumerate(found["thresholds"][0]["by_episode"]):
-        row = {"episode": kind["label"], "should trigger": "yes" if kind["should_trigger"] else "no",
-               "recordings": str(kind["recordings"])}  # fmt: skip
+        row = {
+            "episode": kind["label"],
+            "should trigger": "yes" if kind["should_trigger"] else "no",
+            "recordings": str(kind["recordings"]),
+        }
         for one in found["thresholds"]:
             row[f"at {one['threshold']:.3g}"] = str(one["by_episode"][number]["triggered"])
         rows.append(row)

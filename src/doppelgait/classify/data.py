@@ -212,8 +212,14 @@ def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
 def take_rows(rows: Rows, part: IntArray) -> Rows:
     """Select rows."""
     index = rows.index.iloc[part].reset_index(drop=True)
-    return replace(rows, index=index, origin=rows.origin[part], place=rows.place[part], labels=rows.labels[part],
-                   groups=rows.groups[part])  # fmt: skip
+    return replace(
+        rows,
+        index=index,
+        origin=rows.origin[part],
+        place=rows.place[part],
+        labels=rows.labels[part],
+        groups=rows.groups[part],
+    )
 
 
 def select_split(rows: Rows, name: str) -> IntArray:

@@ -89,8 +89,12 @@ class Decision:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the decision as plain values for JSON."""
-        return {**vars(self), "probabilities": dict(self.probabilities), "flags": list(self.flags),
-                "quality": dict(self.quality)}  # fmt: skip
+        return {
+            **vars(self),
+            "probabilities": dict(self.probabilities),
+            "flags": list(self.flags),
+            "quality": dict(self.quality),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +118,13 @@ class TargetInputs:
 
 
 def classify(
-    source: str | Path | Recording | Sequence[Result], model: Model | None = None, *, gate: Any = "track",
-    analysis: Analysis | None = None, tracking: Tracking | None = None,
-) -> list[Decision]:  # fmt: skip
+    source: str | Path | Recording | Sequence[Result],
+    model: Model | None = None,
+    *,
+    gate: Any = "track",
+    analysis: Analysis | None = None,
+    tracking: Tracking | None = None,
+) -> list[Decision]:
     """Classify every target of a recording.
 
     Parameters

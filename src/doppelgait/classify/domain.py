@@ -44,9 +44,13 @@ LEVELS = ("static", "moving", "largest", "constant")
 
 
 def simulate_like(
-    recordings: Sequence[Recording], preset: str | Path, *, plan: PlanConfig | None = None, folder: Path | None = None,
+    recordings: Sequence[Recording],
+    preset: str | Path,
+    *,
+    plan: PlanConfig | None = None,
+    folder: Path | None = None,
     seed: int = 0,
-) -> list[Recording]:  # fmt: skip
+) -> list[Recording]:
     """Simulate a recording like each real one.
     It has the same pulses and range bins.
     """
@@ -249,12 +253,10 @@ def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dic
     first_rows = [
         {
             "": words,
-            **{
-                name: "{:.2f} ({:.2f} to {:.2f})".format(*getattr(one, key)) for name, one in found.items()
-            },
+            **{name: "{:.2f} ({:.2f} to {:.2f})".format(*getattr(one, key)) for name, one in found.items()},
         }
         for words, key in (("AUC, all statistics", "auc"), ("AUC, without levels", "auc_of_shape"))
-    ]  # fmt: skip
+    ]
     first_rows.append({"": "AUC, linear", **{name: f"{one.auc_linear:.2f}" for name, one in found.items()}})
     first_rows.append({"": "tested on unseen", **{name: one.held_out for name, one in found.items()}})
     for statistic in list(last.distances)[:most]:

@@ -181,12 +181,23 @@ class Evaluation:
 
 
 def evaluate(
-    dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
-    left_out: str | None = None, own: Dataset | None = None, own_shares: Mapping[str, float] | None = None,
-    unknown: Dataset | None = None, motion_folder: Path | None = None, seed: int = 0, n_seeds: int = 1,
-    keep: bool = False, alarm_class: str | None = None, day: Day | None = None,
+    dataset: Dataset,
+    *,
+    other: Dataset | None = None,
+    models: Sequence[str] | None = None,
+    n_folds: int | None = None,
+    left_out: str | None = None,
+    own: Dataset | None = None,
+    own_shares: Mapping[str, float] | None = None,
+    unknown: Dataset | None = None,
+    motion_folder: Path | None = None,
+    seed: int = 0,
+    n_seeds: int = 1,
+    keep: bool = False,
+    alarm_class: str | None = None,
+    day: Day | None = None,
     on_progress: Callable[[int, int], None] | None = None,
-) -> Evaluation:  # fmt: skip
+) -> Evaluation:
     """Train and score models.
 
     Parameters
@@ -316,9 +327,15 @@ def evaluate(
         part = folds[0].test
         for name in trained:
             further, kept[name], notes = _score_further(
-                kept[name], take_rows(rows, part), tables[name].values[part], strangers, nameless,
-                seed=seed, adapted=own is not None, shares=own_shares,
-            )  # fmt: skip
+                kept[name],
+                take_rows(rows, part),
+                tables[name].values[part],
+                strangers,
+                nameless,
+                seed=seed,
+                adapted=own is not None,
+                shares=own_shares,
+            )
             document["models"][name] |= further
             document["notes"] += [f"{name}: {note}" for note in notes]
     if day is not None and best is not None and best in kept:
@@ -398,9 +415,16 @@ def _choose_best(trained: Mapping[str, Sequence[Run]]) -> str | None:
 
 
 def _score_further(
-    model: Model, tested: Rows, values: Any, strangers: Rows | None, nameless: Rows | None, *, seed: int, adapted: bool,
+    model: Model,
+    tested: Rows,
+    values: Any,
+    strangers: Rows | None,
+    nameless: Rows | None,
+    *,
+    seed: int,
+    adapted: bool,
     shares: Mapping[str, float] | None,
-) -> tuple[dict[str, Any], Model, list[str]]:  # fmt: skip
+) -> tuple[dict[str, Any], Model, list[str]]:
     """Score adaptation, then abstention on unknown kinds, with remarks.
     The returned model is adapted to all tested rows, or to the rows without labels.
     """

@@ -152,9 +152,14 @@ class Live:
     """Decisions of a stream, an iterator; made by :func:`live`."""
 
     def __init__(
-        self, ring: _Ring, frames: Iterable[tuple[float, npt.ArrayLike]], tracks: Tracks, analysis: Analysis,
-        tracking: Tracking | None, skip: bool,
-    ) -> None:  # fmt: skip
+        self,
+        ring: _Ring,
+        frames: Iterable[tuple[float, npt.ArrayLike]],
+        tracks: Tracks,
+        analysis: Analysis,
+        tracking: Tracking | None,
+        skip: bool,
+    ) -> None:
         self._ring, self._tracks, self._analysis, self._tracking, self._skip = ring, tracks, analysis, tracking, skip
         self._slot: queue.Queue[Window | Exception | None] = queue.Queue(1)
         self._closed = threading.Event()
@@ -244,10 +249,17 @@ class Live:
 
 
 def live(
-    frames: Iterable[tuple[float, npt.ArrayLike]], radar: Radar, model: Model | None = None, *,
-    window_s: float | None = None, hop_s: float | None = None, range_m: npt.ArrayLike | None = None,
-    analysis: Analysis | None = None, tracking: Tracking | None = None, skip: bool = False,
-) -> Live:  # fmt: skip
+    frames: Iterable[tuple[float, npt.ArrayLike]],
+    radar: Radar,
+    model: Model | None = None,
+    *,
+    window_s: float | None = None,
+    hop_s: float | None = None,
+    range_m: npt.ArrayLike | None = None,
+    analysis: Analysis | None = None,
+    tracking: Tracking | None = None,
+    skip: bool = False,
+) -> Live:
     """Classify targets while the frames of a radar arrive.
 
     The same frames as a file give the same decisions (:func:`doppelgait.classify.classify_over_time`). Memory does not

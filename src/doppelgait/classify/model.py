@@ -194,18 +194,29 @@ def summarise_outside_conditions(
         if far.any():
             theirs = values[test][far]
             said[name] = {
-                "n": int(far.sum()), "of": int(test.size), "learnt": list(trained[name]),
+                "n": int(far.sum()),
+                "of": int(test.size),
+                "learnt": list(trained[name]),
                 "tested": [float(theirs.min()), float(theirs.max())],
-            }  # fmt: skip
+            }
     return said
 
 
 ABSTAIN_BELOW = 0.8
 BLOCKING = (
-    "no_signal", "not_tracked", "keeps_still:*", "no_steady_piece:*", "aspect_beyond_75_deg:*", "gates_overlap",
-    "reflection_of:*", "folded_echo_of:*", "not_a_moving_body:*", "clutter_removal_took_*", "doppler_band_full:*",
+    "no_signal",
+    "not_tracked",
+    "keeps_still:*",
+    "no_steady_piece:*",
+    "aspect_beyond_75_deg:*",
+    "gates_overlap",
+    "reflection_of:*",
+    "folded_echo_of:*",
+    "not_a_moving_body:*",
+    "clutter_removal_took_*",
+    "doppler_band_full:*",
     "*:columns_do_not_overlap",
-)  # fmt: skip
+)
 """Flags that prevent a decision, * for anything: no target, no gait in the signature, the echo of another body, no
 body, or too few columns to show a gait."""
 OUTSIDE = 0.25

@@ -86,13 +86,19 @@ def save_model(model: Model, path: str | Path) -> Path:
     learned = model.learned
     form, arrays = _pack(learned)
     facts = {
-        "format": FORMAT, "format_version": FORMAT_VERSION, **form,
-        "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows,
-    }  # fmt: skip
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        **form,
+        "facts": model.facts.model_dump(mode="json"),
+        "calibration_rows": model.calibration.n_rows,
+    }
     arrays |= {
-        "calibration.slope": np.array([model.calibration.slope]), "calibration.shift": model.calibration.shift,
-        "lowest": model.lowest, "highest": model.highest, "unknown": model.unknown,
-    }  # fmt: skip
+        "calibration.slope": np.array([model.calibration.slope]),
+        "calibration.shift": model.calibration.shift,
+        "lowest": model.lowest,
+        "highest": model.highest,
+        "unknown": model.unknown,
+    }
     if model.novelty is not None:
         arrays |= {f"novelty.{name}": values for name, values in vars(model.novelty).items()}
     text = np.frombuffer(json.dumps(facts, sort_keys=True, allow_nan=False).encode(), dtype=np.uint8)
@@ -254,9 +260,13 @@ def _check_learned(learned: Any, n_classes: int, n_features: int) -> None:
     """Check the numbers of a trained model and their shapes."""
     _check_numbers(learned)
     checks: dict[type, Callable[..., None]] = {
-        Constant: _check_constant, Linear: _check_linear, Kernel: _check_kernel, Trees: _check_trees,
-        Network: _check_network, Ensemble: _check_ensemble,
-    }  # fmt: skip
+        Constant: _check_constant,
+        Linear: _check_linear,
+        Kernel: _check_kernel,
+        Trees: _check_trees,
+        Network: _check_network,
+        Ensemble: _check_ensemble,
+    }
     checks[type(learned)](learned, n_classes, n_features)
 
 

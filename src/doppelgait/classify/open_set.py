@@ -28,8 +28,15 @@ def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
     count, place = len(index), index.index.to_numpy(dtype=np.int64)
     group = "group" if "group" in index else "subject"
     nothing = np.zeros(count, dtype=np.int64)
-    return Rows((dataset,), index.reset_index(drop=True), nothing, place, known.classes, nothing,
-                index[group].to_numpy(dtype=str))  # fmt: skip
+    return Rows(
+        (dataset,),
+        index.reset_index(drop=True),
+        nothing,
+        place,
+        known.classes,
+        nothing,
+        index[group].to_numpy(dtype=str),
+    )
 
 
 def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:

@@ -158,9 +158,11 @@ def plot_roc(document: Document, label: str) -> Figure:
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.03))
     draw_grid(axes)
     name_axes(
-        axes, title=f"{label} against all other classes", x="share of the other classes, falsely detected",
+        axes,
+        title=f"{label} against all other classes",
+        x="share of the other classes, falsely detected",
         y=f"share of {label}, detected",
-    )  # fmt: skip
+    )
     place_legend_below(figure, axes, columns=2)
     return figure
 
@@ -460,10 +462,11 @@ def _format_table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = 
     grey = set(baselines)
     head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
     lines = [
-        f'<tr{" class=baseline" if next(iter(row.values())) in grey else ""}>'
-        + "".join(f"<td>{escape(str(value))}</td>" for value in row.values()) + "</tr>"
+        f"<tr{' class=baseline' if next(iter(row.values())) in grey else ''}>"
+        + "".join(f"<td>{escape(str(value))}</td>" for value in row.values())
+        + "</tr>"
         for row in rows
-    ]  # fmt: skip
+    ]
     return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
 
 
@@ -473,16 +476,20 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     for name, model in document["models"].items():
         found, decided = model["balanced_accuracy"], model["decided"]
         curves = [curve["auc"] for curve in model["roc"].values() if curve["auc"] is not None]
-        rows.append({
-            "model": name,
-            "balanced accuracy": format_interval(found),
-            **({"over seeds": _format_over_seeds(model.get("seeds"))} if document.get("n_seeds", 1) > 1 else {}),
-            **{f"recall {label}": format_number(share["value"]) for label, share in model["recall"].items()},
-            "AUC": format_number(sum(curves) / len(curves) if curves else None),
-            "Brier": format_number(model["brier"]),
-            "ECE": format_number(model["expected_calibration_error"]),
-            "decided": f"{format_number(decided['share'], 2)}: {format_number(decided['balanced_accuracy']['value'])}",
-        })  # fmt: skip
+        rows.append(
+            {
+                "model": name,
+                "balanced accuracy": format_interval(found),
+                **({"over seeds": _format_over_seeds(model.get("seeds"))} if document.get("n_seeds", 1) > 1 else {}),
+                **{f"recall {label}": format_number(share["value"]) for label, share in model["recall"].items()},
+                "AUC": format_number(sum(curves) / len(curves) if curves else None),
+                "Brier": format_number(model["brier"]),
+                "ECE": format_number(model["expected_calibration_error"]),
+                "decided": ": ".join(
+                    [format_number(decided["share"], 2), format_number(decided["balanced_accuracy"]["value"])]
+                ),
+            }
+        )
     return rows
 
 

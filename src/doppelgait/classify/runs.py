@@ -53,9 +53,14 @@ class Run:
 
 
 def run_all(
-    rows: Rows, tables: Mapping[str, Table], folds: Sequence[Fold], *, seed: int, n_seeds: int,
+    rows: Rows,
+    tables: Mapping[str, Table],
+    folds: Sequence[Fold],
+    *,
+    seed: int,
+    n_seeds: int,
     on_progress: Callable[[int, int], None] | None,
-) -> tuple[dict[str, Run], dict[str, list[Run]]]:  # fmt: skip
+) -> tuple[dict[str, Run], dict[str, list[Run]]]:
     """Train and test all models, with every seed."""
     # train all models for one seed after another, and the baselines once
     jobs = [(name, seed + k) for k in range(n_seeds) for name in tables if k == 0 or name not in BASELINES]
@@ -76,9 +81,14 @@ def run_all(
 
 
 def run_model(
-    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None],
+    rows: Rows,
+    table: Table,
+    name: str,
+    folds: Sequence[Fold],
+    seed: int,
+    tick: Callable[[int], None],
     members: Sequence[Sequence[Sequence[Model]]] = (),
-) -> Run:  # fmt: skip
+) -> Run:
     """Train on every fold and predict its test rows.
     An ensemble combines its ``members``, which are trained on the same folds, by kind, seed and fold.
     """
@@ -91,11 +101,18 @@ def run_model(
             probability = model.probability(values)
             blocked = blocked_rows(rows, fold.test, values, model)
             threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
-            parts.append(Answers(
-                index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
-                np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
-                rows.alarm,
-            ))  # fmt: skip
+            parts.append(
+                Answers(
+                    index,
+                    rows.labels[fold.test],
+                    rows.groups[fold.test],
+                    rows.classes,
+                    probability,
+                    np.full(fold.test.size, threshold),
+                    ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
+                    rows.alarm,
+                )
+            )
             shuffled = name not in BASELINES and not members  # those of an ensemble are shown
             importance.append(_compute_importance(rows, table, model, fold, seed) if shuffled else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]

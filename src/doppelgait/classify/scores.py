@@ -83,9 +83,7 @@ def balanced_interval(
     if not present.size:
         return Interval(0.0, 1.0, "exact")
     members = [labels == number for number in present]
-    plain = all(
-        np.unique(groups[member]).size >= FEW_GROUPS and 0 < right[member].mean() < 1 for member in members
-    )  # fmt: skip
+    plain = all(np.unique(groups[member]).size >= FEW_GROUPS and 0 < right[member].mean() < 1 for member in members)
     if plain:
         weights = weight_groups(labels, groups, rng)
         hits = np.stack([weights[:, member] @ right[member].astype(np.float64) for member in members])
@@ -172,12 +170,14 @@ def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, l
     found = []
     for number in np.unique(place):
         inside = place == number
-        found.append({
-            "confidence": float(np.average(confidence[inside], weights=weights[inside])),
-            "accuracy": float(np.average(right[inside], weights=weights[inside])),
-            "share": float(weights[inside].sum() / weights.sum()),
-            "n": int(inside.sum()),
-        })  # fmt: skip
+        found.append(
+            {
+                "confidence": float(np.average(confidence[inside], weights=weights[inside])),
+                "accuracy": float(np.average(right[inside], weights=weights[inside])),
+                "share": float(weights[inside].sum() / weights.sum()),
+                "n": int(inside.sum()),
+            }
+        )
     return found
 
 
@@ -335,10 +335,12 @@ CONDITIONS = (
     Condition("aspect", "angle between motion and line of sight (°)", ("truth_aspect_deg", "quality_aspect_deg"), 15.0),
     Condition("observation", "observation time (s)", ("quality_observation_s", "observation_s"), 1.0),
     Condition(
-        "speed", "speed (m/s)",
-        ("truth_ground_speed_mps", "quality_ground_speed_mps", "feature_torso_velocity_mps"), 0.5,
+        "speed",
+        "speed (m/s)",
+        ("truth_ground_speed_mps", "quality_ground_speed_mps", "feature_torso_velocity_mps"),
+        0.5,
     ),
-)  # fmt: skip
+)
 
 
 def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
@@ -380,15 +382,19 @@ def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed:
     for low, high in pairwise(edges.tolist()):
         inside = (values >= low) & (values < high)
         if inside.any():
-            found.append({
-                "from": float(low), "to": float(high), "n": int(inside.sum()),
-                **_score_balanced(answers, inside, seed),
-                "recall": {
-                    name: _score_share(answers, inside & (answers.labels == n))
-                    for n, name in enumerate(answers.classes)
-                    if (inside & (answers.labels == n)).any()
-                },
-            })  # fmt: skip
+            found.append(
+                {
+                    "from": float(low),
+                    "to": float(high),
+                    "n": int(inside.sum()),
+                    **_score_balanced(answers, inside, seed),
+                    "recall": {
+                        name: _score_share(answers, inside & (answers.labels == n))
+                        for n, name in enumerate(answers.classes)
+                        if (inside & (answers.labels == n)).any()
+                    },
+                }
+            )
     return found
 
 

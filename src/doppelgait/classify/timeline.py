@@ -55,8 +55,14 @@ window."""
 UNCALIBRATED = 10
 """Assumed number of calibration rows of uncalibrated probabilities."""
 TIMES = (
-    "start_s", "stop_s", "track_start_s", "track_stop_s", "track_confirmed_at_s", "still_start_s", "still_stop_s",
-)  # fmt: skip
+    "start_s",
+    "stop_s",
+    "track_start_s",
+    "track_stop_s",
+    "track_confirmed_at_s",
+    "still_start_s",
+    "still_stop_s",
+)
 """Times among the diagnostics of a result."""
 
 
@@ -168,8 +174,10 @@ def analyze_window(
     window: Window, analysis: Analysis, tracking: Tracking | None = None, gate: Any = "track"
 ) -> list[Result]:
     """Analyse a window; times refer to the recording."""
-    return [_delay_result(one, window.start_s) for one in analyze(window.recording, gate=gate, analysis=analysis,
-                                                           tracking=tracking)]  # fmt: skip
+    return [
+        _delay_result(one, window.start_s)
+        for one in analyze(window.recording, gate=gate, analysis=analysis, tracking=tracking)
+    ]
 
 
 def _delay_result(result: Result, by_s: float) -> Result:
@@ -327,19 +335,30 @@ class Tracks:
         shown = best if belief.decided is None else belief.decided
         path = Path.of(result, window)
         return TrackDecision(
-            track=number, start_s=window.start_s, stop_s=window.stop_s,
+            track=number,
+            start_s=window.start_s,
+            stop_s=window.stop_s,
             label=None if belief.decided is None else facts.classes[belief.decided],
             probability=float(belief.probability[shown]),
             probabilities={name: float(p) for name, p in zip(facts.classes, belief.probability, strict=True)},
             alarm=alone.alarm if belief.alarm is None else belief.alarm,
-            reason=reason, range_m=float(path.range_m[-1]), approach_mps=path.approach_mps(at_end=True), window=alone,
-        )  # fmt: skip
+            reason=reason,
+            range_m=float(path.range_m[-1]),
+            approach_mps=path.approach_mps(at_end=True),
+            window=alone,
+        )
 
 
 def classify_over_time(
-    recording: Recording | str | FilePath, model: Model | None = None, *, window_s: float | None = None,
-    hop_s: float | None = None, gate: Any = "track", analysis: Analysis | None = None, tracking: Tracking | None = None,
-) -> list[TrackDecision]:  # fmt: skip
+    recording: Recording | str | FilePath,
+    model: Model | None = None,
+    *,
+    window_s: float | None = None,
+    hop_s: float | None = None,
+    gate: Any = "track",
+    analysis: Analysis | None = None,
+    tracking: Tracking | None = None,
+) -> list[TrackDecision]:
     """Classify a recording's targets in windows, fused per track.
 
     Parameters
@@ -431,9 +450,7 @@ def join_decisions(decisions: Iterable[TrackDecision]) -> list[Span]:
             done.append(before)
         before.last = one
         before.reasons[one.reason] += 1
-    spans = [
-        Span(s.last.track, s.start_s, s.last.stop_s, s.last.label, s.last.probability, s.reason) for s in done
-    ]  # fmt: skip
+    spans = [Span(s.last.track, s.start_s, s.last.stop_s, s.last.label, s.last.probability, s.reason) for s in done]
     return sorted(spans, key=lambda span: (span.track, span.start_s))
 
 

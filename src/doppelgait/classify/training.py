@@ -45,9 +45,15 @@ CLASSIFIERS: Group[Trainer] = Group(
 ``learner`` its name in reports, ``baseline`` marks one that is for comparison only."""
 
 BUILT_IN = (
-    "six-logistic", "six-boosting", "six-svm", "extended-logistic", "extended-boosting", "extended-svm",
-    "signature-network", "ensemble",
-)  # fmt: skip
+    "six-logistic",
+    "six-boosting",
+    "six-svm",
+    "extended-logistic",
+    "extended-boosting",
+    "extended-svm",
+    "signature-network",
+    "ensemble",
+)
 MEMBERS = ("extended-logistic", "extended-boosting", "signature-network")
 """Models that the ensemble averages: straight boundaries, boxes, and pictures."""
 DEFAULT = ("six-logistic", *MEMBERS, "ensemble")
@@ -71,9 +77,13 @@ def list_models() -> list[str]:
 
 
 BOOSTING = {
-    "max_iter": 150, "learning_rate": 0.08, "max_leaf_nodes": 15, "min_samples_leaf": 10, "l2_regularization": 1.0,
+    "max_iter": 150,
+    "learning_rate": 0.08,
+    "max_leaf_nodes": 15,
+    "min_samples_leaf": 10,
+    "l2_regularization": 1.0,
     "early_stopping": False,
-}  # fmt: skip
+}
 """Chosen once, before any test set was used."""
 
 

@@ -41,9 +41,14 @@ HopS = Annotated[
 ]
 
 SHOWN_QUALITY = {
-    "track_range_m": "m", "start_s": "s", "stop_s": "s", "n_pieces": "1", "ground_speed_mps": "m/s",
-    "aspect_deg": "deg", "breathing_rate_hz": "Hz",
-}  # fmt: skip
+    "track_range_m": "m",
+    "start_s": "s",
+    "stop_s": "s",
+    "n_pieces": "1",
+    "ground_speed_mps": "m/s",
+    "aspect_deg": "deg",
+    "breathing_rate_hz": "Hz",
+}
 """Diagnostics that the feature table shows, with their units."""
 SEGMENTS = {"n_pieces": "n_segments"}
 """Names in the table for diagnostics that files store under an older name."""
@@ -109,9 +114,15 @@ def analyze(
 
 
 def _analyze_windows(
-    recording: Recording, window_s: float | None, hop_s: float | None, gate: GateChoice, analysis: Analysis,
-    tracking: Tracking, *, as_json: bool,
-) -> None:  # fmt: skip
+    recording: Recording,
+    window_s: float | None,
+    hop_s: float | None,
+    gate: GateChoice,
+    analysis: Analysis,
+    tracking: Tracking,
+    *,
+    as_json: bool,
+) -> None:
     """Print every window's features, one row per target."""
     from doppelgait.classify.timeline import Links, analyze_window, check_window, cut_windows
     from doppelgait.core.config import convert_to_json

@@ -133,9 +133,15 @@ def describe_model(model: Model, file: str | None) -> dict[str, Any]:
     The file is None if a shipped model was chosen automatically.
     """
     facts = model.facts
-    return {"file": file, "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
-            "calibrated": model.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
-            "alarm_people": facts.alarm_people}  # fmt: skip
+    return {
+        "file": file,
+        "name": facts.name,
+        "classes": list(facts.classes),
+        "dataset": facts.dataset_name,
+        "calibrated": model.calibration.n_rows > 0,
+        "alarm_threshold": facts.alarm_threshold,
+        "alarm_people": facts.alarm_people,
+    }
 
 
 def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as_json: bool) -> None:
@@ -148,21 +154,27 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
         by_track.setdefault(found.track, []).append(found)
     tracks: list[dict[str, Any]] = []
     for track, ones in sorted(by_track.items()):
-        tracks.append({
-            "track": track,
-            "start_s": ones[0].start_s,
-            "stop_s": ones[-1].stop_s,
-            "decision": ones[-1].label,
-            "probability": ones[-1].probability,
-            "alarm": None if all(one.alarm is None for one in ones) else any(one.alarm for one in ones),
-            "windows": len(ones),
-            "evidence": sum(not one.window.blocked for one in ones),
-        })  # fmt: skip
+        tracks.append(
+            {
+                "track": track,
+                "start_s": ones[0].start_s,
+                "stop_s": ones[-1].stop_s,
+                "decision": ones[-1].label,
+                "probability": ones[-1].probability,
+                "alarm": None if all(one.alarm is None for one in ones) else any(one.alarm for one in ones),
+                "windows": len(ones),
+                "evidence": sum(not one.window.blocked for one in ones),
+            }
+        )
     if as_json:
-        print_json({
-            **head, "tracks": tracks, "timeline": [span._asdict() for span in spans],
-            "windows": [found.as_dict() for found in decisions],
-        })  # fmt: skip
+        print_json(
+            {
+                **head,
+                "tracks": tracks,
+                "timeline": [span._asdict() for span in spans],
+                "windows": [found.as_dict() for found in decisions],
+            }
+        )
         return
     if not tracks:
         print("no target found")
@@ -170,9 +182,9 @@ def _print_over_time(decisions: list[TrackDecision], head: dict[str, Any], *, as
     times = {"start_s": "start (s)", "stop_s": "stop (s)"}
     for rows in (tracks, [{**span._asdict(), "decision": span.label} for span in spans]):
         shown = ("track", "start_s", "stop_s", "decision", "probability", "alarm", "windows", "evidence", "reason")
-        print_table([
-            {times.get(name, name): _format_cell(name, row[name]) for name in shown if name in row} for row in rows
-        ])  # fmt: skip
+        print_table(
+            [{times.get(name, name): _format_cell(name, row[name]) for name in shown if name in row} for row in rows]
+        )
         if rows is tracks:
             print("\ntimeline")
 
@@ -307,13 +319,22 @@ def evaluate(
         test = _import_test(dataset, test, names, classes or [], options or [], output)
     with report_progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
-            open_dataset(dataset), other=None if test is None else open_dataset(test), models=models, n_folds=cv,
-            left_out=left_out, own=None if adapt is None else open_dataset(adapt),
-            own_shares=_parse_shares(shares), alarm_class=alarm_class, day=read_day() if alarm else None,
+            open_dataset(dataset),
+            other=None if test is None else open_dataset(test),
+            models=models,
+            n_folds=cv,
+            left_out=left_out,
+            own=None if adapt is None else open_dataset(adapt),
+            own_shares=_parse_shares(shares),
+            alarm_class=alarm_class,
+            day=read_day() if alarm else None,
             unknown=None if unknown is None else open_dataset(unknown),
-            motion_folder=motion_folder, seed=seed, n_seeds=n_seeds, keep=save is not None,
+            motion_folder=motion_folder,
+            seed=seed,
+            n_seeds=n_seeds,
+            keep=save is not None,
             on_progress=on_progress,
-        )  # fmt: skip
+        )
         page = write_report(found, output, figure_format=figure_format)[-1]
         if save is not None and found.best is not None:
             save_model(found.models[found.best], save)

@@ -99,9 +99,12 @@ def plan_command(
     warn_of_unused_snr(loaded.noise)
     with report_progress("checking ranges and speeds", quiet=as_json) as on_progress:
         feasibility = assess(
-            sample_examples(planned, FEASIBILITY_LOOKED_AT), folder, gate=loaded.dataset.gate, on_progress=on_progress,
+            sample_examples(planned, FEASIBILITY_LOOKED_AT),
+            folder,
+            gate=loaded.dataset.gate,
+            on_progress=on_progress,
             count=spread_count(planned, FEASIBILITY_LOOKED_AT),
-        )  # fmt: skip
+        )
     summary = summarise(planned, compute_dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(planned, specs)
@@ -174,9 +177,15 @@ def build(
     target = output or Path(loaded.dataset.name)
     with report_progress(f"building {loaded.dataset.name}", quiet=as_json) as on_progress:
         report = build_dataset(
-            loaded, target, folder=folder, executor=executor, workers=workers, part=part,
-            max_failed_share=max_failed, on_progress=on_progress,
-        )  # fmt: skip
+            loaded,
+            target,
+            folder=folder,
+            executor=executor,
+            workers=workers,
+            part=part,
+            max_failed_share=max_failed,
+            on_progress=on_progress,
+        )
     counts: list[dict[str, Any]] = []
     limits: list[dict[str, Any]] = []
     if report.missing == 0:
@@ -360,8 +369,9 @@ def forms(as_json: AsJson = False) -> None:
         parameters = [f"{name}={field.default}" for name, field in fields.items() if name != "kind"]
         allowed = exporter.facts.get("allowed")
         arrays = "all" if allowed is None else ", ".join(allowed) or "none"
-        rows.append({"form": exporter.name, "arrays": arrays, "parameters": ", ".join(parameters),
-                     "package": exporter.package})  # fmt: skip
+        rows.append(
+            {"form": exporter.name, "arrays": arrays, "parameters": ", ".join(parameters), "package": exporter.package}
+        )
     print_json(rows) if as_json else print_table(rows)
 
 

@@ -157,9 +157,14 @@ def live(
         loaded = loaded or load_model_for_radar(radar)
         page = ends.enter_context(_serve_page(stream, loaded, port or 0, no_browser)) if view else None
         running = run_live(
-            stream, radar, loaded, window_s=window_s, hop_s=hop_s, range_m=stream.range_m,
+            stream,
+            radar,
+            loaded,
+            window_s=window_s,
+            hop_s=hop_s,
+            range_m=stream.range_m,
             skip=source.startswith(SENSORS),
-        )  # fmt: skip
+        )
 
         def state() -> dict[str, Any]:
             return {**running.counts.as_dict(), "stream": asdict(stream.counts)}
@@ -169,10 +174,18 @@ def live(
             inner = facts.pop("stream")
             return [n for name, n in {**facts, **inner}.items() if name not in ("frames", "windows", "received")]
 
-        put("start", {
-            "source": stream.source, "radar": radar.name, "carrier_hz": radar.carrier_hz, "prf_hz": radar.prf_hz,
-            "model": describe_model(loaded, model), "window_s": running.window_s, "hop_s": running.hop_s,
-        })  # fmt: skip
+        put(
+            "start",
+            {
+                "source": stream.source,
+                "radar": radar.name,
+                "carrier_hz": radar.carrier_hz,
+                "prf_hz": radar.prf_hz,
+                "model": describe_model(loaded, model),
+                "window_s": running.window_s,
+                "hop_s": running.hop_s,
+            },
+        )
         explain_model(loaded, model)
         said_s, lost, reason = float("-inf"), losses(), "stopped"
         began_s, clock_s = None, process_time()

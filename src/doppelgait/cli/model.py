@@ -9,8 +9,9 @@ import typer
 
 from doppelgait.cli.output import print_json, print_message, print_table, report_progress
 
-app = typer.Typer(help="Export trained models to other programs and devices.", no_args_is_help=True,
-                  rich_markup_mode=None)  # fmt: skip
+app = typer.Typer(
+    help="Export trained models to other programs and devices.", no_args_is_help=True, rich_markup_mode=None
+)
 
 
 @app.callback()
@@ -61,8 +62,17 @@ def export(
     from doppelgait.classify.export.write import CSettings, export_model
     from doppelgait.classify.shipped import open_model
 
-    settings = CSettings(integers=integers, prf_hz=prf_hz, carrier_hz=carrier_hz, window_s=window_s, bins=bins,
-                         still_time_s=still_s or None, data=data, n_examples=n_examples, seed=seed)  # fmt: skip
+    settings = CSettings(
+        integers=integers,
+        prf_hz=prf_hz,
+        carrier_hz=carrier_hz,
+        window_s=window_s,
+        bins=bins,
+        still_time_s=still_s or None,
+        data=data,
+        n_examples=n_examples,
+        seed=seed,
+    )
     made = export_model(open_model(model), form, output, None if settings == CSettings() and form != "c" else settings)
     if as_json:
         print_json({"folder": str(made.folder), "files": list(made.files), **made.facts})

@@ -266,9 +266,20 @@ SHOWN = 4
 """Number of recordings of each kind on the page."""
 
 UNITS = {
-    "hz_per_s": "Hz/s", "per_unit": "V/unit", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "dbv": "dBV", "hz": "Hz",
-    "rad": "rad", "v2": "V^2", "v": "V", "db": "dB", "m": "m", "s": "s",
-}  # fmt: skip
+    "hz_per_s": "Hz/s",
+    "per_unit": "V/unit",
+    "mps": "m/s",
+    "dbm": "dBm",
+    "dbi": "dBi",
+    "dbv": "dBV",
+    "hz": "Hz",
+    "rad": "rad",
+    "v2": "V^2",
+    "v": "V",
+    "db": "dB",
+    "m": "m",
+    "s": "s",
+}
 """Units by the ending of a name; the first matching ending applies."""
 
 

@@ -33,9 +33,13 @@ def reproduce(
 
     with report_progress("figures and tables", quiet=quiet) as on_progress:
         outcomes = make_all(
-            output, only=only or (), motion_folder=motion_folder, seed=seed, figure_format=figure_format,
+            output,
+            only=only or (),
+            motion_folder=motion_folder,
+            seed=seed,
+            figure_format=figure_format,
             progress=on_progress,
-        )  # fmt: skip
+        )
     print_table(
         [
             {

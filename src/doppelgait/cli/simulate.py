@@ -199,9 +199,14 @@ def put_options(
 
 
 def put_target_options(
-    table: dict[str, Any], *, label: str | None, speed: float | None, height: float | None, aspect: float | None,
+    table: dict[str, Any],
+    *,
+    label: str | None,
+    speed: float | None,
+    height: float | None,
+    aspect: float | None,
     range_m: float | None,
-) -> None:  # fmt: skip
+) -> None:
     """Merge options into the first target of a scene."""
     from doppelgait.core.errors import ConfigError
 

@@ -35,9 +35,14 @@ TABLES = {
 def models_of(topic: str) -> list[tuple[str, type[BaseModel]]]:
     """Return headings and models of a topic."""
     made = {
-        "scene": _scene_models, "motion": _motion_models, "radar": _radar_models, "surroundings": _list_models,
-        "analysis": _analysis_models, "plan": _plan_models, "files": _file_models,
-    }  # fmt: skip
+        "scene": _scene_models,
+        "motion": _motion_models,
+        "radar": _radar_models,
+        "surroundings": _list_models,
+        "analysis": _analysis_models,
+        "plan": _plan_models,
+        "files": _file_models,
+    }
     return made[topic]() if topic in made else [(topic, _get(TABLES[topic]))]
 
 
@@ -96,16 +101,23 @@ def _analysis_models() -> list[tuple[str, type[BaseModel]]]:
 def _plan_models() -> list[tuple[str, type[BaseModel]]]:
     config = "doppelgait.dataset.config"
     return _models(
-        f"{config}:PlanConfig", f"{config}:DatasetSection", f"{config}:FieldSpec", f"{config}:SplitSection",
-        f"{config}:ClassSection", f"{config}:SourceSection", "doppelgait.dataset.motions:FolderMotion",
+        f"{config}:PlanConfig",
+        f"{config}:DatasetSection",
+        f"{config}:FieldSpec",
+        f"{config}:SplitSection",
+        f"{config}:ClassSection",
+        f"{config}:SourceSection",
+        "doppelgait.dataset.motions:FolderMotion",
         "doppelgait.motion.hybrid:Hybrid",
-        "doppelgait.dataset.config:ImportConfig", "doppelgait.classify.alarm:Day",
+        "doppelgait.dataset.config:ImportConfig",
+        "doppelgait.classify.alarm:Day",
         "doppelgait.classify.alarm:EpisodeSection",
-    )  # fmt: skip
+    )
 
 
 def _file_models() -> list[tuple[str, type[BaseModel]]]:
     return _models(
-        "doppelgait.radar.readers.array_facts:ArrayFacts", "doppelgait.radar.readers.ti_config:ChirpConfig",
+        "doppelgait.radar.readers.array_facts:ArrayFacts",
+        "doppelgait.radar.readers.ti_config:ChirpConfig",
         "doppelgait.pipeline.pictures:PictureSettings",
-    )  # fmt: skip
+    )

@@ -17,19 +17,48 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 UNITS = {
-    "m2ps3": "m²/s³", "mps2": "m/s²", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "db": "dB", "hz": "Hz", "deg": "°",
-    "rad": "rad", "kg": "kg", "m2": "m²", "m": "m", "s": "s", "v": "V", "bytes": "B", "ms": "ms",
-    "deg_per_s": "°/s", "hz_per_s": "Hz/s", "s_per_m": "S/m", "dbc_per_hz": "dBc/Hz", "db_per_decade": "dB/decade",
-    "rad_per_min": "rad/min", "rad_per_sqrt_min": "rad/√min", "per_sqrt_min": "1/√min", "per_m_mps": "1/(m·m/s)",
-    "per_metre_m2": "m²/m", "v2": "V²", "volts_per_unit": "V", "hours_per_day": "h",
-}  # fmt: skip
+    "m2ps3": "m²/s³",
+    "mps2": "m/s²",
+    "mps": "m/s",
+    "dbm": "dBm",
+    "dbi": "dBi",
+    "db": "dB",
+    "hz": "Hz",
+    "deg": "°",
+    "rad": "rad",
+    "kg": "kg",
+    "m2": "m²",
+    "m": "m",
+    "s": "s",
+    "v": "V",
+    "bytes": "B",
+    "ms": "ms",
+    "deg_per_s": "°/s",
+    "hz_per_s": "Hz/s",
+    "s_per_m": "S/m",
+    "dbc_per_hz": "dBc/Hz",
+    "db_per_decade": "dB/decade",
+    "rad_per_min": "rad/min",
+    "rad_per_sqrt_min": "rad/√min",
+    "per_sqrt_min": "1/√min",
+    "per_m_mps": "1/(m·m/s)",
+    "per_metre_m2": "m²/m",
+    "v2": "V²",
+    "volts_per_unit": "V",
+    "hours_per_day": "h",
+}
 """Units by the suffix of a key; the longest matching suffix applies."""
 
 KINDS = {float: "number", int: "integer", str: "text", bool: "true, false", dict: "table", Any: "any"}
 LIMITS = {
-    "ge": "≥\u00a0{}", "gt": ">\u00a0{}", "le": "≤\u00a0{}", "lt": "<\u00a0{}",
-    "min_length": "length\u00a0≥\u00a0{}", "max_length": "length\u00a0≤\u00a0{}", "pattern": "matches `{}`",
-}  # fmt: skip
+    "ge": "≥\u00a0{}",
+    "gt": ">\u00a0{}",
+    "le": "≤\u00a0{}",
+    "lt": "<\u00a0{}",
+    "min_length": "length\u00a0≥\u00a0{}",
+    "max_length": "length\u00a0≤\u00a0{}",
+    "pattern": "matches `{}`",
+}
 """Text of Pydantic's constraints."""
 PARAMETER = re.compile(r"^([A-Za-z_][\w, ]*?)(?: : .*)?$")
 
@@ -51,10 +80,9 @@ def list_keys(model: type[BaseModel]) -> list[Key]:
     """
     texts = parameter_words(model)
     return [
-        Key(name, _kind(field.annotation), unit_of(name), _default(field), _limits(field),
-            texts.get(name, ""))
+        Key(name, _kind(field.annotation), unit_of(name), _default(field), _limits(field), texts.get(name, ""))
         for name, field in model.model_fields.items()
-    ]  # fmt: skip
+    ]
 
 
 def unit_of(key: str) -> str:

@@ -22,9 +22,22 @@ from doppelgait.core.cost import check_cost
 NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
 """Minimum bytes counted per number, because readers convert smaller types to doubles or complex numbers."""
-_FAULTS = (ValueError, EOFError, KeyError, TypeError, MemoryError, OverflowError, SyntaxError, RecursionError,
-          NotImplementedError, RuntimeError, UnicodeDecodeError, tokenize.TokenError,
-          zipfile.BadZipFile, zlib.error)  # fmt: skip
+_FAULTS = (
+    ValueError,
+    EOFError,
+    KeyError,
+    TypeError,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    RecursionError,
+    NotImplementedError,
+    RuntimeError,
+    UnicodeDecodeError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 """Exceptions that NumPy and zipfile raise for damaged bytes."""
 
 Array = npt.NDArray[Any]

@@ -28,9 +28,19 @@ ENTRY_POINTS = "doppelgait.plugins"
 """Entry-point group of other packages. Each entry names a module that registers plug-ins when it is imported."""
 
 GROUP_NAMES = (
-    "classifier", "environment", "exporter", "feature", "impairment", "motion_model", "motion_reader", "path",
-    "radar_reader", "radar_writer", "rcs", "waveform",
-)  # fmt: skip
+    "classifier",
+    "environment",
+    "exporter",
+    "feature",
+    "impairment",
+    "motion_model",
+    "motion_reader",
+    "path",
+    "radar_reader",
+    "radar_writer",
+    "rcs",
+    "waveform",
+)
 """Names of doppelgait's groups, available before the subpackages that declare them are imported."""
 NAMING_KEYS = ("kind", "gate", "format")
 """Keys of a configuration with one or several names of plug-ins, in addition to the names of the groups."""
@@ -75,8 +85,13 @@ class Plugin(Generic[T]):
         """
         releases = packages_distributions().get(self.package, [])
         release = version(releases[0]) if releases else ""
-        return {"group": self.group, "name": self.name, "version": self.version, "package": self.package,
-                "release": release}  # fmt: skip
+        return {
+            "group": self.group,
+            "name": self.name,
+            "version": self.version,
+            "package": self.package,
+            "release": release,
+        }
 
 
 _REGISTERED: dict[str, dict[str, Plugin[Any]]] = {}
@@ -86,9 +101,13 @@ _LOADING = RLock()
 
 
 def plugin(
-    group: str, name: str | None = None, *, parameters: type[FrozenModel] | None = None, version: str = "1",
+    group: str,
+    name: str | None = None,
+    *,
+    parameters: type[FrozenModel] | None = None,
+    version: str = "1",
     **facts: Any,
-) -> Callable[[T], T]:  # fmt: skip
+) -> Callable[[T], T]:
     """Register a function, class or object as plug-in.
 
     If the same module registers a name again, for example in a notebook cell that runs twice, the later plug-in
@@ -138,8 +157,9 @@ def plugin(
             raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field `kind` that has a default")
         known = _REGISTERED.setdefault(group, {})
         if key in known and known[key].module != module:
-            raise ConfigError(f"the {group.replace('_', ' ')} {key!r} is registered twice: by {known[key].module} "
-                              f"and by {module}")  # fmt: skip
+            raise ConfigError(
+                f"the {group.replace('_', ' ')} {key!r} is registered twice: by {known[key].module} and by {module}"
+            )
         made = Plugin(group, key, item, model, version, module.partition(".")[0], facts, module)
         if group in _GROUPS:  # otherwise it is checked on the group's first use
             _GROUPS[group].check(made)
@@ -165,9 +185,13 @@ class Group(Generic[T]):
     """
 
     def __init__(
-        self, name: str, built_in: Sequence[str] = (), *, noun: str | None = None,
+        self,
+        name: str,
+        built_in: Sequence[str] = (),
+        *,
+        noun: str | None = None,
         check: Callable[[Plugin[Any]], None] = lambda plugin: None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name = name
         self.check = check
         self.noun = noun or name.replace("_", " ")

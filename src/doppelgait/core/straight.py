@@ -21,9 +21,12 @@ def compute_straight_probability(
 ) -> float:
     r"""Compute the probability of larger residuals in straight, steady motion."""
     return compute_straight_probability_of_square(
-        float(residual_m @ residual_m) / residual_m.size, range_sd_m=range_sd_m, duration_s=duration_s, way_m=way_m,
+        float(residual_m @ residual_m) / residual_m.size,
+        range_sd_m=range_sd_m,
+        duration_s=duration_s,
+        way_m=way_m,
         n_parameters=n_parameters,
-    )  # fmt: skip
+    )
 
 
 def compute_straight_probability_of_square(

@@ -9,6 +9,17 @@ from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.stream import ExampleStream, stream_examples
 
 __all__ = [
-    "BuildReport", "Dataset", "Example", "ExampleStream", "Features", "LabelledArrays", "PlanConfig", "build_dataset",
-    "load_plan", "open_dataset", "plan_dataset", "plan_names", "stream_examples",
-]  # fmt: skip
+    "BuildReport",
+    "Dataset",
+    "Example",
+    "ExampleStream",
+    "Features",
+    "LabelledArrays",
+    "PlanConfig",
+    "build_dataset",
+    "load_plan",
+    "open_dataset",
+    "plan_dataset",
+    "plan_names",
+    "stream_examples",
+]

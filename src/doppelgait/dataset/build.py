@@ -132,10 +132,16 @@ class _Tally:
 
 
 def build_dataset(
-    config: PlanConfig, directory: str | Path, *, folder: Path | None = None, executor: str = "processes",
-    workers: int | None = None, part: str | None = None, max_failed_share: float = 0.0,
+    config: PlanConfig,
+    directory: str | Path,
+    *,
+    folder: Path | None = None,
+    executor: str = "processes",
+    workers: int | None = None,
+    part: str | None = None,
+    max_failed_share: float = 0.0,
     on_progress: Progress | None = None,
-) -> BuildReport:  # fmt: skip
+) -> BuildReport:
     """Build a dataset, or resume an interrupted build.
 
     Shards that are complete and without failures are not built again.
@@ -338,8 +344,10 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
     try:
         record = build_shard(shard, context)
     except (OSError, RuntimeError) as error:  # HDF5 raises RuntimeError if a file cannot be closed
-        raise OutputError(f"{context.directory}: shard {shard.name} cannot be written: {' '.join(str(error).split())}; "
-                          "what was built so far is kept") from None  # fmt: skip
+        raise OutputError(
+            f"{context.directory}: shard {shard.name} cannot be written: {' '.join(str(error).split())}; "
+            "what was built so far is kept"
+        ) from None
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
 
 

@@ -174,21 +174,28 @@ def format_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         simplifications.append("no multipath")
     if plan.impairments in (None, [], {}):
         simplifications.append("no clutter or receiver faults except those of the radar's preset")
-    limits = "\n".join([
-        f"- Isotropic point scatterers, {', '.join(simplifications)}.",
-        *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
-        f"- Radar cross section: {law}.",
-        "- The assumptions about bodies, rooms and the receiver are randomised, not measured in your room.",
-        *_radar_limits(index),
-    ])  # fmt: skip
+    limits = "\n".join(
+        [
+            f"- Isotropic point scatterers, {', '.join(simplifications)}.",
+            *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
+            f"- Radar cross section: {law}.",
+            "- The assumptions about bodies, rooms and the receiver are randomised, not measured in your room.",
+            *_radar_limits(index),
+        ]
+    )
     gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
     return _fill(
-        index, name=name, front=front, subjects=" ".join(subjects), making=_format_leaks(plan.dataset.leaks),
+        index,
+        name=name,
+        front=front,
+        subjects=" ".join(subjects),
+        making=_format_leaks(plan.dataset.leaks),
         rows=SIMULATED_ROWS,
         summary=f"{total} simulated micro-Doppler examples made by doppelgait {__version__}, dataset id `{identity}`.\n"
         + _describe_origin(plan, index, recorded),
-        files=SIMULATED_FILES.format(gate=gate), limits=limits + MAKE_AGAIN.format(name=name),
-    )  # fmt: skip
+        files=SIMULATED_FILES.format(gate=gate),
+        limits=limits + MAKE_AGAIN.format(name=name),
+    )
 
 
 def _radar_limits(index: pd.DataFrame) -> list[str]:
@@ -201,8 +208,10 @@ def _radar_limits(index: pd.DataFrame) -> list[str]:
     return [
         "- Radar: the table counts rows that reach a limit; a row can reach several. A limit that any body of a",
         "  scene reaches counts for every row of the scene; a truncated gate counts for its own row.",
-        f"  Keys of the plan to change: {format_limit_keys(reached)}.", "", table,
-    ]  # fmt: skip
+        f"  Keys of the plan to change: {format_limit_keys(reached)}.",
+        "",
+        table,
+    ]
 
 
 LEAK_SENTENCES = {
@@ -242,9 +251,10 @@ def _describe_origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFra
     return (
         f"The radar is simulated: {RADAR_SENTENCE} The motion of {len(recorded)} examples is from recordings of "
         f"people or animals.{others}\n\n## Recordings\n\nMotion files and the number of examples made from each; "
-        f"their licences apply to this dataset.{f'{chr(10) * 2}{warning}' if warning else ''}\n\n" + "\n".join(files)
+        f"their licences apply to this dataset.{f'{chr(10) * 2}{warning}' if warning else ''}\n\n"
+        + "\n".join(files)
         + ("\n\n## Citations\n" + "".join(f"\n- {text}" for text in cited) if cited else "")
-    )  # fmt: skip
+    )
 
 
 IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
@@ -314,13 +324,17 @@ def import_card(
     shown = ", ".join(radars[:8]) + (f" and {len(radars) - 8} more" if len(radars) > 8 else "")
     making = IMPORTED_MAKING.format(sources="\n".join(sources), gate="\n".join(gates), windows=windows)
     return _fill(
-        index, name=name, subjects=" ".join(subjects), making=making, files="\n",
+        index,
+        name=name,
+        subjects=" ".join(subjects),
+        making=making,
+        files="\n",
         front="license: other\ntask_categories: [other]\ntags: [radar, micro-doppler, gait, measured]\n",
         summary=f"{len(index)} rows from {index['recording'].nunique()} radar recordings of the user, labelled by "
         f"`{labels}`, imported by doppelgait {__version__};\ndataset id `{identity}`. {failed}",
         rows=IMPORTED_ROWS.format(or_window=" or window" if config.window_s is not None else ""),
         limits=IMPORTED_LIMITS.format(radars=shown),
-    )  # fmt: skip
+    )
 
 
 def count_examples(index: pd.DataFrame) -> pd.DataFrame:

@@ -32,8 +32,16 @@ from doppelgait.processing import Analysis
 from doppelgait.radar.parameters import Radar
 
 UNIT_OF_SUFFIX = {
-    "mps": "m/s", "hz": "Hz", "m2": "m^2", "v2": "V^2", "deg": "deg", "rad": "rad", "db": "dB", "m": "m", "s": "s",
-}  # fmt: skip
+    "mps": "m/s",
+    "hz": "Hz",
+    "m2": "m^2",
+    "v2": "V^2",
+    "deg": "deg",
+    "rad": "rad",
+    "db": "dB",
+    "m": "m",
+    "s": "s",
+}
 """Units of columns by the ending of their names; other columns have the unit 1."""
 
 Rows = npt.NDArray[Any]
@@ -102,7 +110,7 @@ def build_feature_matrix(index: pd.DataFrame, names: str | Sequence[str], withou
         fits = {
             text: any(fnmatchcase(flag, pattern) for flag in text.split(";") for pattern in without_flags)
             for text in set(flags)
-        }  # fmt: skip
+        }
         rows = index[~np.array([fits[text] for text in flags], dtype=bool)]
     matrix = np.empty((len(rows), len(columns)), dtype=np.float64)
     for place, column in enumerate(columns.values()):

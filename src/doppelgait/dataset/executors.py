@@ -216,9 +216,14 @@ def _connect_client(address: str, workers: int) -> Iterator[Client]:
             stack.enter_context(mark_workers())  # Dask restarts a dead worker at any time within the block
             stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": WORKER_ENVIRONMENT}))
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, memory_limit=MEMORY_LIMIT // workers, preload=PRELOAD,
-                dashboard_address=None, worker_dashboard_address=None, silence_logs=logging.CRITICAL,
-            )  # fmt: skip
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=MEMORY_LIMIT // workers,
+                preload=PRELOAD,
+                dashboard_address=None,
+                worker_dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
             stack.callback(_close_cluster, cluster)
         try:
             client = Client(cluster, timeout=CONNECT_SECONDS)
@@ -239,9 +244,12 @@ EXECUTORS = ("serial", "processes", "dask", "dask://HOST:PORT")
 
 
 def run_shards(
-    work: Work, shards: Sequence[Shard], *, executor: str = "processes",
+    work: Work,
+    shards: Sequence[Shard],
+    *,
+    executor: str = "processes",
     workers: int | None = None,
-) -> Results:  # fmt: skip
+) -> Results:
     """Call ``work`` per shard, yielding results as they finish.
     The order of the results is arbitrary.
     """

@@ -61,9 +61,14 @@ class ExportReport:
 
 
 def export_dataset(
-    dataset: Dataset, destination: str | Path, *, form: str | Mapping[str, Any] | FrozenModel,
-    fields: Sequence[str] | None = None, release: bool = False, on_progress: Progress | None = None,
-) -> ExportReport:  # fmt: skip
+    dataset: Dataset,
+    destination: str | Path,
+    *,
+    form: str | Mapping[str, Any] | FrozenModel,
+    fields: Sequence[str] | None = None,
+    release: bool = False,
+    on_progress: Progress | None = None,
+) -> ExportReport:
     """Write a dataset, or part of it, in another form.
 
     The folder appears complete or not at all.

@@ -254,10 +254,14 @@ def _write_stacked(
         if target is None:
             shape = block.shape[1:]
             target = group.create_array(
-                field, shape=(rows.size, *shape), dtype=block.dtype, chunks=(1, *shape),
-                shards=(examples_per_file, *shape), dimension_names=("example", *facts["dims"]),
+                field,
+                shape=(rows.size, *shape),
+                dtype=block.dtype,
+                chunks=(1, *shape),
+                shards=(examples_per_file, *shape),
+                dimension_names=("example", *facts["dims"]),
                 attributes={"units": facts["units"]},
-            )  # fmt: skip
+            )
         target[first : first + len(block)] = block
 
 
@@ -268,7 +272,7 @@ def _read_axis(dataset: Dataset, field: str, dim: str, row: int) -> npt.NDArray[
 
 def _write_whole(
     group: Any, name: str, values: npt.NDArray[Any], dims: tuple[str, ...], attributes: dict[str, str]
-) -> None:  # fmt: skip
+) -> None:
     """Write a small array as one chunk."""
     array = group.create_array(
         name,
@@ -300,12 +304,17 @@ def write_sigmf_folder(
                 raise DatasetError(f"{first.id}: the baseband has no axes; build the dataset again with this version")
             annotated = [  # target facts that SigMF stores: label, gait, subject and kind of motion
                 TargetTruth(
-                    label=example.label, scatterers=xr.Dataset(), centre_range_m=nothing, centre_velocity_mps=nothing,
-                    centre_aspect_rad=nothing, gait=example.row.get("truth_gait") or "",
-                    subject=example.row.get("subject") or "", motion=example.row.get("motion_kind") or "",
+                    label=example.label,
+                    scatterers=xr.Dataset(),
+                    centre_range_m=nothing,
+                    centre_velocity_mps=nothing,
+                    centre_aspect_rad=nothing,
+                    gait=example.row.get("truth_gait") or "",
+                    subject=example.row.get("subject") or "",
+                    motion=example.row.get("motion_kind") or "",
                 )
                 for example in examples
-            ]  # fmt: skip
+            ]
             recording = Recording.from_baseband(
                 first.baseband,
                 read_radar(description, first.row),

@@ -67,9 +67,7 @@ def find_limits(example: ExampleSpec, folder: Path, *, gate: str = "truth") -> l
         placed = place(run.scene, run.streams, folder=folder)
         radar = choose_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
         slow_time_s = pulse_times_s(placed.observation_s, radar)
-        table, tracks = observe_scene(
-            placed, radar, slow_time_s, run.conditions, angles=False, streams=run.streams
-        )  # fmt: skip
+        table, tracks = observe_scene(placed, radar, slow_time_s, run.conditions, angles=False, streams=run.streams)
         warn_of_limits(table, radar)
     found = {str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)}
     analysis = run.analysis.resolved("truth")
@@ -148,19 +146,24 @@ class Feasibility:
         lost = any(part["rows_without_echo"] for part in self.snr)
         snr = [
             {
-                "range (m)": "{:.1f} to {:.1f}".format(*part["range_m"]), "rows": part["rows"],
+                "range (m)": "{:.1f} to {:.1f}".format(*part["range_m"]),
+                "rows": part["rows"],
                 **({"without echo": part["rows_without_echo"]} if lost else {}),
                 "SNR_frame (dB)": "{1:.0f} ({0:.0f} to {2:.0f})".format(*part["snr_db"]) if part["snr_db"] else "",
             }
             for part in self.snr
-        ]  # fmt: skip
+        ]
         return [table for table in (limits, snr) if table]
 
 
 def assess(
-    examples: Iterable[ExampleSpec], folder: Path, *, gate: str = "truth",
-    count: int | None = None, on_progress: Progress | None = None,
-) -> Feasibility:  # fmt: skip
+    examples: Iterable[ExampleSpec],
+    folder: Path,
+    *,
+    gate: str = "truth",
+    count: int | None = None,
+    on_progress: Progress | None = None,
+) -> Feasibility:
     """Count the rows of examples that reach a radar limit."""
     rows: list[RowLimits] = []
     done = failed = 0

@@ -85,9 +85,14 @@ class ImportReport:
 
 
 def import_dataset(
-    folder: str | Path, labels: str | Path | Sequence[LabelEntry], directory: str | Path, *,
-    config: ImportConfig | None = None, name: str | None = None, on_progress: Progress | None = None,
-) -> ImportReport:  # fmt: skip
+    folder: str | Path,
+    labels: str | Path | Sequence[LabelEntry],
+    directory: str | Path,
+    *,
+    config: ImportConfig | None = None,
+    name: str | None = None,
+    on_progress: Progress | None = None,
+) -> ImportReport:
     """Make a dataset from recordings and a label file.
 
     Each recording, part of a recording or window is a row. The detected target gets the label. If there are several, it
@@ -201,9 +206,11 @@ def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_pr
 
 
 def import_id(
-    labels: str | Path | Sequence[LabelEntry], hashes: dict[str, str], config: ImportConfig,
+    labels: str | Path | Sequence[LabelEntry],
+    hashes: dict[str, str],
+    config: ImportConfig,
     plugins: Sequence[Mapping[str, Any]] = (),
-) -> str:  # fmt: skip
+) -> str:
     """Compute the identity of an import, 16 hex digits.
 
     It is a hash of labels, recordings, configuration and data version.

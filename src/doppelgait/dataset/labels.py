@@ -189,8 +189,18 @@ def _split_cells(path: Path, text: str, delimiter: str, *, most: int | None = No
 
 
 COLUMNS = (
-    "file", "label", "subject", "split", "start_s", "stop_s", "gate", "nobody", "licence", "citation", "session",
-)  # fmt: skip
+    "file",
+    "label",
+    "subject",
+    "split",
+    "start_s",
+    "stop_s",
+    "gate",
+    "nobody",
+    "licence",
+    "citation",
+    "session",
+)
 NEEDED = ("file", "label")
 OPTION, TRUTH, META = "option.", "truth_", "meta_"
 TEXT_TRUTHS = ("truth_gait",)
@@ -347,11 +357,19 @@ def _make_entries(
     texts = {name: cells.get(name, "") for name in ("subject", "split", "session", "licence", "citation")}
     return [
         LabelEntry(
-            line, recording, label, parse_gate(cells.get("gate") or gate, where="gate"), start_s, stop_s, **texts,
-            nobody=is_empty in YES, options=apply_overrides({}, changes), further=further,
+            line,
+            recording,
+            label,
+            parse_gate(cells.get("gate") or gate, where="gate"),
+            start_s,
+            stop_s,
+            **texts,
+            nobody=is_empty in YES,
+            options=apply_overrides({}, changes),
+            further=further,
         )
         for recording in recordings
-    ]  # fmt: skip
+    ]
 
 
 def _number(name: str, cell: str) -> float | None:

@@ -62,10 +62,16 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
             continue
         entries.append(
             LabelEntry(
-                len(entries) + 1, path, label, gate, subject=parts.get("subject") or "",
-                session=parts.get("session") or "", citation=form.citation, licence=form.licence,
+                len(entries) + 1,
+                path,
+                label,
+                gate,
+                subject=parts.get("subject") or "",
+                session=parts.get("session") or "",
+                citation=form.citation,
+                licence=form.licence,
             )
-        )  # fmt: skip
+        )
     if unknown:
         allowed = (
             ", ".join(f"{code} ({label})" for code, label in form.labels.items())
@@ -81,9 +87,14 @@ def read_names(folder: str | Path, names: str, *, gate: GateChoice = "track") ->
 
 
 def label_entries(
-    folder: Path, labels: Path | None, names: str | None, classes: Sequence[str], *, gate: GateChoice,
+    folder: Path,
+    labels: Path | None,
+    names: str | None,
+    classes: Sequence[str],
+    *,
+    gate: GateChoice,
     options: Mapping[str, Any] | None = None,
-) -> Path | list[LabelEntry]:  # fmt: skip
+) -> Path | list[LabelEntry]:
     """Choose labels of files or names, with classes.
     The path of the file is returned if its lines stay unchanged.
     """

@@ -57,9 +57,12 @@ def check_description(description: Any) -> None:
     if not isinstance(description, Mapping):
         raise ValueError("dataset.json: must be a table")
     for key, kind, words in (
-        ("name", str, "a text"), ("id", str, "a text"), ("schema_version", int, "a whole number"),
-        ("classes", Mapping, "a table of class numbers"), ("fields", Mapping, "a table of arrays"),
-    ):  # fmt: skip
+        ("name", str, "a text"),
+        ("id", str, "a text"),
+        ("schema_version", int, "a whole number"),
+        ("classes", Mapping, "a table of class numbers"),
+        ("fields", Mapping, "a table of arrays"),
+    ):
         if not isinstance(description.get(key), kind) or isinstance(description[key], bool):
             raise ValueError(f"dataset.json: {key} must be {words}")
     if description.get("origin", "simulated") == "simulated":
@@ -370,9 +373,14 @@ class Dataset:
         return collect_arrays(self, field, as_, memory_mb)
 
     def batches(
-        self, fields: Sequence[str] = ("signature",), batch_size: int = 32, rng: RandomSource | None = None,
-        *, shuffle: bool = True, as_: As = "array",
-    ) -> Iterator[dict[str, Array]]:  # fmt: skip
+        self,
+        fields: Sequence[str] = ("signature",),
+        batch_size: int = 32,
+        rng: RandomSource | None = None,
+        *,
+        shuffle: bool = True,
+        as_: As = "array",
+    ) -> Iterator[dict[str, Array]]:
         """Yield batches of arrays, each example once.
 
         Parameters
@@ -404,9 +412,13 @@ class Dataset:
         return batches_of(self, fields, batch_size, rng, shuffle=shuffle, as_=as_)
 
     def torch(
-        self, fields: Sequence[str] = ("signature",), *, as_: As = "array",
-        transform: Callable[[Any], Any] | None = None, target: Literal["label", "index"] = "label",
-    ) -> TorchExamples:  # fmt: skip
+        self,
+        fields: Sequence[str] = ("signature",),
+        *,
+        as_: As = "array",
+        transform: Callable[[Any], Any] | None = None,
+        target: Literal["label", "index"] = "label",
+    ) -> TorchExamples:
         """Return the examples as a ``torch.utils.data.Dataset``.
 
         It works with any number of workers.
@@ -440,9 +452,14 @@ class Dataset:
         return TorchExamples(slim, tuple(fields), picture_format(as_, fields), transform, target)
 
     def torch_iterable(
-        self, fields: Sequence[str] = ("signature",), *, seed: int | None, as_: As = "array",
-        transform: Callable[[Any], Any] | None = None, target: Literal["label", "index"] = "label",
-    ) -> IterableExamples:  # fmt: skip
+        self,
+        fields: Sequence[str] = ("signature",),
+        *,
+        seed: int | None,
+        as_: As = "array",
+        transform: Callable[[Any], Any] | None = None,
+        target: Literal["label", "index"] = "label",
+    ) -> IterableExamples:
         """Return the examples as a ``torch.utils.data.IterableDataset``.
 
         The workers of a loader share the examples: every example is returned once per epoch, for any number of

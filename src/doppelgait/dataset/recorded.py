@@ -65,9 +65,13 @@ class _Blocks:
 
 
 def cut(
-    recording: Recording | xr.DataArray, *, start_s: float | None = None, stop_s: float | None = None,
-    window_s: float | None = None, step_s: float | None = None,
-) -> list[Part]:  # fmt: skip
+    recording: Recording | xr.DataArray,
+    *,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    window_s: float | None = None,
+    step_s: float | None = None,
+) -> list[Part]:
     """Split a recording into parts."""
     if isinstance(recording, xr.DataArray):
         times_s, pulses = read_axis(recording, "time"), 1

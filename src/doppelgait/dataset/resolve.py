@@ -164,9 +164,7 @@ def _make_sampler(plan: PlanConfig, number: int) -> Draw:
     return lambda value, key: resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=turn)
 
 
-def resolve_example(
-    plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = ""
-) -> ExampleSpec:  # fmt: skip
+def resolve_example(plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = "") -> ExampleSpec:
     """Resolve an example of a plan: sample every distribution."""
     place, within = find_class(plan, number)
     section = plan.classes[place]

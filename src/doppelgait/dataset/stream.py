@@ -116,9 +116,13 @@ class ExampleStream:
         return replace(self, start=self.start + number * self.step, step=self.step * count)
 
     def torch(
-        self, fields: Sequence[str] = ("signature",), *, as_: As = "array",
-        transform: Callable[[Any], Any] | None = None, target: Literal["label", "index"] = "label",
-    ) -> TorchStream:  # fmt: skip
+        self,
+        fields: Sequence[str] = ("signature",),
+        *,
+        as_: As = "array",
+        transform: Callable[[Any], Any] | None = None,
+        target: Literal["label", "index"] = "label",
+    ) -> TorchStream:
         """Return the stream as a ``torch.utils.data.IterableDataset``.
 
         The workers of a loader share its numbers.
@@ -153,9 +157,13 @@ class ExampleStream:
 
 
 def stream_examples(
-    plan: PlanConfig | Plan | str | Path, *, folder: Path | None = None, seed: int | None = None,
-    worker: tuple[int, int] = (0, 1), start: int | None = None,
-) -> ExampleStream:  # fmt: skip
+    plan: PlanConfig | Plan | str | Path,
+    *,
+    folder: Path | None = None,
+    seed: int | None = None,
+    worker: tuple[int, int] = (0, 1),
+    start: int | None = None,
+) -> ExampleStream:
     """Simulate a plan's examples on use, without end.
 
     The example of a number is the same as in the built dataset. By default the stream starts after the examples of the

@@ -120,9 +120,13 @@ class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  
     """
 
     def __init__(
-        self, stream: NumberedExamples, fields: tuple[str, ...], patch: Patch | None, transform: Transform | None,
+        self,
+        stream: NumberedExamples,
+        fields: tuple[str, ...],
+        patch: Patch | None,
+        transform: Transform | None,
         target: Literal["label", "index"],
-    ) -> None:  # fmt: skip
+    ) -> None:
         check_request(fields, target)
         self.stream, self.fields, self.patch = stream, fields, patch
         self.transform, self.target = transform, target

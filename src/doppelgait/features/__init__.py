@@ -24,4 +24,4 @@ __all__ = [
     "measure_columns",
     "measure_windows",
     "snr_mu_db",
-]  # fmt: skip
+]

@@ -306,9 +306,12 @@ def compare_harmonic(observed: Observation, *, harmonic: int) -> float | None:
 
 for _harmonic in (2, 3, 4):
     plugin(
-        "feature", f"relative_harmonic_{_harmonic}", unit="1", source="relative harmonic powers (E-37)",
+        "feature",
+        f"relative_harmonic_{_harmonic}",
+        unit="1",
+        source="relative harmonic powers (E-37)",
         needs=("gait_frequency",),
-    )(partial(compare_harmonic, harmonic=_harmonic))  # fmt: skip
+    )(partial(compare_harmonic, harmonic=_harmonic))
 
 
 # Torso ---------------------------------------------------------------------------------------------------------------

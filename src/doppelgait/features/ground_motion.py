@@ -129,9 +129,12 @@ def estimate_ground_motion(
         return GroundMotion(reason="path_is_not_straight")
     radial_mps, sd_m = -c1 / (2.0 * math.sqrt(c0)), range_sd_m or RANGE_SD_M
     probability = compute_straight_probability_of_square(
-        square_m2, range_sd_m=sd_m, duration_s=duration_s, way_m=float(ranges.max() - ranges.min()),
+        square_m2,
+        range_sd_m=sd_m,
+        duration_s=duration_s,
+        way_m=float(ranges.max() - ranges.min()),
         n_parameters=LINE if across_2 < 0 else PARABOLA,
-    )  # fmt: skip
+    )
     if probability < STRAIGHT_LEVEL:
         return GroundMotion(reason="path_is_not_straight")
     error_m2 = sd_m**2 * times.size * ERROR_MEMORY_S / duration_s

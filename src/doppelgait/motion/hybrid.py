@@ -325,9 +325,13 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     turned = _turn(restored, math.atan2(cycle.advance[1], cycle.advance[0]))
     result = made.with_positions(turned).with_report(first=dict(one.report), second=dict(other.report))
     entries = {
-        "first": one.facts.source, "second": other.facts.source, "share": share, "phase": shift, "size_ratio": ratio,
+        "first": one.facts.source,
+        "second": other.facts.source,
+        "share": share,
+        "phase": shift,
+        "size_ratio": ratio,
         "likeness": likeness,
-    }  # fmt: skip
+    }
     both = [m.with_points(position, markers, parts) for m, position in zip((one, other), chosen, strict=True)]
     return check_hybrid(result, both, pairs, wanted, mixed, entries), both
 

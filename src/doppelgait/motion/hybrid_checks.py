@@ -105,9 +105,13 @@ def check_hybrid(
     else:
         further = 0.0
     report = {
-        **made.report.get("hybrid", {}), **entries, "length_error_m": float(error.max()), "foot_slide": slides,
-        "foot_slide_recorded": before, "bends_further_deg": further,
-    }  # fmt: skip
+        **made.report.get("hybrid", {}),
+        **entries,
+        "length_error_m": float(error.max()),
+        "foot_slide": slides,
+        "foot_slide_recorded": before,
+        "bends_further_deg": further,
+    }
     if not math.isfinite(slides):
         report["note"] = "no foot is seen to rest on the ground: whether feet slide was not checked"
     return made.with_report(hybrid=report)

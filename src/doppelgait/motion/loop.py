@@ -44,20 +44,36 @@ class StrideVariation:
 
 
 PERSON = StrideVariation(
-    0.016, 0.03, 0.4, 0.009, arm=0.06, head=0.08, trunk=0.08,
+    0.016,
+    0.03,
+    0.4,
+    0.009,
+    arm=0.06,
+    head=0.08,
+    trunk=0.08,
     pose={
-        "leg": (0.0115, 0.008, 0.0), "arm": (0.012, 0.0075, 0.006), "head": (0.0075, 0.004, 0.0025),
+        "leg": (0.0115, 0.008, 0.0),
+        "arm": (0.012, 0.0075, 0.006),
+        "head": (0.0075, 0.004, 0.0025),
         "trunk": (0.0045, 0.0026, 0.0019),
     },
-)  # fmt: skip
+)
 """Variation of people: medians over shared recordings with several strides (method: docs/motion.md)."""
 QUADRUPED = StrideVariation(
-    0.048, 0.06, 0.35, 0.035, head=0.4, tail=0.5, trunk=0.05,
+    0.048,
+    0.06,
+    0.35,
+    0.035,
+    head=0.4,
+    tail=0.5,
+    trunk=0.05,
     pose={
-        "leg": (0.036, 0.036, 0.0), "head": (0.012, 0.045, 0.025), "tail": (0.025, 0.075, 0.04),
+        "leg": (0.036, 0.036, 0.0),
+        "head": (0.012, 0.045, 0.025),
+        "tail": (0.025, 0.075, 0.04),
         "trunk": (0.006, 0.012, 0.005),
     },
-)  # fmt: skip
+)
 """Variation of dogs, measured with the same method."""
 POSES_PER_STRIDE = 2
 """Number of random deviations of the pose per stride."""

@@ -143,9 +143,15 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
     pivot, points = _interpolate_centre(motion, at_s), np.ascontiguousarray(motion.position_m, dtype=np.float64)
     moved = np.empty(points.shape)
     turn_and_move(
-        points.reshape(-1, 3), math.cos(turn), math.sin(turn), float(pivot[0]), float(pivot[1]), float(position_m[0]),
-        float(position_m[1]), moved.reshape(-1, 3),
-    )  # fmt: skip
+        points.reshape(-1, 3),
+        math.cos(turn),
+        math.sin(turn),
+        float(pivot[0]),
+        float(pivot[1]),
+        float(position_m[0]),
+        float(position_m[1]),
+        moved.reshape(-1, 3),
+    )
     return motion.with_positions(moved)
 
 

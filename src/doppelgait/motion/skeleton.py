@@ -131,17 +131,41 @@ def name_bones(words: set[str]) -> bool:
 Species = Literal["human", "dog"]
 
 HUMAN_PARTS = (
-    "head", "torso",
-    "left_upper_arm", "left_forearm", "left_hand", "right_upper_arm", "right_forearm", "right_hand",
-    "left_thigh", "left_shank", "left_foot", "right_thigh", "right_shank", "right_foot",
-)  # fmt: skip
+    "head",
+    "torso",
+    "left_upper_arm",
+    "left_forearm",
+    "left_hand",
+    "right_upper_arm",
+    "right_forearm",
+    "right_hand",
+    "left_thigh",
+    "left_shank",
+    "left_foot",
+    "right_thigh",
+    "right_shank",
+    "right_foot",
+)
 """Parts of a person."""
 
 DOG_PARTS = (
-    "head", "neck", "trunk", "tail",
-    "left_fore_upper", "left_fore_lower", "left_fore_paw", "right_fore_upper", "right_fore_lower", "right_fore_paw",
-    "left_hind_upper", "left_hind_lower", "left_hind_paw", "right_hind_upper", "right_hind_lower", "right_hind_paw",
-)  # fmt: skip
+    "head",
+    "neck",
+    "trunk",
+    "tail",
+    "left_fore_upper",
+    "left_fore_lower",
+    "left_fore_paw",
+    "right_fore_upper",
+    "right_fore_lower",
+    "right_fore_paw",
+    "left_hind_upper",
+    "left_hind_lower",
+    "left_hind_paw",
+    "right_hind_upper",
+    "right_hind_lower",
+    "right_hind_paw",
+)
 """Parts of a four-legged animal; "upper" is scapula + humerus or femur, "lower" forearm or tibia + metatarsus."""
 
 BODY_CENTRE_PARTS = ("torso", "trunk")
@@ -151,15 +175,24 @@ FOOT_PARTS = tuple(p for p in (*HUMAN_PARTS, *DOG_PARTS) if p.endswith(("_foot",
 """Parts that stand on the floor."""
 
 BOULIC_PARTS = {
-    "base": "torso", "neck": "torso", "head": "head",
-    "left_shoulder": "torso", "right_shoulder": "torso",
-    "left_elbow": "left_upper_arm", "right_elbow": "right_upper_arm",
-    "left_hand": "left_hand", "right_hand": "right_hand",
-    "left_hip": "torso", "right_hip": "torso",
-    "left_knee": "left_thigh", "right_knee": "right_thigh",
-    "left_ankle": "left_shank", "right_ankle": "right_shank",
-    "left_toe": "left_foot", "right_toe": "right_foot",
-}  # fmt: skip
+    "base": "torso",
+    "neck": "torso",
+    "head": "head",
+    "left_shoulder": "torso",
+    "right_shoulder": "torso",
+    "left_elbow": "left_upper_arm",
+    "right_elbow": "right_upper_arm",
+    "left_hand": "left_hand",
+    "right_hand": "right_hand",
+    "left_hip": "torso",
+    "right_hip": "torso",
+    "left_knee": "left_thigh",
+    "right_knee": "right_thigh",
+    "left_ankle": "left_shank",
+    "right_ankle": "right_shank",
+    "left_toe": "left_foot",
+    "right_toe": "right_foot",
+}
 """The 17 points of the Boulic walking model. A joint belongs to the part above it, like a skin marker on it."""
 
 _PART_OF = {

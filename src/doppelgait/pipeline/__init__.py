@@ -26,4 +26,4 @@ __all__ = [
     "run_simulation",
     "simulate",
     "write_results",
-]  # fmt: skip
+]

@@ -29,9 +29,13 @@ __all__ = ["Result", "analyze", "analyze_signature", "compute_gated_signatures",
 
 
 def analyze(
-    recording: Recording | str | Path, *, gate: GateChoice | Gate | str = "track",
-    analysis: Analysis | None = None, tracking: Tracking | None = None, gate_error_m: float = 0.0,
-) -> TargetList:  # fmt: skip
+    recording: Recording | str | Path,
+    *,
+    gate: GateChoice | Gate | str = "track",
+    analysis: Analysis | None = None,
+    tracking: Tracking | None = None,
+    gate_error_m: float = 0.0,
+) -> TargetList:
     """Analyse a recording, simulated or measured.
 
     Parameters

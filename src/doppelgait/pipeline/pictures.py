@@ -163,11 +163,18 @@ def read_picture(
     level_db = (1.0 - part) * level_db[left] + part * level_db[left + 1]
     try:
         mu = convert_levels_to_signature(
-            level_db, time_s=times_s, wavelength_m=wavelength_m, prf_hz=prf_hz, hop=hop,
-            cpi_pulses=max(1, round(settings.cpi_s * prf_hz)), range_m=settings.range_m,
-            floor_db=low_db, ceiling_db=high_db, blank_below_mps=settings.blank_below_mps,
+            level_db,
+            time_s=times_s,
+            wavelength_m=wavelength_m,
+            prf_hz=prf_hz,
+            hop=hop,
+            cpi_pulses=max(1, round(settings.cpi_s * prf_hz)),
+            range_m=settings.range_m,
+            floor_db=low_db,
+            ceiling_db=high_db,
+            blank_below_mps=settings.blank_below_mps,
             **{"velocity_mps" if settings.doppler_hz is None else "doppler_hz": rows},
-        )  # fmt: skip
+        )
     except AnalysisError as error:
         raise RecordingError(f"{file}: {error}") from None
     facts = {"colormap": settings.colormap, "other_colours_share": far, "level_step_db": step_db}

@@ -116,9 +116,14 @@ def find_steady_segments(
 
 
 def analyze_motion(
-    clean: xr.DataArray, motion: Motion, times: list[tuple[float, float]], analysis: Analysis,
-    settings: SegmentationSettings, *, wavelength_m: float,
-) -> Result:  # fmt: skip
+    clean: xr.DataArray,
+    motion: Motion,
+    times: list[tuple[float, float]],
+    analysis: Analysis,
+    settings: SegmentationSettings,
+    *,
+    wavelength_m: float,
+) -> Result:
     """Analyse all motion in a recording without range."""
     segments = [
         segment for start_s, stop_s in times for segment in find_steady_segments(motion, start_s, stop_s, settings)
@@ -142,8 +147,11 @@ def analyze_motion(
     longest = max(results, key=lambda one: one.quality["stop_s"] - one.quality["start_s"])
     facts = {"track_start_s": times[0][0], "track_stop_s": times[-1][1], "n_pieces": len(usable)}
     return replace(
-        longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results) if usable else (),
-    )  # fmt: skip
+        longest,
+        quality={**longest.quality, **facts},
+        gate_limits=gate,
+        segments=tuple(results) if usable else (),
+    )
 
 
 def _make_whole_gate(clean: xr.DataArray, start_s: float, stop_s: float) -> Gate:

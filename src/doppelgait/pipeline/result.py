@@ -52,8 +52,13 @@ GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "exten
 
 
 FROM_GAIT_FREQUENCY = (
-    "gait_frequency_hz", "ground_step_length_m", "step_length_m", "harmonic_ratio_2", "harmonic_ratio_3", "n_periods",
-)  # fmt: skip
+    "gait_frequency_hz",
+    "ground_step_length_m",
+    "step_length_m",
+    "harmonic_ratio_2",
+    "harmonic_ratio_3",
+    "n_periods",
+)
 """Values that are derived from the gait frequency and share its confidence."""
 
 
@@ -353,11 +358,17 @@ class Result:
                         "coords": coords,
                     }
             plain["arrays"] = stored
-            plain["gate_limits"] = None if gate is None else {
-                "time_s": _convert_values_to_json(gate.time_s), "centre_m": _convert_values_to_json(gate.centre_m),
-                "span_m": gate.span_m, "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
-                "source": gate.source,
-            }  # fmt: skip
+            plain["gate_limits"] = (
+                None
+                if gate is None
+                else {
+                    "time_s": _convert_values_to_json(gate.time_s),
+                    "centre_m": _convert_values_to_json(gate.centre_m),
+                    "span_m": gate.span_m,
+                    "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
+                    "source": gate.source,
+                }
+            )
         return plain
 
     @classmethod
@@ -378,9 +389,12 @@ class Result:
             if "dims" in stored:
                 axes = stored["coords"].items()
                 arrays[name] = xr.DataArray(
-                    arrays[name], dims=stored["dims"], name=stored["name"], attrs=stored["attrs"],
+                    arrays[name],
+                    dims=stored["dims"],
+                    name=stored["name"],
+                    attrs=stored["attrs"],
                     coords={key: (one["dims"], _parse_values(one), one["attrs"]) for key, one in axes},
-                )  # fmt: skip
+                )
         return cls(
             analysis=validate(Analysis, plain["analysis"], where="analysis"),
             label=plain["label"],
@@ -389,12 +403,17 @@ class Result:
             **{name: plain[name] for name in (*NUMBERS, *GROUPS)},
             flags=tuple(plain["flags"]),
             arrays=arrays,
-            gate_limits=None if gate is None else Gate(
-                _parse_values(gate["time_s"]), _parse_values(gate["centre_m"]), gate["span_m"],
-                None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"]), gate["source"],
+            gate_limits=None
+            if gate is None
+            else Gate(
+                _parse_values(gate["time_s"]),
+                _parse_values(gate["centre_m"]),
+                gate["span_m"],
+                None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"]),
+                gate["source"],
             ),
             segments=tuple(cls.from_json(segment) for segment in plain.get("segments", ())),
-        )  # fmt: skip
+        )
 
     # Table rows ------------------------------------------------------------------------------------------------------
 
@@ -414,9 +433,14 @@ class Result:
 
     @classmethod
     def from_row(
-        cls, row: Mapping[str, Any], analysis: Analysis, *, label: str | None = None,
-        arrays: Mapping[str, Any] | None = None, gate_limits: Gate | None = None,
-    ) -> Result:  # fmt: skip
+        cls,
+        row: Mapping[str, Any],
+        analysis: Analysis,
+        *,
+        label: str | None = None,
+        arrays: Mapping[str, Any] | None = None,
+        gate_limits: Gate | None = None,
+    ) -> Result:
         """Make a result from the columns of :meth:`to_row`.
 
         Other columns are ignored. In the index of a dataset the column ``flags`` is named ``quality_flags``.
@@ -475,8 +499,10 @@ def convert_to_plain(value: Any) -> Any:
 def _convert_values_to_json(values: npt.NDArray[Any]) -> dict[str, Any]:
     values = np.ascontiguousarray(values)
     return {
-        "dtype": values.dtype.str, "shape": list(values.shape), "base64": base64.b64encode(values.tobytes()).decode(),
-    }  # fmt: skip
+        "dtype": values.dtype.str,
+        "shape": list(values.shape),
+        "base64": base64.b64encode(values.tobytes()).decode(),
+    }
 
 
 def _parse_values(plain: Mapping[str, Any]) -> npt.NDArray[Any]:

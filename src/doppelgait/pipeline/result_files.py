@@ -274,9 +274,12 @@ def _read_result(group: Any) -> Result:
                 for key, one in group[f"axes/{name}"].items()
             }
             array = xr.DataArray(
-                values, coords=coords, dims=parse_json(facts["dims"]), name=facts["name"],
+                values,
+                coords=coords,
+                dims=parse_json(facts["dims"]),
+                name=facts["name"],
                 attrs=parse_json(facts["attrs"]),
-            )  # fmt: skip
+            )
             values = check_signal(array, schemas[name])
         arrays[name] = values
     if {"signature", "main_line_hz"} <= set(arrays):
@@ -287,10 +290,12 @@ def _read_result(group: Any) -> Result:
     if "gate_limits" in group:
         stored, band_hz = group["gate_limits"], group["gate_limits"].attrs["doppler_hz"]
         gate = Gate(
-            stored["time_s"][()], stored["centre_m"][()], float(stored.attrs["span_m"]),
+            stored["time_s"][()],
+            stored["centre_m"][()],
+            float(stored.attrs["span_m"]),
             None if isinstance(band_hz, h5py.Empty) else (float(band_hz[0]), float(band_hz[1])),
             str(stored.attrs["source"]),
-        )  # fmt: skip
+        )
     label = group.attrs["label"]
     mappings: dict[str, Any] = {name: parse_json(group.attrs[name]) for name in GROUPS}
     numbers: dict[str, Any] = {name: number(name) for name in NUMBERS}

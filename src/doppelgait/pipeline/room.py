@@ -91,7 +91,7 @@ def apply_room(
 
 def _look(
     placed: PlacedScene, bodies: Sequence[Scatterers], times_s: FloatArray
-) -> tuple[FloatArray, xr.Dataset] | None:  # fmt: skip
+) -> tuple[FloatArray, xr.Dataset] | None:
     """Observe scatterers of unit cross section at the computation times."""
     alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
     n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
@@ -109,9 +109,13 @@ def _look(
 
 
 def _compute_images(
-    table: xr.Dataset, splines: Sequence[Spline], placed: PlacedScene, times_s: FloatArray,
-    mirrors: Sequence[Mirror], n_rows: int,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    table: xr.Dataset,
+    splines: Sequence[Spline],
+    placed: PlacedScene,
+    times_s: FloatArray,
+    mirrors: Sequence[Mirror],
+    n_rows: int,
+) -> tuple[FloatArray, FloatArray]:
     """Compute ranges and velocities of scatterers and images."""
     from doppelgait.core.kernels.images import image_ranges
 
@@ -133,10 +137,19 @@ def _compute_images(
                 chosen = slice(sources[run[0]] - column, sources[run[-1]] - column + 1)
                 one = mirror.first + int(run[0])
                 image_ranges(
-                    heights[:, chosen] + from_plane, np.ascontiguousarray(moments[:, chosen]), spline.step_s, times_s,
-                    direct_m, direct_mps, int(sources[run[0]]), mirror.radar_distance_m, one, one + sources.size,
-                    range_m, velocity_mps,
-                )  # fmt: skip
+                    heights[:, chosen] + from_plane,
+                    np.ascontiguousarray(moments[:, chosen]),
+                    spline.step_s,
+                    times_s,
+                    direct_m,
+                    direct_mps,
+                    int(sources[run[0]]),
+                    mirror.radar_distance_m,
+                    one,
+                    one + sources.size,
+                    range_m,
+                    velocity_mps,
+                )
             column += heights.shape[1]
     return range_m, velocity_mps
 

@@ -180,9 +180,7 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     return validate(Run, {"scene": parsed, **radar, **rest}, where=where, text=text)
 
 
-def run_simulation(
-    run: Run, *, folder: Path | None = None, angles: bool = True, in_tiles: bool = False
-) -> Recording:  # fmt: skip
+def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True, in_tiles: bool = False) -> Recording:
     """Simulate a run; equal runs give equal bytes.
 
     Parameters

@@ -250,9 +250,15 @@ def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float |
 
 
 def observe_scene(
-    scene: Scene | PlacedScene, radar: Radar, slow_time_s: FloatArray, conditions: Conditions, *, angles: bool,
-    streams: Streams | None, later: bool = False,
-) -> tuple[xr.Dataset, list[LineOfSight]]:  # fmt: skip
+    scene: Scene | PlacedScene,
+    radar: Radar,
+    slow_time_s: FloatArray,
+    conditions: Conditions,
+    *,
+    angles: bool,
+    streams: Streams | None,
+    later: bool = False,
+) -> tuple[xr.Dataset, list[LineOfSight]]:
     """Observe a scene through its environment and the antenna.
     Shapes: slow_time_s (I,).
     """
@@ -321,9 +327,13 @@ def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
 
 
 def build_target_truth(
-    placed: PlacedTarget, observation_s: float, scatterers: xr.Dataset, centre: LineOfSight,
-    *, shown_s: FloatArray | None = None,
-) -> TargetTruth:  # fmt: skip
+    placed: PlacedTarget,
+    observation_s: float,
+    scatterers: xr.Dataset,
+    centre: LineOfSight,
+    *,
+    shown_s: FloatArray | None = None,
+) -> TargetTruth:
     """Build a target's truth from the simulation's geometry.
     Stride, step and gait frequency are computed from the touchdowns in the observation; they are NaN if unknown.
     """

@@ -29,11 +29,22 @@ With a Hann window the level of a line is 3 dB lower at 0.72 cells: 3 / 0.72^2 =
 
 
 def convert_levels_to_signature(
-    level_db: npt.ArrayLike, *, time_s: npt.ArrayLike, doppler_hz: npt.ArrayLike | None = None,
-    velocity_mps: npt.ArrayLike | None = None, wavelength_m: float, prf_hz: float, cpi_pulses: int, hop: int,
-    range_m: tuple[float, float], floor_db: float | None = None, ceiling_db: float | None = None,
-    highest_db: float | None = None, blank_below_mps: float = 0.0, n_gate_bins: float = 1.0,
-) -> xr.DataArray:  # fmt: skip
+    level_db: npt.ArrayLike,
+    *,
+    time_s: npt.ArrayLike,
+    doppler_hz: npt.ArrayLike | None = None,
+    velocity_mps: npt.ArrayLike | None = None,
+    wavelength_m: float,
+    prf_hz: float,
+    cpi_pulses: int,
+    hop: int,
+    range_m: tuple[float, float],
+    floor_db: float | None = None,
+    ceiling_db: float | None = None,
+    highest_db: float | None = None,
+    blank_below_mps: float = 0.0,
+    n_gate_bins: float = 1.0,
+) -> xr.DataArray:
     """Convert spectrogram levels to a signature.
     Analysis of the result continues after the short-time transform.
     """
@@ -68,9 +79,12 @@ def convert_levels_to_signature(
             f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and so would be every gait frequency"
         )
     level, clipped = _rebuild_clipped_peaks(
-        level, floor_db, ceiling_db, highest_db,
+        level,
+        floor_db,
+        ceiling_db,
+        highest_db,
         rows_per_cell=prf_hz / cpi_pulses / float(rows_hz[1] - rows_hz[0]),
-    )  # fmt: skip
+    )
     power = np.asarray(db_to_power(level)).astype(np.float32)
     rows_mps = doppler_to_velocity_mps(rows_hz, wavelength_m)
     if not 0 <= blank_below_mps < math.inf:
@@ -86,11 +100,15 @@ def convert_levels_to_signature(
         "gate_share": ("time", np.ones(times_s.size), {"units": "1"}),
     }
     attrs = {
-        "prf_hz": float(prf_hz), "wavelength_m": float(wavelength_m), "cpi_pulses": int(cpi_pulses), "hop": int(hop),
-        "window_energy": 1.0, "n_gate_bins": float(n_gate_bins),
+        "prf_hz": float(prf_hz),
+        "wavelength_m": float(wavelength_m),
+        "cpi_pulses": int(cpi_pulses),
+        "hop": int(hop),
+        "window_energy": 1.0,
+        "n_gate_bins": float(n_gate_bins),
         "gate": json.dumps(gate.facts),
         "levels": json.dumps({**clipped, "blank_below_mps": float(blank_below_mps)}),
-    }  # fmt: skip
+    }
     return make_array(SIGNATURE, power, coords, attrs)
 
 
@@ -113,9 +131,13 @@ def _check_uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
 
 
 def _rebuild_clipped_peaks(
-    level: FloatArray, floor_db: float | None, ceiling_db: float | None, highest_db: float | None, *,
+    level: FloatArray,
+    floor_db: float | None,
+    ceiling_db: float | None,
+    highest_db: float | None,
+    *,
     rows_per_cell: float,
-) -> tuple[FloatArray, dict[str, Any]]:  # fmt: skip
+) -> tuple[FloatArray, dict[str, Any]]:
     """Clip levels and rebuild clipped peaks as domes.
     Also returns the facts about clipping that are stored.
     """
@@ -137,7 +159,10 @@ def _rebuild_clipped_peaks(
         dome = (rows - below) * (above - rows) * np.minimum(curvature_db, (highest_db - high) / half**2)
         kept += np.where(at_ceiling, dome, 0.0)
     facts = {
-        "floor_db": floor_db, "ceiling_db": ceiling_db, "highest_db": highest_db,
-        "floor_share": float(at_floor.mean()), "ceiling_share": float(at_ceiling.mean()),
-    }  # fmt: skip
+        "floor_db": floor_db,
+        "ceiling_db": ceiling_db,
+        "highest_db": highest_db,
+        "floor_share": float(at_floor.mean()),
+        "ceiling_share": float(at_ceiling.mean()),
+    }
     return kept, facts

@@ -78,14 +78,19 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
         spectrum = processing.cadence_spectrum(cadence_map, power=False)
         extraction = liland2018.extract(
-            processing.mean_doppler_spectrum(normalised), read_axis(usable, "doppler"), spectrum,
-            wavelength_m=float(usable.attrs["wavelength_m"]), threshold=analysis.bandwidth_threshold,
-        )  # fmt: skip
+            processing.mean_doppler_spectrum(normalised),
+            read_axis(usable, "doppler"),
+            spectrum,
+            wavelength_m=float(usable.attrs["wavelength_m"]),
+            threshold=analysis.bandwidth_threshold,
+        )
         line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
         late = LateArrays(
-            normalised_signature=normalised, cadence_map=cadence_map, cadence_spectrum=spectrum,
+            normalised_signature=normalised,
+            cadence_map=cadence_map,
+            cadence_spectrum=spectrum,
             mean_doppler_spectrum=processing.mean_doppler_spectrum(normalised),
-        )  # fmt: skip
+        )
     else:
         observed, plain = observe(usable, analysis)
         extraction, line_hz = observed.extraction, observed.main_line_hz
@@ -192,14 +197,25 @@ def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observati
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     parts = CadenceParts(aligned, processing.detrend_order(seconds))
     observed = Observation(
-        signature=mu, floor_v2=floor_v2, strongest_v2=strongest_v2, peaks_hz=peaks_hz,
-        main_line_hz=straight, excess=excess, aligned=aligned,
-        cadence_parts=parts, spectrum=parts.spectrum(), observation_s=seconds,
+        signature=mu,
+        floor_v2=floor_v2,
+        strongest_v2=strongest_v2,
+        peaks_hz=peaks_hz,
+        main_line_hz=straight,
+        excess=excess,
+        aligned=aligned,
+        cadence_parts=parts,
+        spectrum=parts.spectrum(),
+        observation_s=seconds,
         n_independent=processing.count_independent_columns(mu),
-        track_mps=track_mps, bend_mps=bend_mps, agreed=agreed,
-    )  # fmt: skip
+        track_mps=track_mps,
+        bend_mps=bend_mps,
+        agreed=agreed,
+    )
     observed.extraction = feature_layer.extract(
-        observed, bandwidth_threshold=analysis.bandwidth_threshold, cpi_s=analysis.cpi_s,
+        observed,
+        bandwidth_threshold=analysis.bandwidth_threshold,
+        cpi_s=analysis.cpi_s,
         window_steepness=analysis.window_steepness,
-    )  # fmt: skip
+    )
     return observed, normalised

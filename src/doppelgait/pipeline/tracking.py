@@ -182,9 +182,7 @@ def _analyze_without_range(
     motion = rangeless.transform_motion(clean, tracking.detector, wavelength_m=wavelength_m)
     times = rangeless.find_motion(motion, tracking.detector, tracking.tracker)
     if times:
-        found = rangeless.analyze_motion(
-            clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m
-        )  # fmt: skip
+        found = rangeless.analyze_motion(clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m)
         return TargetList([found])
     slow = average_bursts(baseband)
     needs = _describe_missing_breath(slow)
@@ -312,15 +310,25 @@ def _summarise_breath(person: BreathingTarget) -> dict[str, float]:
 
 
 def _analyze_track(
-    raw: xr.DataArray, clean: xr.DataArray, total: npt.NDArray[np.complex128], wavelength_m: float,
-    persons: Sequence[BreathingTarget], analysis: Analysis, tracking: Tracking, found: Track, *,
+    raw: xr.DataArray,
+    clean: xr.DataArray,
+    total: npt.NDArray[np.complex128],
+    wavelength_m: float,
+    persons: Sequence[BreathingTarget],
+    analysis: Analysis,
+    tracking: Tracking,
+    found: Track,
+    *,
     taken: npt.NDArray[np.bool_] | None = None,
-) -> Result:  # fmt: skip
+) -> Result:
     """Analyse the segments of a track; return the longest."""
     gate = Gate.from_track(
-        found, span_m=analysis.gate_span_m, time_s=read_axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
+        found,
+        span_m=analysis.gate_span_m,
+        time_s=read_axis(raw, "slow_time"),
+        cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
-    )  # fmt: skip
+    )
     range_sd_m = float(np.quantile(found.range_sd_m, TRACK_SD_QUANTILE))
     segments = find_track_segments(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
     usable = [segment for segment in segments if segment.usable]
@@ -383,9 +391,14 @@ def _analyze_segment(
         known = share[np.isfinite(share)]
         times_s = read_axis(clean, "slow_time")
         by_gain = predict_torso_share_removed(
-            gate, gate.time_s, kind=analysis.clutter, wavelength_m=wavelength_m, prf_hz=sampling_rate_hz(times_s),
-            n_pulses=times_s.size, clutter_time_s=analysis.clutter_time_s,
-        )  # fmt: skip
+            gate,
+            gate.time_s,
+            kind=analysis.clutter,
+            wavelength_m=wavelength_m,
+            prf_hz=sampling_rate_hz(times_s),
+            n_pulses=times_s.size,
+            clutter_time_s=analysis.clutter_time_s,
+        )
         removed = max(float(known.mean()) if known.size else 0.0, float(by_gain.mean()))
     if removed > CLUTTER_SHARE:
         flags.append(f"clutter_removal_took_{100 * removed:.0f}_per_cent:a_torso_without_radial_speed_may_be_gone")
@@ -410,6 +423,11 @@ def _analyze_breathing(clean: xr.DataArray, wavelength_m: float, person: Breathi
         **{name: result.quality[name] for name in ("observation_s", "noise_floor_v2") if name in result.quality},
     }
     return replace(
-        result, features=GaitFeatures(torso_velocity_mps=0.0), gait_frequency_hz=None, torso_doppler_hz=0.0,
-        n_periods=None, quality=quality, flags=("keeps_still:found_by_breathing", "gait:none"),
-    )  # fmt: skip
+        result,
+        features=GaitFeatures(torso_velocity_mps=0.0),
+        gait_frequency_hz=None,
+        torso_doppler_hz=0.0,
+        n_periods=None,
+        quality=quality,
+        flags=("keeps_still:found_by_breathing", "gait:none"),
+    )

@@ -122,9 +122,11 @@ def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, ra
         for other in seen:
             if n == other or verdicts[n].kind != "body" or verdicts[other].kind != "body":
                 continue
-            found = None if folding_m is None else judge_fold(
-                seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m
-            )  # fmt: skip
+            found = (
+                None
+                if folding_m is None
+                else judge_fold(seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m)
+            )
             found = found or judge_reflection(seen[n], seen[other], other, _get_rhythms(results[n], results[other]))
             verdicts[n] = found or verdicts[n]
     return [_mark_result(result, verdicts[n]) for n, result in enumerate(results)]
@@ -158,10 +160,12 @@ def observe_strip(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelengt
     times_s = read_axis(mu, "time")
     every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
     steps = max(times_s.size // every, 1)
-    grouped = np.concatenate([
-        _average_significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
-        for first in range(0, steps, STEPS_AT_ONCE)
-    ])  # fmt: skip
+    grouped = np.concatenate(
+        [
+            _average_significant(mu.values[first * every : min(first + STEPS_AT_ONCE, steps) * every], every, floor_v2)
+            for first in range(0, steps, STEPS_AT_ONCE)
+        ]
+    )
     time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
     around_s = time_s[:, None] + np.array([-0.25, 0.25])
     range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
@@ -212,9 +216,10 @@ def judge_thing(one: TrackStrip, others: Sequence[TrackStrip]) -> Verdict | None
     if not BACKWARD[0] <= backward <= BACKWARD[1] or balance < LEAST_BALANCE:
         return None
     return Verdict(
-        "thing", "not_a_moving_body:turning_parts_without_gait",
+        "thing",
+        "not_a_moving_body:turning_parts_without_gait",
         (("thing_backward_share", backward), ("thing_balance", balance)),
-    )  # fmt: skip
+    )
 
 
 # Folding -------------------------------------------------------------------------------------------------------------
@@ -290,9 +295,11 @@ def judge_reflection(
         return None
     error_m, mean_m2 = min(found)
     evidence = (
-        ("mirror_error_m", error_m), ("mirror_product_m2", mean_m2), ("mirror_level_db", level_db),
+        ("mirror_error_m", error_m),
+        ("mirror_product_m2", mean_m2),
+        ("mirror_level_db", level_db),
         ("mirror_rhythm_correlation", in_step),
-    )  # fmt: skip
+    )
     return Verdict("reflection", f"reflection_of:{number}", evidence)
 
 

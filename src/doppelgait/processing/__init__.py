@@ -56,4 +56,4 @@ __all__ = [
     "remove_clutter",
     "remove_static_clutter",
     "signature",
-]  # fmt: skip
+]

@@ -374,8 +374,9 @@ def _make_grid(
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
     cadence_hz = np.arange(length // 2 + 1) * rate_hz / length
     weights, cadence_hz = (
-        taper / taper.sum(), cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")].copy(),
-    )  # fmt: skip
+        taper / taper.sum(),
+        cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")].copy(),
+    )
     weights.flags.writeable = cadence_hz.flags.writeable = False
     return weights, length, cadence_hz
 

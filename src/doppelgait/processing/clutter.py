@@ -258,9 +258,14 @@ def average_blocks(values: npt.NDArray[np.float32], block_pulses: int) -> FloatA
 
 
 def clutter_gain(
-    doppler_hz: npt.ArrayLike, *, kind: ClutterKind, prf_hz: float, n_pulses: int | None = None,
-    time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
-) -> FloatArray:  # fmt: skip
+    doppler_hz: npt.ArrayLike,
+    *,
+    kind: ClutterKind,
+    prf_hz: float,
+    n_pulses: int | None = None,
+    time_s: float = CLUTTER_TIME_S,
+    cutoff_hz: float = MTI_CUTOFF_HZ,
+) -> FloatArray:
     r"""Compute the amplitude of an echo after clutter removal.
 
     The echo has a constant Doppler frequency f, with :math:`\theta = \pi f / f_p`. The gain is
@@ -322,9 +327,14 @@ def clutter_gain(
 
 
 def measure_share_removed(
-    before: xr.DataArray, after: xr.DataArray, gate: Gate, *, total: npt.NDArray[np.complex128] | None = None,
-    block_s: float = 0.1, reference_share: float = 0.2,
-) -> xr.DataArray:  # fmt: skip
+    before: xr.DataArray,
+    after: xr.DataArray,
+    gate: Gate,
+    *,
+    total: npt.NDArray[np.complex128] | None = None,
+    block_s: float = 0.1,
+    reference_share: float = 0.2,
+) -> xr.DataArray:
     r"""Measure the power share of a body lost to clutter removal.
 
     The share refers to the gate of the body and is a function of time.
@@ -423,9 +433,16 @@ def sum_pulses(baseband: xr.DataArray) -> npt.NDArray[np.complex128]:
 
 
 def predict_torso_share_removed(
-    gate: Gate, time_s: npt.ArrayLike, *, kind: ClutterKind, wavelength_m: float, prf_hz: float,
-    n_pulses: int | None = None, clutter_time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
-) -> FloatArray:  # fmt: skip
+    gate: Gate,
+    time_s: npt.ArrayLike,
+    *,
+    kind: ClutterKind,
+    wavelength_m: float,
+    prf_hz: float,
+    n_pulses: int | None = None,
+    clutter_time_s: float = CLUTTER_TIME_S,
+    cutoff_hz: float = MTI_CUTOFF_HZ,
+) -> FloatArray:
     r"""Predict the share of torso power that clutter removal removes.
 
     The prediction uses the gain of the filter and the range history of the gate only.

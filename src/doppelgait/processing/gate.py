@@ -102,17 +102,27 @@ class Gate:
 
     @classmethod
     def around(
-        cls, time_s: npt.ArrayLike, centre_m: npt.ArrayLike, *, span_m: float,
-        doppler_hz: tuple[float, float] | None = None, source: str = "given",
-    ) -> Self:  # fmt: skip
+        cls,
+        time_s: npt.ArrayLike,
+        centre_m: npt.ArrayLike,
+        *,
+        span_m: float,
+        doppler_hz: tuple[float, float] | None = None,
+        source: str = "given",
+    ) -> Self:
         """Make a gate of constant span around a track."""
         return cls(np.asarray(time_s, dtype=float), np.asarray(centre_m, dtype=float), span_m, doppler_hz, source)
 
     @classmethod
     def fixed(
-        cls, low_m: float, high_m: float, *, time_s: npt.ArrayLike, range_m: npt.ArrayLike | None = None,
+        cls,
+        low_m: float,
+        high_m: float,
+        *,
+        time_s: npt.ArrayLike,
+        range_m: npt.ArrayLike | None = None,
         source: str = "given",
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """Make a gate between two fixed ranges.
 
         The gate lasts from the first to the last of the times.
@@ -144,9 +154,14 @@ class Gate:
 
     @classmethod
     def from_track(
-        cls, track: Track, *, time_s: npt.ArrayLike, span_m: float, cpi_s: float = 0.1,
+        cls,
+        track: Track,
+        *,
+        time_s: npt.ArrayLike,
+        span_m: float,
+        cpi_s: float = 0.1,
         doppler_hz: tuple[float, float] | None = None,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """Make the gate of a track over its pulses.
 
         Parameters
@@ -181,9 +196,14 @@ class Gate:
 
     @classmethod
     def from_truth(
-        cls, truth: TrueTrack, time_s: npt.ArrayLike, analysis: Analysis, *, wavelength_m: float | None = None,
+        cls,
+        truth: TrueTrack,
+        time_s: npt.ArrayLike,
+        analysis: Analysis,
+        *,
+        wavelength_m: float | None = None,
         error_m: float = 0.0,
-    ) -> Self:  # fmt: skip
+    ) -> Self:
         """Make the gate around a body's true range.
 
         Parameters
@@ -210,7 +230,7 @@ class Gate:
     @staticmethod
     def parse(
         value: Any, *, names: Sequence[GateName] = ("track", "truth"), lowest_m: float = -math.inf, where: str = ""
-    ) -> GateChoice:  # fmt: skip
+    ) -> GateChoice:
         """Parse a gate: a name, ``"1.2:2.8"`` or two ranges.
 
         The names are ``"track"`` and ``"truth"``; ranges are in m.
@@ -279,9 +299,11 @@ class Gate:
         low_hz, high_hz = self.doppler_hz or (-np.inf, np.inf)
         shape = self.time_s.shape
         values = {
-            "range_low": (self.low_m, "m"), "range_high": (self.high_m, "m"),
-            "doppler_low": (np.full(shape, low_hz), "Hz"), "doppler_high": (np.full(shape, high_hz), "Hz"),
-        }  # fmt: skip
+            "range_low": (self.low_m, "m"),
+            "range_high": (self.high_m, "m"),
+            "doppler_low": (np.full(shape, low_hz), "Hz"),
+            "doppler_high": (np.full(shape, high_hz), "Hz"),
+        }
         return xr.Dataset(
             {name: ("time", array, {"units": units}) for name, (array, units) in values.items()},
             coords={"time": ("time", self.time_s, {"units": "s"})},

@@ -92,9 +92,11 @@ class PartMask:
             found.append(np.stack([torso, rest * leg, rest * ~leg]).astype(np.float32))
             times.append(read_axis(maps, "time"))
         coords = {
-            "part": np.arange(len(PARTS), dtype=np.float64), "time": np.concatenate(times),
-            "doppler": read_axis(maps, "doppler"), "velocity": ("doppler", read_axis(maps, "velocity")),
-        }  # fmt: skip
+            "part": np.arange(len(PARTS), dtype=np.float64),
+            "time": np.concatenate(times),
+            "doppler": read_axis(maps, "doppler"),
+            "velocity": ("doppler", read_axis(maps, "velocity")),
+        }
         attrs = {"parts": " ".join(PARTS), "torso_mps": float(np.median(self.torso_mps))}
         return make_array(PART_POWER, np.concatenate(found, axis=1), coords, attrs)
 
@@ -157,16 +159,29 @@ def locate_parts(
         extent_m = float(np.interp(0.5, summed / summed[-1], distance_m[order]))
         length_m = LENGTH_M + LENGTH_EXTENTS * extent_m
     mask = PartMask(
-        columns, torso_mps, torso_range_m, speed_mps, float(np.sign(middle_mps)), width_mps, length_m, cell_mps,
-        floor_v2, low, high,
-    )  # fmt: skip
+        columns,
+        torso_mps,
+        torso_range_m,
+        speed_mps,
+        float(np.sign(middle_mps)),
+        width_mps,
+        length_m,
+        cell_mps,
+        floor_v2,
+        low,
+        high,
+    )
     return mask, ""
 
 
 def _iterate_gated_maps(
-    baseband: xr.DataArray, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray,
+    baseband: xr.DataArray,
+    analysis: Analysis,
+    columns: npt.NDArray[np.int64],
+    low: FloatArray,
+    high: FloatArray,
     wavelength_m: float,
-) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:  # fmt: skip
+) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:
     """Yield blocks of range-Doppler maps, with columns and shares.
     The maps have the bins that the gate touches. A share (J of the block, bins) is the part of a bin inside the gate.
     """

@@ -44,9 +44,13 @@ def _plan(slow_time_s: Any, analysis: Analysis) -> tuple[Transform, float]:
 
 
 def range_doppler(
-    baseband: xr.DataArray, analysis: Analysis, *, wavelength_m: float, columns: npt.ArrayLike | None = None,
+    baseband: xr.DataArray,
+    analysis: Analysis,
+    *,
+    wavelength_m: float,
+    columns: npt.ArrayLike | None = None,
     block: int = 64,
-) -> Iterator[xr.DataArray]:  # fmt: skip
+) -> Iterator[xr.DataArray]:
     """Compute range-Doppler maps in blocks of time (E-24).
 
     Only one block is in memory at a time.
@@ -242,9 +246,13 @@ def make_gated_transform(
 
 
 def compute_plane_signature(
-    plane_re: npt.NDArray[np.float32], plane_im: npt.NDArray[np.float32], first_bin: int, cut: GatedTransform, *,
+    plane_re: npt.NDArray[np.float32],
+    plane_im: npt.NDArray[np.float32],
+    first_bin: int,
+    cut: GatedTransform,
+    *,
     wavelength_m: float,
-) -> xr.DataArray:  # fmt: skip
+) -> xr.DataArray:
     """Compute the signature from planes of some range bins.
     The planes are the real and imaginary parts; the rest is as for :func:`signature`.
     """
@@ -253,9 +261,16 @@ def compute_plane_signature(
     transform = cut.transform
     out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     gated_signature(
-        plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, _pad_window(transform),
-        cut.low - first_bin, cut.high - first_bin, out,
-    )  # fmt: skip
+        plane_re,
+        plane_im,
+        cut.n_pulses,
+        transform.first_pulse,
+        transform.hop,
+        _pad_window(transform),
+        cut.low - first_bin,
+        cut.high - first_bin,
+        out,
+    )
     return _label_signature(out, cut, wavelength_m)
 
 
@@ -287,9 +302,16 @@ def compute_tiled_signature(read_tile: ReadTile, cut: GatedTransform, *, wavelen
         pulses = slice(max(first, 0), min(after, cut.n_pulses))
         tile = read_tile(pulses, bins)
         gated_signature(
-            tile[0], tile[1], tile.shape[2], first - pulses.start, transform.hop, window,
-            low - bins.start, high - bins.start, out[columns],
-        )  # fmt: skip
+            tile[0],
+            tile[1],
+            tile.shape[2],
+            first - pulses.start,
+            transform.hop,
+            window,
+            low - bins.start,
+            high - bins.start,
+            out[columns],
+        )
     return _label_signature(out, cut, wavelength_m)
 
 

@@ -177,9 +177,13 @@ def _check_steady(baseband: xr.DataArray) -> None:
 
 
 def make_doppler_sound(
-    baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None, *, pitch: float | None = None,
+    baseband: xr.DataArray,
+    gate: Gate,
+    analysis: Analysis | None = None,
+    *,
+    pitch: float | None = None,
     channels: Channels = "iq",
-) -> tuple[int, npt.NDArray[np.int16]]:  # fmt: skip
+) -> tuple[int, npt.NDArray[np.int16]]:
     """Convert the target in a gate to stereo sound.
     The sound is as long as the recording. Shapes: samples (n, 2).
     """

@@ -257,9 +257,12 @@ class _Fit:
             t = self.times - self.middle_s
             residual_m, n_parameters = self.ranges - np.polynomial.Polynomial.fit(t, self.ranges, 1)(t), LINE
         return compute_straight_probability(
-            residual_m, range_sd_m=range_sd_m, duration_s=float(self.times[-1] - self.times[0]),
-            way_m=float(np.ptp(self.ranges)), n_parameters=n_parameters,
-        )  # fmt: skip
+            residual_m,
+            range_sd_m=range_sd_m,
+            duration_s=float(self.times[-1] - self.times[0]),
+            way_m=float(np.ptp(self.ranges)),
+            n_parameters=n_parameters,
+        )
 
     def range_m(self, time_s: float) -> float:
         a, b, c = self.coefficients
@@ -309,9 +312,13 @@ def find_track_segments(
             penalty = options.penalty_factor * math.log(times.size)
             part_s, part_m = times[start:stop], ranges[start:stop]
             inner, _ = find_best_knots(
-                part_s, part_m, range_sd_m=range_sd_m, smooth_mps2=options.smooth_mps2, penalty=penalty,
+                part_s,
+                part_m,
+                range_sd_m=range_sd_m,
+                smooth_mps2=options.smooth_mps2,
+                penalty=penalty,
                 min_segment_s=options.min_piece_s,
-            )  # fmt: skip
+            )
             knots = _merge_similar([0, *inner, part_s.size - 1], part_s, part_m, options)
             knots = _split_bent(knots, part_s, part_m, range_sd_m, options)
             found += [
@@ -369,9 +376,13 @@ def _split_bent(
 
 
 def _make_segment(
-    times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], range_sd_m: float,
+    times: FloatArray,
+    ranges: FloatArray,
+    ends: tuple[int, int],
+    cut: tuple[bool, bool],
+    range_sd_m: float,
     settings: SegmentationSettings,
-) -> TrackSegment:  # fmt: skip
+) -> TrackSegment:
     """Make one segment, trimmed at change points."""
     start_s = float(times[ends[0]] + settings.drop_s * cut[0])
     stop_s = float(times[ends[1]] - settings.drop_s * cut[1])

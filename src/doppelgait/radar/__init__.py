@@ -51,4 +51,4 @@ __all__ = [
     "write_arrays",
     "write_recording",
     "write_sigmf",
-]  # fmt: skip
+]

@@ -181,11 +181,16 @@ def apply_antenna(
 
         gains = np.empty(path_gain.shape)
         apply_cosine_pattern(
-            np.asarray(azimuth_rad.values, dtype=float), np.asarray(elevation_rad.values, dtype=float),
-            boresight_azimuth_rad, boresight_tilt_rad, compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
-            compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan), float(db_to_power(antenna.floor_db)),
-            np.ascontiguousarray(path_gain.values, dtype=float), gains,
-        )  # fmt: skip
+            np.asarray(azimuth_rad.values, dtype=float),
+            np.asarray(elevation_rad.values, dtype=float),
+            boresight_azimuth_rad,
+            boresight_tilt_rad,
+            compute_cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
+            compute_cosine_exponent(antenna.hpbw_elevation_deg or math.nan),
+            float(db_to_power(antenna.floor_db)),
+            np.ascontiguousarray(path_gain.values, dtype=float),
+            gains,
+        )
     else:
         angles = rotate_to_boresight(
             azimuth_rad.values,

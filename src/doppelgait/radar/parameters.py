@@ -91,8 +91,13 @@ class Waveform(FrozenModel):
 
     needs: ClassVar[tuple[str, ...]] = ()
     takes: ClassVar[tuple[str, ...]] = (
-        "decimation", "noise_bandwidth_hz", "noise_correlation", "pulse_rate_hz", "integration_share", "fold_echoes",
-    )  # fmt: skip
+        "decimation",
+        "noise_bandwidth_hz",
+        "noise_correlation",
+        "pulse_rate_hz",
+        "integration_share",
+        "fold_echoes",
+    )
     ranged: ClassVar[bool] = True
 
     kind: str
@@ -226,9 +231,13 @@ class Waveform(FrozenModel):
 
 WAVEFORMS: Group[type[Waveform]] = Group(
     "waveform",
-    built_in=("doppelgait.radar.waveforms.impulse", "doppelgait.radar.waveforms.matched",
-              "doppelgait.radar.waveforms.sweep", "doppelgait.radar.waveforms.cw"),
-)  # fmt: skip
+    built_in=(
+        "doppelgait.radar.waveforms.impulse",
+        "doppelgait.radar.waveforms.matched",
+        "doppelgait.radar.waveforms.sweep",
+        "doppelgait.radar.waveforms.cw",
+    ),
+)
 """Waveforms by name; each is a subclass of :class:`Waveform`."""
 
 

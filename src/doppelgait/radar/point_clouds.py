@@ -149,9 +149,16 @@ def _read_json(file: Path) -> list[dict[str, float]]:
             for point in frame.get("pointCloud") or []:
                 x, y, z, doppler, snr, _, track = map(float, point[:7])
                 rows.append(
-                    {"time_s": float(entry["timestamp"]) / 1e3, "x_m": x, "y_m": y, "z_m": z, "doppler_mps": doppler,
-                     "snr": snr, "track": track}
-                )  # fmt: skip
+                    {
+                        "time_s": float(entry["timestamp"]) / 1e3,
+                        "x_m": x,
+                        "y_m": y,
+                        "z_m": z,
+                        "doppler_mps": doppler,
+                        "snr": snr,
+                        "track": track,
+                    }
+                )
     except ValueError as error:
         raise RecordingError(f"{file}: {where} is no JSON of points with 7 numbers each: {error}") from None
     except (KeyError, TypeError, AttributeError, OverflowError) as error:

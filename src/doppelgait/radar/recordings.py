@@ -53,9 +53,16 @@ BLOCK = 256
 
 UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
 TRUTH_FACTS = (
-    "label", "gait", "subject", "motion", "ground_speed_mps", "height_m",
-    "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
-)  # fmt: skip
+    "label",
+    "gait",
+    "subject",
+    "motion",
+    "ground_speed_mps",
+    "height_m",
+    "stride_frequency_hz",
+    "step_frequency_hz",
+    "gait_frequency_hz",
+)
 POSE = {"radar_position_m": (3,), "radar_azimuth_deg": (), "radar_tilt_deg": ()}
 """Shapes of the attributes for position and direction of the radar."""
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")

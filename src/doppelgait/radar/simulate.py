@@ -36,7 +36,7 @@ __all__ = [
     "synthesise_planes",
     "synthesise_samples",
     "warn_of_limits",
-]  # fmt: skip
+]
 
 
 def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:

@@ -47,9 +47,12 @@ def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
     """
     recording = material.recording(material.make_walker(), prf_hz=PRF_HZ)
     analysis = Analysis(
-        method="liland2018", cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,
+        method="liland2018",
+        cpi_s=cpi_s,
+        window_steepness=STEEPNESS,
+        bandwidth_threshold=THRESHOLD,
         hop=min(MOST_HOP, max(1, int(cpi_s * PRF_HZ / 20.0))),
-    )  # fmt: skip
+    )
     result = material.compute_once(
         ("appendix A", cpi_s), lambda: analyze(recording, gate="truth", analysis=analysis)[0]
     )
@@ -69,9 +72,14 @@ def tabulate_summary(material: Material) -> pd.DataFrame:
         result, true_hz = _analyze_walk(material, cpi_s)
         levels = prominences_db(material, cpi_s)
         rows.append(
-            {"T_d (s)": cpi_s, **{f"{name} (dB)": level for name, level in zip(HARMONIC_NAMES, levels, strict=True)},
-             "least (dB)": min(levels), "f_m found (Hz)": format_number(found_hz(result)[0]), "true (Hz)": true_hz}
-        )  # fmt: skip
+            {
+                "T_d (s)": cpi_s,
+                **{f"{name} (dB)": level for name, level in zip(HARMONIC_NAMES, levels, strict=True)},
+                "least (dB)": min(levels),
+                "f_m found (Hz)": format_number(found_hz(result)[0]),
+                "true (Hz)": true_hz,
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -82,12 +90,19 @@ def make_interval(cpi_s: float, material: Material) -> EntryResult:
     image = plot_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
     add_colour_bar(image, left, quantity="power")
     name_axes(left, title="(a) signature", x="time (s)", y=DOPPLER_LABEL)
-    image = plot_cadence_map(middle, result.cadence_map, gait_frequency_hz=None, max_cadence_hz=MAX_CADENCE_HZ,
-                              db_range=30.0, doppler_hz=(-200.0, 450.0))  # fmt: skip
+    image = plot_cadence_map(
+        middle,
+        result.cadence_map,
+        gait_frequency_hz=None,
+        max_cadence_hz=MAX_CADENCE_HZ,
+        db_range=30.0,
+        doppler_hz=(-200.0, 450.0),
+    )
     add_colour_bar(image, middle, quantity="magnitude")
     name_axes(middle, title="(b) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
-    plot_cadence_amplitude(right, result.cadence_spectrum, found_hz(result), true_hz=true_hz,
-                           title="(c) cadence spectrum")  # fmt: skip
+    plot_cadence_amplitude(
+        right, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="(c) cadence spectrum"
+    )
     figure.suptitle(f"Processing interval {cpi_s:g} s", fontsize=11.5, x=0.01, ha="left")
     levels = prominences_db(material, cpi_s)
     readings = [
@@ -134,8 +149,10 @@ STATED = {
 
 ENTRIES = tuple(
     Entry(
-        f"fig-A.{place}", f"Signature, cadence-velocity diagram and cadence spectrum with T_d = {cpi_s:g} s",
-        STATED[cpi_s], partial(make_interval, cpi_s),
+        f"fig-A.{place}",
+        f"Signature, cadence-velocity diagram and cadence spectrum with T_d = {cpi_s:g} s",
+        STATED[cpi_s],
+        partial(make_interval, cpi_s),
     )
     for place, cpi_s in enumerate(INTERVALS_S, start=1)
-)  # fmt: skip
+)

@@ -31,11 +31,18 @@ PRF_2_6_HZ = 300.0
 FRAMES_2_6 = 300
 ANKLE = "right_ankle"
 BONES = (
-    ("head", "neck"), ("neck", "base"), ("neck", "left_shoulder"), ("neck", "right_shoulder"),
-    *[(f"{s}_{a}", f"{s}_{b}") for s in ("left", "right")
-      for a, b in (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))],
-    ("base", "left_hip"), ("base", "right_hip"),
-)  # fmt: skip
+    ("head", "neck"),
+    ("neck", "base"),
+    ("neck", "left_shoulder"),
+    ("neck", "right_shoulder"),
+    *[
+        (f"{s}_{a}", f"{s}_{b}")
+        for s in ("left", "right")
+        for a, b in (("shoulder", "elbow"), ("elbow", "hand"), ("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
+    ],
+    ("base", "left_hip"),
+    ("base", "right_hip"),
+)
 """Points of the walker that are joined in Figure 2.15."""
 
 
@@ -57,14 +64,32 @@ def make_2_6(material: Material) -> EntryResult:
     slope = float(np.polyfit(velocity_mps[inside], measured_hz[inside], 1)[0])
     highest_mps = float(np.abs(velocity_mps[np.abs(measured_hz - line_hz) < PRF_2_6_HZ / 4]).max())
     readings = [
-        Reading("measured shift per radial velocity", slope, "Hz/(m/s)", 300.0 / 6.17, 0.05,
-                "the report's 300 Hz for 6.17 m/s, printed with three digits"),
-        Reading("highest shift measured at any velocity", float(np.abs(measured_hz).max()), "Hz", 150.0,
-                float(np.diff(line_hz)[0]), "to within one step of velocity"),
-        Reading("velocity at 150 Hz", radar.unambiguous_velocity_mps, "m/s", 6.0, 0.25,
-                "its section 5.1 has 6 m/s for 300 Hz: that is the whole span from -3.1 to 3.1 m/s (E-06)"),
+        Reading(
+            "measured shift per radial velocity",
+            slope,
+            "Hz/(m/s)",
+            300.0 / 6.17,
+            0.05,
+            "the report's 300 Hz for 6.17 m/s, printed with three digits",
+        ),
+        Reading(
+            "highest shift measured at any velocity",
+            float(np.abs(measured_hz).max()),
+            "Hz",
+            150.0,
+            float(np.diff(line_hz)[0]),
+            "to within one step of velocity",
+        ),
+        Reading(
+            "velocity at 150 Hz",
+            radar.unambiguous_velocity_mps,
+            "m/s",
+            6.0,
+            0.25,
+            "its section 5.1 has 6 m/s for 300 Hz: that is the whole span from -3.1 to 3.1 m/s (E-06)",
+        ),
         Reading("highest speed measured without aliasing, in steps of 0.125 m/s", highest_mps, "m/s"),
-    ]  # fmt: skip
+    ]
     text = (
         "shifts beyond +-150 Hz alias. The limits are +-3.08 m/s; the 6 m/s that the report takes from them for "
         "300 frames a second is the width of the whole band, so a walking person's feet alias there."
@@ -139,23 +164,40 @@ def make_2_16(material: Material) -> EntryResult:
     axes.axhline(300.0, color=ACCENT, lw=1.0, ls="--")
     ankle_peak = int(ankle_hz.argmax())
     axes.annotate(
-        f"right ankle (black): {ankle_hz[ankle_peak]:.0f} Hz", xy=(time_s[ankle_peak], ankle_hz[ankle_peak]),
-        xytext=(0.45 * time_s[-1], 330.0), fontsize=10, arrowprops={"arrowstyle": "-", "lw": 0.8},
-    )  # fmt: skip
+        f"right ankle (black): {ankle_hz[ankle_peak]:.0f} Hz",
+        xy=(time_s[ankle_peak], ankle_hz[ankle_peak]),
+        xytext=(0.45 * time_s[-1], 330.0),
+        fontsize=10,
+        arrowprops={"arrowstyle": "-", "lw": 0.8},
+    )
     peak = int(ankle_hz.argmax())
     torso_hz = average_part_line(viz.scatterer_doppler(rows, wavelength_m=wavelength_m), "torso")
     readings = [
         Reading("right ankle, highest shift", float(ankle_hz[peak]), "Hz", 300.0, 10.0, "read off an axis, \u2248"),
-        Reading("right ankle, highest radial velocity", float(ankle_hz[peak] * wavelength_m / 2), "m/s",
-                note="the report: 6.17 m/s, the same number as its 300 Hz"),
-        Reading("right ankle at its contact with the ground", float(ankle_hz[0]), "Hz", 0.0, 10.0,
-                "the published curves bring the foot down while it still moves and let it slip in stance"),
+        Reading(
+            "right ankle, highest radial velocity",
+            float(ankle_hz[peak] * wavelength_m / 2),
+            "m/s",
+            note="the report: 6.17 m/s, the same number as its 300 Hz",
+        ),
+        Reading(
+            "right ankle at its contact with the ground",
+            float(ankle_hz[0]),
+            "Hz",
+            0.0,
+            10.0,
+            "the published curves bring the foot down while it still moves and let it slip in stance",
+        ),
         Reading("right ankle, lowest shift", float(ankle_hz.min()), "Hz", note="the report: slightly negative"),
         Reading("right ankle below zero before its swing (1: yes)", float(ankle_hz.min() < 0), "1", 1.0),
-        Reading("highest shift, at this share of the gait cycle", float(time_s[peak] / cycle_s), "1",
-                note="the report: in mid-swing"),
+        Reading(
+            "highest shift, at this share of the gait cycle",
+            float(time_s[peak] / cycle_s),
+            "1",
+            note="the report: in mid-swing",
+        ),
         Reading("torso, mean", float(torso_hz.mean()), "Hz"),
-    ]  # fmt: skip
+    ]
     text = (
         f"the ankle peaks at {ankle_hz[peak]:.0f} Hz in the swing, the torso has {torso_hz.mean():.0f} Hz. The ankle "
         "rests only a tenth of a second after its contact: Boulic's curves do not lock the foot to the floor."
@@ -165,19 +207,21 @@ def make_2_16(material: Material) -> EntryResult:
 
 CHAPTER2_ENTRIES = (
     Entry(
-        "fig-2.6", "Doppler shift against radial velocity",
+        "fig-2.6",
+        "Doppler shift against radial velocity",
         "The shift is proportional to the radial velocity; in the example shifts beyond 150 Hz either way alias. "
         "Elsewhere the report takes 300 frames a second to allow 6 m/s.",
         make_2_6,
     ),
     Entry("fig-2.15", "The walker of Boulic and Chen", "The model has 17 point scatterers with names.", make_2_15),
     Entry(
-        "fig-2.16", "Doppler shift of that walker, one gait cycle",
+        "fig-2.16",
+        "Doppler shift of that walker, one gait cycle",
         "Head-on, one gait cycle from the contact of the right foot. The right ankle stands still in stance, moves "
         "slightly backwards at the end of it, and peaks in mid-swing at about 300 Hz, 6.17 m/s.",
         make_2_16,
     ),
-)  # fmt: skip
+)
 """Figures of chapter 2 that need no recording."""
 
 
@@ -200,10 +244,17 @@ def make_2_12(material: Material) -> EntryResult:
     readings = [
         Reading("points of the body", len(motion.markers), "1", note="the report's person carries 41 markers"),
         Reading("steps in the gait cycle", steps, "1", 2.0, fixed=not person.real),
-        Reading("right foot against the body, last view minus first", right_m[ends[1]] - right_m[ends[0]], "m", 0.0,
-                0.05, "the same place to within the size of a dot", not person.real),
+        Reading(
+            "right foot against the body, last view minus first",
+            right_m[ends[1]] - right_m[ends[0]],
+            "m",
+            0.0,
+            0.05,
+            "the same place to within the size of a dot",
+            not person.real,
+        ),
         Reading("right foot ahead of the left in the first view", right_m[ends[0]] - left_m[ends[0]], "m"),
-    ]  # fmt: skip
+    ]
     text = (
         f"the right foot lands {readings[3].ours:.2f} m before the left, and after {steps} steps is within "
         f"{abs(readings[2].ours):.2f} m of its place against the body."
@@ -276,24 +327,27 @@ def make_2_14(material: Material) -> EntryResult:
 
 PERSON_ENTRIES = (
     Entry(
-        "fig-2.12", "A walking person from the side, one gait cycle",
+        "fig-2.12",
+        "A walking person from the side, one gait cycle",
         "Nine side views of a recorded walk (CMU, 41 markers). The right foot is in front at the start; after one gait "
         "cycle, two steps, the right heel is back at its place relative to the body.",
         make_2_12,
     ),
     Entry(
-        "fig-2.13", "Range of every point of that walk",
+        "fig-2.13",
+        "Range of every point of that walk",
         "The feet swing about the body most and in opposite phase; the breast-bone marker runs in a straight line, so "
         "the person keeps a constant velocity.",
         make_2_13,
     ),
     Entry(
-        "fig-2.14", "Doppler shift of every point of that walk",
+        "fig-2.14",
+        "Doppler shift of every point of that walk",
         "With a wavelength of 0.0411 m the breast bone hardly varies in Doppler, the heels have the largest shifts. So "
         "many markers clutter the picture.",
         make_2_14,
     ),
-)  # fmt: skip
+)
 """Figures of a recorded person in chapter 2."""
 
 
@@ -321,12 +375,19 @@ def make_2_18(material: Material) -> EntryResult:
     readings = [
         Reading("points of the body", len(dog.motion.markers), "1", note="the report's dog carries 24 markers"),
         *[
-            Reading(f"phase between left and right {pair} paw", phase_deg, "deg", 0.0, TOGETHER_TOLERANCE_DEG,
-                    _format_gait_note(dog), not dog.real)
+            Reading(
+                f"phase between left and right {pair} paw",
+                phase_deg,
+                "deg",
+                0.0,
+                TOGETHER_TOLERANCE_DEG,
+                _format_gait_note(dog),
+                not dog.real,
+            )
             for pair, phase_deg in phases_deg.items()
         ],
         Reading("stride frequency", facts.stride_frequency_hz, "Hz"),
-    ]  # fmt: skip
+    ]
     text = (
         "with left and right together it is a bound, which the report calls a gallop; its stride is the period of "
         "everything, so one pair of paws swings once a stride."
@@ -346,13 +407,24 @@ def make_2_19(material: Material) -> EntryResult:
     left_m, right_m = (average_part_line(range_m, f"{side}_hind_paw") for side in ("left", "right"))
     phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=DOG_PRF_HZ)
     readings = [
-        Reading("phase between the hind paws", phase, "deg", 0.0, TOGETHER_TOLERANCE_DEG, _format_gait_note(dog),
-                not dog.real),
-        Reading("trunk nearer to the radar than the hind paws, mean", float((left_m - trunk_m).mean()), "m",
-                note="the report: the marker on the trunk lies ahead of them"),
+        Reading(
+            "phase between the hind paws",
+            phase,
+            "deg",
+            0.0,
+            TOGETHER_TOLERANCE_DEG,
+            _format_gait_note(dog),
+            not dog.real,
+        ),
+        Reading(
+            "trunk nearer to the radar than the hind paws, mean",
+            float((left_m - trunk_m).mean()),
+            "m",
+            note="the report: the marker on the trunk lies ahead of them",
+        ),
         Reading("hind paw about its straight line (rms)", measure_departure(left_m), "m"),
         Reading("trunk about its straight line (rms)", measure_departure(trunk_m), "m"),
-    ]  # fmt: skip
+    ]
     text = (
         f"the hind paws swing about the trunk {phase:.0f} degrees apart, once a stride: what repeats in the range "
         "lines is the stride, not the step frequency that the report names (E-07)."
@@ -374,17 +446,35 @@ def make_2_20(material: Material) -> EntryResult:
     torso_hz = average_part_line(viz.scatterer_doppler(person.truth[0].scatterers, wavelength_m=wavelength_m), "torso")
     variation_hz = [float(np.std(line)) for line in (trunk_hz, torso_hz)]
     readings = [
-        Reading("radial velocity of the trunk, mean", float(trunk_hz.mean() * wavelength_m / 2), "m/s", 3.0, 0.3,
-                f"{'' if dog.real else CHOSEN + '; '}section 5.3.2 has 263 Hz, 5.4 m/s, for the same recording",
-                not dog.real),
-        Reading("hind paws, smallest shift", max(float(np.abs(line).min()) for line in paws_hz), "Hz", 0.0, 10.0,
-                "at rest on the ground", not dog.real),
+        Reading(
+            "radial velocity of the trunk, mean",
+            float(trunk_hz.mean() * wavelength_m / 2),
+            "m/s",
+            3.0,
+            0.3,
+            f"{'' if dog.real else CHOSEN + '; '}section 5.3.2 has 263 Hz, 5.4 m/s, for the same recording",
+            not dog.real,
+        ),
+        Reading(
+            "hind paws, smallest shift",
+            max(float(np.abs(line).min()) for line in paws_hz),
+            "Hz",
+            0.0,
+            10.0,
+            "at rest on the ground",
+            not dog.real,
+        ),
         Reading("hind paws, highest shift", max(float(line.max()) for line in paws_hz), "Hz"),
         Reading("trunk, rms variation", variation_hz[0], "Hz", note=_format_relative_note(trunk_hz)),
         Reading("torso of a person, rms variation", variation_hz[1], "Hz", note=_format_relative_note(torso_hz)),
-        Reading("trunk varies more than a person's torso (1: yes)", float(variation_hz[0] > variation_hz[1]), "1", 1.0,
-                note="in Hz, as the figures show it"),
-    ]  # fmt: skip
+        Reading(
+            "trunk varies more than a person's torso (1: yes)",
+            float(variation_hz[0] > variation_hz[1]),
+            "1",
+            1.0,
+            note="in Hz, as the figures show it",
+        ),
+    ]
     text = (
         f"the hind paws come down to {readings[1].ours:.1f} Hz, and the trunk varies by {variation_hz[0]:.0f} "
         "Hz. The report's two speeds for its one recording, 3 m/s here and 263 Hz (5.4 m/s) in chapter 5, cannot both "
@@ -399,24 +489,27 @@ def _format_relative_note(line_hz: npt.NDArray[np.float64]) -> str:
 
 DOG_ENTRIES = (
     Entry(
-        "fig-2.18", "A galloping dog from the side, one gait cycle",
+        "fig-2.18",
+        "A galloping dog from the side, one gait cycle",
         "Nine side views of the only usable dog recording. Left and right legs move in the same phase and land "
         "together; fore and hind legs meet under the trunk before the hind legs kick off.",
         make_2_18,
     ),
     Entry(
-        "fig-2.19", "Range of every point of that dog",
+        "fig-2.19",
+        "Range of every point of that dog",
         "The marker on the trunk lies ahead of the hind paws; both hind paws swing in phase, at what the report calls "
         "the step frequency.",
         make_2_19,
     ),
     Entry(
-        "fig-2.20", "Doppler shift of every point of that dog",
+        "fig-2.20",
+        "Doppler shift of every point of that dog",
         "The trunk varies more than a person's, going up and down with the head, at about 3 m/s; the hind paws have no "
         "shift while they stand before they kick off.",
         make_2_20,
     ),
-)  # fmt: skip
+)
 """Figures of the dog in chapter 2."""
 
 ENTRIES = (*CHAPTER2_ENTRIES, *PERSON_ENTRIES, *DOG_ENTRIES)

@@ -84,9 +84,12 @@ def make_3_12(material: Material) -> EntryResult:
     radar, frames = _make_radar(material), 300
     shifts_hz = np.array([0.0, *TARGETS_3_12])
     table = make_point_table(
-        radar, frames, range_m=RANGE_M, rcs_m2=[WALL_M2, *TARGETS_3_12.values()],
+        radar,
+        frames,
+        range_m=RANGE_M,
+        rcs_m2=[WALL_M2, *TARGETS_3_12.values()],
         velocity_mps=doppler_to_velocity_mps(shifts_hz, radar.wavelength_m),
-    )  # fmt: skip
+    )
     rng = Streams(material.seed).generator("noise", "fig-3.12")
     baseband = add_noise(synthesise(table, radar), noise_power_v2=noise_power_v2(radar), rng=rng)
     signal = baseband.sel(range=RANGE_M, method="nearest").values * np.hanning(frames)
@@ -175,14 +178,26 @@ def make_3_13(material: Material) -> EntryResult:
     stated = {"a": 2.0, "b": 2.0, "c": None, "d": 1.0}
     readings = [
         Reading("resolution: peak to first null", null_hz, "Hz", 10.0, 0.5, "f_p / M = 9.68 Hz; 10 Hz is 1 / 0.1 s"),
-        *[Reading(f"({letter}) peaks at {spacing:.0f} Hz", seen[letter][0], "1", stated[letter])
-          for letter, spacing in SPACINGS_3_13_HZ.items()],
-        *[Reading(f"({letter}) dip between them", seen[letter][1], "dB",
-                  note="the report: they begin to blend" if letter == "c" else "a null")
-          for letter in ("b", "c")],
-        Reading("smallest spacing with two peaks, in phase", smallest_spacing_hz(radar), "Hz",
-                note="in phase in the middle, as plotted here; the report does not say where its phase is zero"),
-    ]  # fmt: skip
+        *[
+            Reading(f"({letter}) peaks at {spacing:.0f} Hz", seen[letter][0], "1", stated[letter])
+            for letter, spacing in SPACINGS_3_13_HZ.items()
+        ],
+        *[
+            Reading(
+                f"({letter}) dip between them",
+                seen[letter][1],
+                "dB",
+                note="the report: they begin to blend" if letter == "c" else "a null",
+            )
+            for letter in ("b", "c")
+        ],
+        Reading(
+            "smallest spacing with two peaks, in phase",
+            smallest_spacing_hz(radar),
+            "Hz",
+            note="in phase in the middle, as plotted here; the report does not say where its phase is zero",
+        ),
+    ]
     counts = ", ".join(f"{seen[letter][0]} at {spacing:.0f} Hz" for letter, spacing in SPACINGS_3_13_HZ.items())
     text = (
         f"peaks are {counts}; at 14 Hz they run into each other (a dip of {seen['c'][1]:.1f} dB). Two points in phase "
@@ -215,23 +230,26 @@ def smallest_spacing_hz(radar: Radar) -> float:
 
 DOPPLER_ENTRIES = (
     Entry(
-        "fig-3.11", "Slow-time signal of one point, over 10 and over 31 frames",
+        "fig-3.11",
+        "Slow-time signal of one point, over 10 and over 31 frames",
         "A point with a shift of 24 Hz at 300 frames a second: 10 frames are too short for one period, 31 hold two.",
         make_3_11,
     ),
     Entry(
-        "fig-3.12", "What a Doppler spectrum holds",
+        "fig-3.12",
+        "What a Doppler spectrum holds",
         "Noise spread evenly, static objects at 0 Hz, two receding targets on the left, an approaching one on the "
         "right. The spectrum is said to be periodic with half the frame rate.",
         make_3_12,
     ),
     Entry(
-        "fig-3.13", "Doppler resolution: two points at four spacings",
+        "fig-3.13",
+        "Doppler resolution: two points at four spacings",
         "31 frames at 300 Hz, 0.1 s, resolve 10 Hz. At 72 and 24 Hz the two are obvious, at 14 Hz they begin to blend, "
         "at 5 Hz they cannot be distinguished.",
         make_3_13,
     ),
-)  # fmt: skip
+)
 """Figures of slow time in chapter 3."""
 
 
@@ -271,9 +289,12 @@ def make_3_14(material: Material) -> EntryResult:
     seconds = min(SECONDS_3_14, dog.seconds)
     radar = material.radar(prf_hz=PRF_3_14_HZ, range_start_m=6.5, range_stop_m=14.8)
     target = Target(
-        dog.motion, label="dog", rcs=RcsSpec(kind="equal", total_m2=RCS_M2["dog"]),
-        start_position_m=(START_M_3_14, 0.0), heading_deg=180.0,
-    )  # fmt: skip
+        dog.motion,
+        label="dog",
+        rcs=RcsSpec(kind="equal", total_m2=RCS_M2["dog"]),
+        start_position_m=(START_M_3_14, 0.0),
+        heading_deg=180.0,
+    )
     recording = simulate(Scene([target], duration_s=seconds), radar, angles=False)
     power = (np.abs(recording.baseband.values) ** 2).sum(axis=1)
     centre_m = recording.truth[0].centre_range_m
@@ -281,17 +302,35 @@ def make_3_14(material: Material) -> EntryResult:
     speed_mps = float(recording.truth[0].centre_velocity_mps.mean())
     readings = [
         Reading("range at the start", float(centre_m[0]), "m", note="placed where the report has it"),
-        Reading("frame rate: 1938 frames in 1.3 s", PRF_3_14_HZ, "Hz", HIGHEST_PRF_HZ, 60.0,
-                "the report's Table 5.1 ends at 1300 Hz; 1.3 s is printed with two digits"),
-        Reading("length of 162 bins at 23.328 GS/s", BINS_3_14 * radar.bin_spacing_m / radar.decimation, "m",
-                note="too short for the dog's path: the report must have kept every 8th sample"),
+        Reading(
+            "frame rate: 1938 frames in 1.3 s",
+            PRF_3_14_HZ,
+            "Hz",
+            HIGHEST_PRF_HZ,
+            60.0,
+            "the report's Table 5.1 ends at 1300 Hz; 1.3 s is printed with two digits",
+        ),
+        Reading(
+            "length of 162 bins at 23.328 GS/s",
+            BINS_3_14 * radar.bin_spacing_m / radar.decimation,
+            "m",
+            note="too short for the dog's path: the report must have kept every 8th sample",
+        ),
         Reading("length of 162 bins, every 8th sample kept", BINS_3_14 * radar.bin_spacing_m, "m"),
-        Reading("radial velocity, mean", speed_mps, "m/s",
-                note="3 m/s in its Figure 2.20, 5.4 m/s in chapter 5; 8.3 m of bins have room for either"),
-        Reading("echo at the end over that at the start", rises_db, "dB",
-                note=f"R⁻⁴ alone: {_gain_db(centre_m**-4.0, radar.prf_hz):.1f} dB; the points interfere"),
+        Reading(
+            "radial velocity, mean",
+            speed_mps,
+            "m/s",
+            note="3 m/s in its Figure 2.20, 5.4 m/s in chapter 5; 8.3 m of bins have room for either",
+        ),
+        Reading(
+            "echo at the end over that at the start",
+            rises_db,
+            "dB",
+            note=f"R⁻⁴ alone: {_gain_db(centre_m**-4.0, radar.prf_hz):.1f} dB; the points interfere",
+        ),
         Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
-    ]  # fmt: skip
+    ]
     text = (
         f"from {centre_m[0]:.1f} to {centre_m[-1]:.1f} m the echo changes by {rises_db:+.1f} dB. The report's numbers "
         "do not fit together: the frame rate is above the range of Table 5.1, and 162 bins reach far enough only if "
@@ -309,11 +348,14 @@ def make_3_15(material: Material) -> EntryResult:
     seconds = min(first.seconds, second.seconds, 4.0)
     targets = [
         Target(
-            body.motion, label="human", rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]), range_m=CROSSING_M,
+            body.motion,
+            label="human",
+            rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]),
+            range_m=CROSSING_M,
             bearing_deg=bearing_deg,
         )
         for body, bearing_deg in ((first, -BEARING_DEG), (second, BEARING_DEG))
-    ]  # fmt: skip
+    ]
     radar = material.radar(range_stop_m=10.0)
     recording = simulate(Scene(targets, duration_s=seconds), radar, angles=False)
     ahead_m = recording.truth[0].centre_range_m - recording.truth[1].centre_range_m
@@ -323,11 +365,13 @@ def make_3_15(material: Material) -> EntryResult:
     readings = [
         Reading("times that the ranges cross", float(crossings.size), "1", 1.0, note="placed so", fixed=True),
         Reading("they cross at", float(crossings[0] / radar.prf_hz) if crossings.size else float("nan"), "s"),
-        *[Reading(f"radial velocity, {name}", float(truth.centre_velocity_mps.mean()), "m/s")
-          for name, truth in zip(("first", "second"), recording.truth, strict=True)],
+        *[
+            Reading(f"radial velocity, {name}", float(truth.centre_velocity_mps.mean()), "m/s")
+            for name, truth in zip(("first", "second"), recording.truth, strict=True)
+        ],
         Reading("echo at the end over that at the start", rises_db, "dB"),
         Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
-    ]  # fmt: skip
+    ]
     times = "once" if crossings.size == 1 else f"{crossings.size} times"
     text = f"the two sets of lines cross {times}; the echo changes by {rises_db:+.0f} dB to the end."
     return EntryResult(_plot_two_panels(recording, "two people"), readings, format_judgement(readings, text))
@@ -348,11 +392,16 @@ def make_table_3_2(material: Material) -> EntryResult:
         scatterers = material.recording(body, prf_hz=1491.0).truth[0].scatterers
         total_m2 = float(scatterers["rcs"].values.sum(axis=1).mean())
         mass_kg = body.motion.facts.mass_kg
-        rows.append({
-            "target": body.label, "report (m²)": RCS_M2[body.label], "sum of the scatterers (m²)": total_m2,
-            "scatterers": scatterers.sizes["scatterer"], "mass (kg)": mass_kg,
-            "in datasets (m²)": RCS_PER_MASS_M2_PER_KG * mass_kg,
-        })  # fmt: skip
+        rows.append(
+            {
+                "target": body.label,
+                "report (m²)": RCS_M2[body.label],
+                "sum of the scatterers (m²)": total_m2,
+                "scatterers": scatterers.sizes["scatterer"],
+                "mass (kg)": mass_kg,
+                "in datasets (m²)": RCS_PER_MASS_M2_PER_KG * mass_kg,
+            }
+        )
         readings.append(
             Reading(f"sum of the scatterers, {body.label}", total_m2, "m²", RCS_M2[body.label], 1e-9, fixed=True)
         )
@@ -384,10 +433,16 @@ def make_table_3_3(material: Material) -> EntryResult:
         columns=["time scale", "time (s)", "frequency scale", "frequency (Hz)", "product"],
     )
     readings = [
-        Reading("bandwidth times pulse width τ", band_hz * radar.sigma_s, "1", 1.0, 0.05,
-                "0.265 for the Gaussian pulse as printed (E-11), 0.886 for a rectangular one"),
+        Reading(
+            "bandwidth times pulse width τ",
+            band_hz * radar.sigma_s,
+            "1",
+            1.0,
+            0.05,
+            "0.265 for the Gaussian pulse as printed (E-11), 0.886 for a rectangular one",
+        ),
         Reading("width of a line times T_d", width_hz * cpi_s, "1", note="the report: proportional; 0.886 unweighted"),
-    ]  # fmt: skip
+    ]
     text = (
         f"for the report's Gaussian pulse B = 1/τ is {1.0 / readings[0].ours:.1f} times too much; the other three "
         "scales are inverse to each other by definition."
@@ -397,28 +452,32 @@ def make_table_3_3(material: Material) -> EntryResult:
 
 DATA_ENTRIES = (
     Entry(
-        "fig-3.14", "Range and data matrix of a galloping dog",
+        "fig-3.14",
+        "Range and data matrix of a galloping dog",
         "The dog starts at 14 m and keeps its velocity towards the radar for about 1.3 s: 1938 frames of 162 range "
         "bins. The nearer it is the stronger the echo.",
         make_3_14,
     ),
     Entry(
-        "fig-3.15", "Range and data matrix of two people who cross",
+        "fig-3.15",
+        "Range and data matrix of two people who cross",
         "Two recorded people approach and pass each other in range; the nearer they are the more power comes back.",
         make_3_15,
     ),
     Entry(
-        "table-3.2", "Radar cross section of the targets",
+        "table-3.2",
+        "Radar cross section of the targets",
         "1 m² for a person, 0.2 m² for a dog, in equal shares over the scatterers; only their ratio is said to matter.",
         make_table_3_2,
     ),
     Entry(
-        "table-3.3", "Four scales of time and frequency",
+        "table-3.3",
+        "Four scales of time and frequency",
         "Carrier period and frequency, pulse duration τ and bandwidth 1/τ, repetition interval and frequency, and a "
         "line width proportional to one over the processing interval.",
         make_table_3_3,
     ),
-)  # fmt: skip
+)
 """Figures and tables of the data matrix in chapter 3."""
 
 ENTRIES = (*DOPPLER_ENTRIES, *DATA_ENTRIES)

@@ -158,11 +158,17 @@ def make_3_8(material: Material) -> EntryResult:
     width_hz = measure_half_power_width(frequency_hz, power)
     readings = [
         Reading("highest power, at frequency", float(frequency_hz[power.argmax()]) / 1e9, "GHz", 7.2, 0.01, fixed=True),
-        Reading("half-power bandwidth", width_hz / 1e9, "GHz", 1.0, 0.05,
-                "the printed pulse exp(-t²/2τ²) has √ln2 / (π τ) = 0.265 / τ (E-11)"),
+        Reading(
+            "half-power bandwidth",
+            width_hz / 1e9,
+            "GHz",
+            1.0,
+            0.05,
+            "the printed pulse exp(-t²/2τ²) has √ln2 / (π τ) = 0.265 / τ (E-11)",
+        ),
         Reading("pulse width that gives 1 GHz", sigma_s * width_hz, "ns", note="an X4 has 0.345 ns"),
         Reading("half-power width in range of an echo", radar.range_resolution_m, "m"),
-    ]  # fmt: skip
+    ]
     text = (
         "with the pulse as printed and τ = 1 ns it is 265 MHz, a quarter of the 1 GHz stated, so the report's range "
         "resolution is 25 cm and not 7 cm."
@@ -172,23 +178,26 @@ def make_3_8(material: Material) -> EntryResult:
 
 PULSE_ENTRIES = (
     Entry(
-        "fig-3.4", "A rectangular pulse and its spectrum",
+        "fig-3.4",
+        "A rectangular pulse and its spectrum",
         "The spectrum of a pulse of duration τ has its main lobe between -1/τ and 1/τ. The bandwidth is called 1/τ, "
         "and the half-power bandwidth A τ/√2.",
         make_3_4,
     ),
     Entry(
-        "fig-3.5", "A finite train of pulses on a carrier",
+        "fig-3.5",
+        "A finite train of pulses on a carrier",
         "Four scales: period of the carrier, duration of the pulse, repetition interval, coherent processing interval; "
         "each has its inverse in the spectrum.",
         make_3_5,
     ),
     Entry(
-        "fig-3.8", "The Gaussian pulse and its spectrum",
+        "fig-3.8",
+        "The Gaussian pulse and its spectrum",
         "With τ = 1 ns on 7.2 GHz the spectrum is Gaussian too; its half-power bandwidth is said to be 1/τ = 1 GHz.",
         make_3_8,
     ),
-)  # fmt: skip
+)
 """Figures of single pulses in chapter 3."""
 
 
@@ -220,13 +229,24 @@ def make_3_9(material: Material) -> EntryResult:
     peak_m = float(synthesise(table, full).pipe(abs).isel(slow_time=0).idxmax("range"))
     apart_m = float(np.diff(synthesise(table, full).coords["range"].values).mean())
     readings = [
-        Reading("distance of the samples at 23.328 GS/s", apart_m * 1000, "mm", SPEED_OF_LIGHT / 2 / 23.328e6, 1e-3,
-                "the report's Eq. 3.21, c t_s / 2", fixed=True),
+        Reading(
+            "distance of the samples at 23.328 GS/s",
+            apart_m * 1000,
+            "mm",
+            SPEED_OF_LIGHT / 2 / 23.328e6,
+            1e-3,
+            "the report's Eq. 3.21, c t_s / 2",
+            fixed=True,
+        ),
         Reading("length of chapter 4's frame of 1189 bins at 23 GS/s", 1189 * SPEED_OF_LIGHT / 2 / 23e9, "m"),
-        Reading("strongest bin less true range", (peak_m - RANGE_M) * 1000, "mm",
-                note=f"half a bin is {full.bin_spacing_m * 500:.2f} mm"),
+        Reading(
+            "strongest bin less true range",
+            (peak_m - RANGE_M) * 1000,
+            "mm",
+            note=f"half a bin is {full.bin_spacing_m * 500:.2f} mm",
+        ),
         Reading("bins after keeping every 8th", kept.n_range_bins, "1"),
-    ]  # fmt: skip
+    ]
     text = (
         "two repairs are made: a frame lasts 2 r_span/c, not r_span/c (E-10), and the first sample lies at r_min, "
         "not one sample later (E-15). All other recordings here keep every 8th sample, which changes no signature."
@@ -262,14 +282,25 @@ def make_3_10(material: Material) -> EntryResult:
     image = np.abs(after_hz) > 7e9
     closed, sampled = synthesise(table, radar).values, synthesise_rf(table, radar).values
     readings = [
-        Reading("highest power before, at frequency", _highest_ghz(before_hz[positive], before[positive]), "GHz",
-                radar.carrier_hz / 1e9, 0.01, "the carrier", fixed=True),
+        Reading(
+            "highest power before, at frequency",
+            _highest_ghz(before_hz[positive], before[positive]),
+            "GHz",
+            radar.carrier_hz / 1e9,
+            0.01,
+            "the carrier",
+            fixed=True,
+        ),
         Reading("highest power after, at frequency", _highest_ghz(after_hz, after), "GHz", 0.0, 0.01),
         Reading("highest power left beyond 7 GHz", float(power_to_db(after[image].max())), "dB"),
         Reading("the same as printed, without a filter", float(power_to_db(printed[image].max())), "dB"),
-        Reading("down-converted frame against the closed form, largest error",
-                float(np.abs(closed - sampled).max() / np.abs(closed).max()), "1", note="of the highest sample"),
-    ]  # fmt: skip
+        Reading(
+            "down-converted frame against the closed form, largest error",
+            float(np.abs(closed - sampled).max() / np.abs(closed).max()),
+            "1",
+            note="of the highest sample",
+        ),
+    ]
     text = (
         "the echo is shifted to 0 Hz. As printed (Eq. 3.27a) the product is with the real part only: the spectrum "
         "stays symmetrical, so approaching and receding could not be distinguished, and an image stays at 8.7 GHz; the "
@@ -284,16 +315,18 @@ def _highest_ghz(frequency_hz: FloatArray, power: FloatArray) -> float:
 
 FRAME_ENTRIES = (
     Entry(
-        "fig-3.9", "Range bins of a frame",
+        "fig-3.9",
+        "Range bins of a frame",
         "A frame from r_min to r_max holds N samples, c t_s/2 apart: the range bins.",
         make_3_9,
     ),
     Entry(
-        "fig-3.10", "Spectrum before and after down-conversion",
+        "fig-3.10",
+        "Spectrum before and after down-conversion",
         "Before, the echo lies about the carrier frequency; after multiplying with the carrier it lies about 0 Hz.",
         make_3_10,
     ),
-)  # fmt: skip
+)
 """Figures of one frame in chapter 3."""
 
 ENTRIES = (*PULSE_ENTRIES, *FRAME_ENTRIES)

@@ -86,11 +86,13 @@ def make_window(material: Material) -> EntryResult:
     readings = [
         Reading("highest side lobe, M = 40, sigma_w = 0.3", lobe_db, "dB", -65.4, 0.05),
         Reading(
-            "the same of the window as Eq. 4.4 prints it", side_lobe_db(make_printed_window(40, 0.3)), "dB",
+            "the same of the window as Eq. 4.4 prints it",
+            side_lobe_db(make_printed_window(40, 0.3)),
+            "dB",
             note="half a sample off its centre: the report's figure was made with the centred window",
         ),
         Reading("main lobe, full width at half power", half_power_width_bins(window), "1/T_d"),
-    ]  # fmt: skip
+    ]
     return EntryResult(
         figure,
         readings,
@@ -245,10 +247,15 @@ def make_doppler_limits(material: Material) -> EntryResult:
     for name, value in (("upper limit", high_hz), ("lower limit", low_hz)):
         figure.axes[0].axhline(value, color=ACCENT, ls="--", lw=1.4)
         figure.axes[0].annotate(
-            f"{name} {value:.0f} Hz", (0.5, value), xycoords=("axes fraction", "data"),
-            xytext=(0, 4 if value > 0 else -4), va="bottom" if value > 0 else "top", textcoords="offset points",
-            color=ACCENT, ha="center",
-        )  # fmt: skip
+            f"{name} {value:.0f} Hz",
+            (0.5, value),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 4 if value > 0 else -4),
+            va="bottom" if value > 0 else "top",
+            textcoords="offset points",
+            color=ACCENT,
+            ha="center",
+        )
     figure.axes[0].margins(y=0.1)
     doppler_hz = recording.truth[0].doppler_hz(wavelength_m)
     readings = [
@@ -277,12 +284,23 @@ def make_normalisation(material: Material) -> EntryResult:
     expected_db = 10.0 * np.log10((range_m[-tenth:] ** -4).mean() / (range_m[:tenth] ** -4).mean())
     rise_db = column_level_rise_db(result.signature)
     readings = [
-        Reading("rise from the first to the last tenth of the columns", rise_db, "dB",
-                note=f"the fourth power of the range alone gives {expected_db:.1f} dB"),
+        Reading(
+            "rise from the first to the last tenth of the columns",
+            rise_db,
+            "dB",
+            note=f"the fourth power of the range alone gives {expected_db:.1f} dB",
+        ),
         Reading("stronger on the right before normalisation (1: yes)", float(rise_db > 0.0), "1", 1.0),
-        Reading("the same after normalisation", column_level_rise_db(result.normalised_signature), "dB", 0.0, 0.01,
-                "by its definition", fixed=True),
-    ]  # fmt: skip
+        Reading(
+            "the same after normalisation",
+            column_level_rise_db(result.normalised_signature),
+            "dB",
+            0.0,
+            0.01,
+            "by its definition",
+            fixed=True,
+        ),
+    ]
     return EntryResult(
         figure,
         readings,
@@ -296,33 +314,43 @@ def make_normalisation(material: Material) -> EntryResult:
 
 CHAPTER4_ENTRIES = (
     Entry(
-        "fig-4.3", "Gaussian window over the frames of a CPI, and its spectrum",
-        "With M = 40 frames and a steepness of 0.3 the side lobes lie 65.4 dB below the main lobe.", make_window,
+        "fig-4.3",
+        "Gaussian window over the frames of a CPI, and its spectrum",
+        "With M = 40 frames and a steepness of 0.3 the side lobes lie 65.4 dB below the main lobe.",
+        make_window,
     ),
     Entry(
-        "fig-4.5", "Range-Doppler map of a walking person",
+        "fig-4.5",
+        "Range-Doppler map of a walking person",
         "The person approaches: torso and head are the two strongest clusters near 100 Hz, the limbs smaller ones; a "
-        "single point has a negative Doppler, an arm or foot that swings back.", make_range_doppler,
+        "single point has a negative Doppler, an arm or foot that swings back.",
+        make_range_doppler,
     ),
     Entry(
-        "fig-4.7", "Range-Doppler map with the gate of the tracker",
+        "fig-4.7",
+        "Range-Doppler map with the gate of the tracker",
         "The gate is put around the target from the simulation's own truth; a real system would need a tracker.",
         make_gate_figure,
     ),
     Entry(
-        "table-4.1", "Range span of the gate by target", "1 m for a person, 1.5 m for a dog.", make_span_table,
+        "table-4.1",
+        "Range span of the gate by target",
+        "1 m for a person, 1.5 m for a dog.",
+        make_span_table,
     ),
     Entry(
-        "fig-4.8", "Doppler limits of the gate",
+        "fig-4.8",
+        "Doppler limits of the gate",
         "The limits are the highest and lowest Doppler of all points, constant over the observation.",
         make_doppler_limits,
     ),
     Entry(
-        "fig-4.9", "Signature of a dog before and after the columns are normalised",
+        "fig-4.9",
+        "Signature of a dog before and after the columns are normalised",
         "Without it the signal is much stronger on the right than on the left; dividing every column removes that.",
         make_normalisation,
     ),
-)  # fmt: skip
+)
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -406,11 +434,17 @@ def make_five_cycles(material: Material) -> EntryResult:
     readings = [
         Reading("steps: peaks of the upper edge", float(steps.size), "1", 10.0, 0.0),
         Reading("gait cycles in the observation", observed_s * truth.stride_frequency_hz, "1", 5.0, 0.01, fixed=True),
-        Reading("oscillation of the main line over the gait frequency", swing / truth.stride_frequency_hz, "1", 2.0,
-                0.1, "a line oscillates at whole multiples; a tenth is what a record of five cycles resolves"),
+        Reading(
+            "oscillation of the main line over the gait frequency",
+            swing / truth.stride_frequency_hz,
+            "1",
+            2.0,
+            0.1,
+            "a line oscillates at whole multiples; a tenth is what a record of five cycles resolves",
+        ),
         Reading("mean of the main line", float(torso_hz.mean()), "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading("from the highest to the lowest edge (label 4)", float(top_hz.max() - bottom_hz.min()), "Hz"),
-    ]  # fmt: skip
+    ]
     return EntryResult(
         figure,
         readings,
@@ -448,17 +482,19 @@ def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: fl
 
 SIGNATURE_ENTRIES = (
     Entry(
-        "fig-4.10", "True Doppler of all points, and the signature of the same walk",
+        "fig-4.10",
+        "True Doppler of all points, and the signature of the same walk",
         "The signature should resemble the true lines as closely as possible; the torso is strongest and "
-                "varies least, the saw "
+        "varies least, the saw "
         "teeth above and below are the legs, the ankle of which reaches about 300 Hz (Fig. 2.16).",
         make_lines_and_signature,
     ),
     Entry(
-        "fig-4.11", "Signature of five gait cycles with its parts named",
+        "fig-4.11",
+        "Signature of five gait cycles with its parts named",
         "Five gait cycles are ten steps, one peak each; the main line oscillates at twice the gait frequency.",
         make_five_cycles,
     ),
-)  # fmt: skip
+)
 
 ENTRIES = (*CHAPTER4_ENTRIES, *SIGNATURE_ENTRIES)

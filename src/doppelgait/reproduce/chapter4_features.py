@@ -48,9 +48,12 @@ def make_step_doppler(material: Material) -> EntryResult:
     recording, result = walk(material)
     with_constant = cadence_map(result.normalised_signature, padded=False, tapered=False)
     figure = viz.cadence_map(
-        with_constant, gait_frequency_hz=result.gait_frequency_hz, max_cadence_hz=MAX_CADENCE_HZ, db_range=40.0,
+        with_constant,
+        gait_frequency_hz=result.gait_frequency_hz,
+        max_cadence_hz=MAX_CADENCE_HZ,
+        db_range=40.0,
         title="Cadence-velocity diagram, 0 Hz included",
-    )  # fmt: skip
+    )
     constant = with_constant.values[0]
     torso_hz = float(read_axis(with_constant, "doppler")[int(constant.argmax())])
     wavelength_m = recording.radar.wavelength_m
@@ -59,15 +62,21 @@ def make_step_doppler(material: Material) -> EntryResult:
     readings = [
         Reading("Doppler of the strongest constant row", torso_hz, "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading(
-            "v_m from it", float(doppler_to_velocity_mps(torso_hz, wavelength_m)), "m/s",
+            "v_m from it",
+            float(doppler_to_velocity_mps(torso_hz, wavelength_m)),
+            "m/s",
             note="the report: about 2 m/s, the same number as its 100 Hz; true mean "
             f"{recording.truth[0].centre_velocity_mps.mean():.2f} m/s; a row is "
             f"{float(doppler_to_velocity_mps(recording.radar.prf_hz / constant.size, wavelength_m)):.2f} m/s wide",
         ),
-        Reading("largest value at 0 Hz over the largest at the step frequency",
-                float(constant.max() / at_step.max()), "1", note="the report: much higher; it gives no number"),
+        Reading(
+            "largest value at 0 Hz over the largest at the step frequency",
+            float(constant.max() / at_step.max()),
+            "1",
+            note="the report: much higher; it gives no number",
+        ),
         Reading("constant part above the step frequency (1: yes)", float(constant.max() > at_step.max()), "1", 1.0),
-    ]  # fmt: skip
+    ]
     return EntryResult(
         figure,
         readings,
@@ -87,18 +96,28 @@ def make_cadence_spectrum(material: Material) -> EntryResult:
     plot_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, title="Cadence spectrum")
     step = found_hz(result)[0]
     readings = [
-        Reading("f_m", float("nan") if step is None else step, "Hz",
-                note=f"true {true_hz:.3f} Hz, a bin is {bin_hz(result):.3f} Hz"),
+        Reading(
+            "f_m",
+            float("nan") if step is None else step,
+            "Hz",
+            note=f"true {true_hz:.3f} Hz, a bin is {bin_hz(result):.3f} Hz",
+        ),
         *(
-            Reading(f"{name} / f_m", float("nan") if value is None or step is None else value / step, "1", float(h),
-                    RATIO_BIN, "within a bin of 1 / T_o")
+            Reading(
+                f"{name} / f_m",
+                float("nan") if value is None or step is None else value / step,
+                "1",
+                float(h),
+                RATIO_BIN,
+                "within a bin of 1 / T_o",
+            )
             for h, name, value in zip(HARMONICS[1:], HARMONIC_NAMES[1:], found_hz(result)[1:], strict=True)
         ),
         *(
             Reading(f"prominence of {name}", prominence_db(result.cadence_spectrum, true_hz, h), "dB")
             for h, name in zip(HARMONICS, HARMONIC_NAMES, strict=True)
         ),
-    ]  # fmt: skip
+    ]
     return EntryResult(
         figure,
         readings,
@@ -124,12 +143,20 @@ def make_first_column(material: Material) -> EntryResult:
     readings = [
         Reading("f_d", float(result.torso_doppler_hz or float("nan")), "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading("A_fd", float(result.quality["torso_amplitude"]), "1"),
-        Reading("v_m by the report's method", float(result.features.torso_velocity_mps or float("nan")), "m/s",
-                note=f"true {true_mps:.2f} m/s"),
-        Reading("v_m by ours", float(ours.features.torso_velocity_mps or float("nan")), "m/s",
-                note=f"true {true_mps:.2f} m/s; equal cross sections of all 17 points hide the torso, by body part it "
-                     "is the strongest"),
-    ]  # fmt: skip
+        Reading(
+            "v_m by the report's method",
+            float(result.features.torso_velocity_mps or float("nan")),
+            "m/s",
+            note=f"true {true_mps:.2f} m/s",
+        ),
+        Reading(
+            "v_m by ours",
+            float(ours.features.torso_velocity_mps or float("nan")),
+            "m/s",
+            note=f"true {true_mps:.2f} m/s; equal cross sections of all 17 points hide the torso, by body part it "
+            "is the strongest",
+        ),
+    ]
     return EntryResult(
         figure,
         readings,
@@ -156,11 +183,16 @@ def make_bandwidth(material: Material) -> EntryResult:
     ours = material.result(material.make_walker(), method="standard", prf_hz=1000.0)
     readings = [
         Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, fixed=True),
-        Reading("B_mu by the report's method", float(result.features.doppler_bandwidth_hz or float("nan")), "Hz",
-                note=f"true span of all points {doppler_hz.max() - doppler_hz.min():.0f} Hz"),
-        Reading("B_mu by ours (edges of the signature)", float(ours.features.doppler_bandwidth_hz or float("nan")),
-                "Hz"),
-    ]  # fmt: skip
+        Reading(
+            "B_mu by the report's method",
+            float(result.features.doppler_bandwidth_hz or float("nan")),
+            "Hz",
+            note=f"true span of all points {doppler_hz.max() - doppler_hz.min():.0f} Hz",
+        ),
+        Reading(
+            "B_mu by ours (edges of the signature)", float(ours.features.doppler_bandwidth_hz or float("nan")), "Hz"
+        ),
+    ]
     return EntryResult(
         figure,
         readings,
@@ -174,22 +206,30 @@ def make_bandwidth(material: Material) -> EntryResult:
 
 ENTRIES = (
     Entry(
-        "fig-4.12", "Cadence-velocity diagram up to 20 Hz",
+        "fig-4.12",
+        "Cadence-velocity diagram up to 20 Hz",
         "The mean Doppler is about +100 Hz, hence v_m about 2 m/s. The constant part is far stronger than the step "
-        "frequency f_m and its harmonics f_2 and f_3.", make_step_doppler,
+        "frequency f_m and its harmonics f_2 and f_3.",
+        make_step_doppler,
     ),
     Entry(
-        "fig-4.13", "Cadence spectrum D_g with f_m, f_2 and f_3",
+        "fig-4.13",
+        "Cadence spectrum D_g with f_m, f_2 and f_3",
         "Summed over Doppler and without the mean of every row, the spectrum has peaks at the step frequency and at "
-        "twice and three times it.", make_cadence_spectrum,
+        "twice and three times it.",
+        make_cadence_spectrum,
     ),
     Entry(
-        "fig-4.14", "Constant part D_1 with the Doppler f_d of the torso",
-        "The highest value A_fd of the first column lies at the torso's Doppler f_d.", make_first_column,
+        "fig-4.14",
+        "Constant part D_1 with the Doppler f_d of the torso",
+        "The highest value A_fd of the first column lies at the torso's Doppler f_d.",
+        make_first_column,
     ),
     Entry(
-        "fig-4.15", "Micro-Doppler bandwidth from D_1",
+        "fig-4.15",
+        "Micro-Doppler bandwidth from D_1",
         "The bandwidth goes from the first to the last crossing of 0.04 of the maximum, a threshold found best by "
-        "trial.", make_bandwidth,
+        "trial.",
+        make_bandwidth,
     ),
-)  # fmt: skip
+)

@@ -92,12 +92,23 @@ def make_radar_table(material: Material) -> EntryResult:
         for name, (words, value, unit, scale) in REPORT_RADAR.items()
     ]
     readings += [
-        Reading("highest speed that does not alias at 300 Hz",
-                radar.model_copy(update={"prf_hz": 300.0}).unambiguous_velocity_mps, "m/s", 6.0, 0.5,
-                "6.2 m/s is the whole span from -3.1 to +3.1 m/s; a walking foot exceeds it"),
-        Reading("bandwidth at -3 dB of the pulse", radar.pulse_bandwidth_hz(3) / 1e9, "GHz", 1.0, 0.05,
-                "a Gaussian of 1 ns standard deviation has 0.265 / tau; 1 GHz would take 0.265 ns"),
-    ]  # fmt: skip
+        Reading(
+            "highest speed that does not alias at 300 Hz",
+            radar.model_copy(update={"prf_hz": 300.0}).unambiguous_velocity_mps,
+            "m/s",
+            6.0,
+            0.5,
+            "6.2 m/s is the whole span from -3.1 to +3.1 m/s; a walking foot exceeds it",
+        ),
+        Reading(
+            "bandwidth at -3 dB of the pulse",
+            radar.pulse_bandwidth_hz(3) / 1e9,
+            "GHz",
+            1.0,
+            0.05,
+            "a Gaussian of 1 ns standard deviation has 0.265 / tau; 1 GHz would take 0.265 ns",
+        ),
+    ]
     return EntryResult(
         None,
         readings,
@@ -143,12 +154,20 @@ def make_ranges(material: Material) -> EntryResult:
         swings.append(float((ahead_m.max(axis=0) - ahead_m.min(axis=0)).mean()) if feet else NAN)
     place_legend_below(figure, axes[0])
     readings = [
-        Reading("points of the recorded person", float(counts[0]), "1", 50.0, 20.0,
-                "the report: 30 to 70" + ("" if bodies[0].real else "; a model of 17 points stands in")),
+        Reading(
+            "points of the recorded person",
+            float(counts[0]),
+            "1",
+            50.0,
+            20.0,
+            "the report: 30 to 70" + ("" if bodies[0].real else "; a model of 17 points stands in"),
+        ),
         Reading("points of the walker", float(counts[1]), "1", 17.0, 0.0, fixed=True),
-        *(Reading(f"swing of the feet about the body, {name}", swing, "m")
-          for name, swing in zip(("person", "walker"), swings, strict=True)),
-    ]  # fmt: skip
+        *(
+            Reading(f"swing of the feet about the body, {name}", swing, "m")
+            for name, swing in zip(("person", "walker"), swings, strict=True)
+        ),
+    ]
     return EntryResult(
         figure,
         readings,
@@ -182,10 +201,13 @@ def make_signatures(material: Material) -> EntryResult:
         note = f"true mean of the body {body_hz:.0f} Hz"
         readings.append(Reading(f"main line, {name}", format_number(result.torso_doppler_hz), "Hz", note=note))
     readings += [
-        Reading(f"part of the signature above {ENVELOPE:g} of its column, {name}",
-                float((result.normalised_signature.values >= ENVELOPE).mean()), "1")
+        Reading(
+            f"part of the signature above {ENVELOPE:g} of its column, {name}",
+            float((result.normalised_signature.values >= ENVELOPE).mean()),
+            "1",
+        )
         for name, _, _, result in results
-    ]  # fmt: skip
+    ]
     readings += _compare_speeds(
         "main line at a higher Doppler for the faster", [reading.ours for reading in readings[:4]]
     )
@@ -215,32 +237,53 @@ def make_step_spectra(material: Material) -> EntryResult:
     for name, _, recording, result in results:
         true_hz = recording.truth[0].gait_frequency_hz
         readings.append(
-            Reading(f"f_m, {name}", format_number(found_hz(result)[0]), "Hz",
-                    note=f"true {true_hz:.2f} Hz; a bin is {bin_hz(result):.2f} Hz")
-        )  # fmt: skip
+            Reading(
+                f"f_m, {name}",
+                format_number(found_hz(result)[0]),
+                "Hz",
+                note=f"true {true_hz:.2f} Hz; a bin is {bin_hz(result):.2f} Hz",
+            )
+        )
     sides = [side_lobe_of_cadence_db(one[3].cadence_spectrum, one[2].truth[0].gait_frequency_hz) for one in results]
-    readings += [Reading(f"side lobes between f_m and f_2, {name}", side, "dB")
-                 for name, side in zip(NAMES, sides, strict=True)]  # fmt: skip
     readings += [
-        Reading(f"side lobes of the {NAMES[walker]} below those of the {NAMES[person]} (1: yes)",
-                float(sides[walker] < sides[person]), "1", 1.0)
-        for walker in (2, 3) for person in (0, 1)
-    ]  # fmt: skip
+        Reading(f"side lobes between f_m and f_2, {name}", side, "dB") for name, side in zip(NAMES, sides, strict=True)
+    ]
+    readings += [
+        Reading(
+            f"side lobes of the {NAMES[walker]} below those of the {NAMES[person]} (1: yes)",
+            float(sides[walker] < sides[person]),
+            "1",
+            1.0,
+        )
+        for walker in (2, 3)
+        for person in (0, 1)
+    ]
     # Prominence of f_2 and f_3 of the fast person: the report finds both hidden.
     name, _, recording, result = results[1]
     for harmonic, words in list(zip(HARMONICS, HARMONIC_NAMES, strict=True))[1:]:
         level_db = prominence_db(result.cadence_spectrum, recording.truth[0].gait_frequency_hz, harmonic)
         readings += [
             Reading(f"prominence of {words}, {name}", level_db, "dB"),
-            Reading(f"{words} hidden, {name} (1: yes)", float(level_db < CLEAR_DB), "1", 1.0,
-                    note=f"hidden: stands out by less than {CLEAR_DB:g} dB"),
-        ]  # fmt: skip
+            Reading(
+                f"{words} hidden, {name} (1: yes)",
+                float(level_db < CLEAR_DB),
+                "1",
+                1.0,
+                note=f"hidden: stands out by less than {CLEAR_DB:g} dB",
+            ),
+        ]
     slow, fast = (results[n][2].truth[0].gait_frequency_hz for n in (2, 3))
     readings.append(
-        Reading("step frequency of the fast walker over that of the slow one", fast / slow, "1", 1.0, 0.02,
-                "the stride rate of the published model is proportional to the root of the speed; the "
-                        "report seems to have kept it constant")
-    )  # fmt: skip
+        Reading(
+            "step frequency of the fast walker over that of the slow one",
+            fast / slow,
+            "1",
+            1.0,
+            0.02,
+            "the stride rate of the published model is proportional to the root of the speed; the "
+            "report seems to have kept it constant",
+        )
+    )
     return EntryResult(
         figure,
         readings,
@@ -256,8 +299,9 @@ def make_torso_lines(material: Material) -> EntryResult:
     """Make Fig. 5.5: torso line Doppler and height."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
-        plot_mean_doppler(axes, result.mean_doppler_spectrum, read_axis(result.signature, "doppler"),
-                          peak_hz=result.torso_doppler_hz)  # fmt: skip
+        plot_mean_doppler(
+            axes, result.mean_doppler_spectrum, read_axis(result.signature, "doppler"), peak_hz=result.torso_doppler_hz
+        )
 
     results = analyze_four(material)
     figure = _plot_four_panels(material, draw)
@@ -273,9 +317,14 @@ def make_torso_lines(material: Material) -> EntryResult:
         )
     )
     readings.append(
-        Reading(f"A_fd much the same, within {100 * SAME:.0f} % of each other (1: yes)",
-                float(max(heights) / min(heights) <= 1.0 + SAME), "1", 1.0, note="the report gives no number for it")
-    )  # fmt: skip
+        Reading(
+            f"A_fd much the same, within {100 * SAME:.0f} % of each other (1: yes)",
+            float(max(heights) / min(heights) <= 1.0 + SAME),
+            "1",
+            1.0,
+            note="the report gives no number for it",
+        )
+    )
     readings += _compare_speeds("f_d higher for the faster", [reading.ours for reading in readings[:4]])
     return EntryResult(
         figure,
@@ -318,38 +367,49 @@ def make_bandwidths(material: Material) -> EntryResult:
 
 ENTRIES = (
     Entry(
-        "table-5.1", "Parameters of the radar",
+        "table-5.1",
+        "Parameters of the radar",
         "An X4: 7.29 GHz, 23.328 GS/s, 4 dBi antennas, 10 dB gain, 1 ns, 0 dBm; frame rates of 300 to 1300 Hz, chosen "
-        "for each scenario as low as aliasing allows. 300 Hz are said to limit speeds to 6 m/s.", make_radar_table,
+        "for each scenario as low as aliasing allows. 300 Hz are said to limit speeds to 6 m/s.",
+        make_radar_table,
     ),
     Entry(
-        "fig-5.1", "Range of every point: a recorded person and the walker",
+        "fig-5.1",
+        "Range of every point: a recorded person and the walker",
         "Both look alike, with the same oscillations of arms and feet; recordings have 30 to 70 markers, the walker "
-        "17, and so give a more diffuse signature.", make_ranges,
+        "17, and so give a more diffuse signature.",
+        make_ranges,
     ),
     Entry(
-        "table-5.2", "Parameters of the feature extraction", "T_d = 0.1 s, sigma_w = 0.4, t_mu = 0.04.",
+        "table-5.2",
+        "Parameters of the feature extraction",
+        "T_d = 0.1 s, sigma_w = 0.4, t_mu = 0.04.",
         make_analysis_table,
     ),
     Entry(
-        "fig-5.3", "Signatures of two people and two walkers, slow and fast",
+        "fig-5.3",
+        "Signatures of two people and two walkers, slow and fast",
         "The faster ones have their main line at a higher Doppler; the observation is as long as the recording.",
         make_signatures,
     ),
     Entry(
-        "fig-5.4", "Cadence spectra of the four",
+        "fig-5.4",
+        "Cadence spectra of the four",
         "The walkers have lower side lobes, for they are observed over more gait cycles; for the people the harmonics "
         "hardly stand out, least for the fast one. f_m is the same for both walkers, since the model is said to keep "
         "its step frequency.",
         make_step_spectra,
     ),
     Entry(
-        "fig-5.5", "Doppler f_d and height A_fd of the torso for the four",
+        "fig-5.5",
+        "Doppler f_d and height A_fd of the torso for the four",
         "f_d is lower for the slow ones; A_fd is much the same for all, which is put down to equal cross sections.",
         make_torso_lines,
     ),
     Entry(
-        "fig-5.6", "Micro-Doppler bandwidth of the four", "The bandwidth grows with the speed of the target.",
+        "fig-5.6",
+        "Micro-Doppler bandwidth of the four",
+        "The bandwidth grows with the speed of the target.",
         make_bandwidths,
     ),
-)  # fmt: skip
+)

@@ -46,9 +46,12 @@ if TYPE_CHECKING:
     from doppelgait.reproduce.material import Material
 
 GROUP_COLOURS = {
-    "recorded person": BLUE, "model person": SKY, "Boulic walker": "#000000",
-    "recorded dog": VERMILLION, "model dog": ORANGE,
-}  # fmt: skip
+    "recorded person": BLUE,
+    "model person": SKY,
+    "Boulic walker": "#000000",
+    "recorded dog": VERMILLION,
+    "model dog": ORANGE,
+}
 WALKERS, PEOPLE = "Boulic walker", ("recorded person", "model person")
 COMPARED = (*FEATURE_UNITS, "gait_frequency_hz")
 CLASSES = ("human", "dog")
@@ -71,11 +74,12 @@ def make_study_table(material: Material) -> pd.DataFrame:
         # recorded motions with a known stride that is seen more than once
         people, dogs = (
             {
-                one.name: one.motion for one in motions
+                one.name: one.motion
+                for one in motions
                 if one.real and one.seconds * one.motion.facts.stride_frequency_hz >= FEWEST_STRIDES
             }
             for motions in (material.people(), material.dogs())
-        )  # fmt: skip
+        )
         found = run_study(make_scenarios(people, dogs, seed=material.seed), material.radar())
         unsigned = {name: found[name].abs() for name in ("torso_velocity_mps", "step_length_m")}
         wrong = is_wrong(found, WRONG)
@@ -121,10 +125,15 @@ def make_step_length(material: Material) -> EntryResult:
             Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
             *_read_distance_below_line(length_part, name),
             Reading(f"steps longer than {LONG_M} m, {name}", float(len(long_steps)), "1"),
-            Reading(f"of these, share with a wrong step frequency, {name}",
-                    float(long_steps["wrong"].mean()) if len(long_steps) else math.nan, "1", 1.0, 0.05,
-                    "a runner's step and a dog's stride are as long as that"),
-        ]  # fmt: skip
+            Reading(
+                f"of these, share with a wrong step frequency, {name}",
+                float(long_steps["wrong"].mean()) if len(long_steps) else math.nan,
+                "1",
+                1.0,
+                0.05,
+                "a runner's step and a dog's stride are as long as that",
+            ),
+        ]
         if length_method == METHODS[0]:
             length_readings.append(
                 Reading(
@@ -137,11 +146,15 @@ def make_step_length(material: Material) -> EntryResult:
             )
         error_mps = (length_part["torso_velocity_mps"] - length_part["true_velocity_mps"].abs()).abs()
         still = int((length_part["torso_velocity_mps"] < SLOW_MPS).sum())
-        length_readings.append(Reading(
-            f"speeds off by more than {SPEED_OFF_MPS} m/s, {name}", 100.0 * float((error_mps > SPEED_OFF_MPS).mean()),
-            "%", note=f"of {len(length_part)}"
-            + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
-        ))  # fmt: skip
+        length_readings.append(
+            Reading(
+                f"speeds off by more than {SPEED_OFF_MPS} m/s, {name}",
+                100.0 * float((error_mps > SPEED_OFF_MPS).mean()),
+                "%",
+                note=f"of {len(length_part)}"
+                + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
+            )
+        )
         length_readings += read_wrong_shares(length_part, name)
     readings = length_readings
     return EntryResult(figure, readings, format_judgement(readings, _describe_lengths(table)), table)
@@ -182,14 +195,23 @@ def _read_distance_below_line(part: pd.DataFrame, name: str) -> list[Reading]:
     asymmetric = part.loc[dogs_m.index, "gait"].isin(RUNS)
     kinds = {"walk, pace, trot": dogs_m[~asymmetric], "canter, gallop, bound": dogs_m[asymmetric]}
     readings = [
-        Reading(f"dogs' length below people's at the same speed, {kind}, {name}", -float(off_m.median()), "m",
-                note=f"median of {len(off_m)}, ROC area {roc_area(people_m, off_m):.2f}")
-        for kind, off_m in kinds.items() if len(off_m)
-    ]  # fmt: skip
+        Reading(
+            f"dogs' length below people's at the same speed, {kind}, {name}",
+            -float(off_m.median()),
+            "m",
+            note=f"median of {len(off_m)}, ROC area {roc_area(people_m, off_m):.2f}",
+        )
+        for kind, off_m in kinds.items()
+        if len(off_m)
+    ]
     readings.append(
-        Reading(f"ROC area of people against dogs by that length, {name}", roc_area(people_m, dogs_m), "1",
-                note=f"Cohen's d {cohens_d(people_m, dogs_m):.2f}")
-    )  # fmt: skip
+        Reading(
+            f"ROC area of people against dogs by that length, {name}",
+            roc_area(people_m, dogs_m),
+            "1",
+            note=f"Cohen's d {cohens_d(people_m, dogs_m):.2f}",
+        )
+    )
     return readings
 
 
@@ -201,10 +223,12 @@ def read_wrong_shares(part: pd.DataFrame, name: str) -> list[Reading]:
     beyond = is_wrong(part, WRONG, bins=1.0)
     readings = [
         Reading(
-            f"step frequencies off by more than {100 * WRONG:.0f} %, {name}", 100.0 * float(part["wrong"].mean()), "%",
+            f"step frequencies off by more than {100 * WRONG:.0f} %, {name}",
+            100.0 * float(part["wrong"].mean()),
+            "%",
             note=f"{int(part['wrong'].sum())} of {len(part)}",
         )
-    ]  # fmt: skip
+    ]
     readings += [
         Reading(
             f"the same, {group}",
@@ -215,9 +239,13 @@ def read_wrong_shares(part: pd.DataFrame, name: str) -> list[Reading]:
         for group, rows in part.groupby("group", sort=False)
     ]
     readings.append(
-        Reading(f"off by more than {100 * WRONG:.0f} % and a bin of 1 / T_o, {name}", 100.0 * float(beyond.mean()), "%",
-                note=f"{int(beyond.sum())} of {len(part)}")
-    )  # fmt: skip
+        Reading(
+            f"off by more than {100 * WRONG:.0f} % and a bin of 1 / T_o, {name}",
+            100.0 * float(beyond.mean()),
+            "%",
+            note=f"{int(beyond.sum())} of {len(part)}",
+        )
+    )
     return readings
 
 
@@ -273,18 +301,27 @@ def make_features(material: Material) -> EntryResult:
         speeds = walkers["torso_velocity_mps"]
         as_fast = people[people["torso_velocity_mps"].between(speeds.min(), speeds.max())]
         feature_readings += [
-            Reading(f"rho of the walkers over that of the other people, medians, {feature_name}",
-                    float(walkers[rho].median() / people[rho].median()), "1"),
+            Reading(
+                f"rho of the walkers over that of the other people, medians, {feature_name}",
+                float(walkers[rho].median() / people[rho].median()),
+                "1",
+            ),
             Reading(f"rho of people over that of dogs, medians, {feature_name}", _read_ratio(feature_part, rho), "1"),
-            Reading(f"B_mu of the walkers over that of other people at their speeds, medians, {feature_name}",
-                    float(walkers[width].median() / as_fast[width].median()), "1"),
+            Reading(
+                f"B_mu of the walkers over that of other people at their speeds, medians, {feature_name}",
+                float(walkers[width].median() / as_fast[width].median()),
+                "1",
+            ),
             *(
-                Reading(f"beta_{place} within {NEAR_RATIO} of {place + 1}, {feature_name}",
-                        100.0 * float((feature_part[column].dropna() - (place + 1)).abs().le(NEAR_RATIO).mean()), "%",
-                        note=f"known in {int(feature_part[column].notna().sum())} of {len(feature_part)}")
+                Reading(
+                    f"beta_{place} within {NEAR_RATIO} of {place + 1}, {feature_name}",
+                    100.0 * float((feature_part[column].dropna() - (place + 1)).abs().le(NEAR_RATIO).mean()),
+                    "%",
+                    note=f"known in {int(feature_part[column].notna().sum())} of {len(feature_part)}",
+                )
                 for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
             ),
-        ]  # fmt: skip
+        ]
     feature_readings += _compare_statements(feature_readings, METHOD_NAMES[METHODS[0]])
     for feature_row in separation.to_dict("records"):
         feature_readings.append(
@@ -305,11 +342,13 @@ def _compare_statements(readings: list[Reading], name: str) -> list[Reading]:
     said = {
         "rho higher for the walkers": ours[f"rho of the walkers over that of the other people, medians, {name}"] > 1.0,
         "rho higher for people than for dogs": ours[f"rho of people over that of dogs, medians, {name}"] > 1.0,
-        "B_mu high for the walkers":
-            ours[f"B_mu of the walkers over that of other people at their speeds, medians, {name}"] > 1.0,
+        "B_mu high for the walkers": ours[
+            f"B_mu of the walkers over that of other people at their speeds, medians, {name}"
+        ]
+        > 1.0,
         "beta_1 mostly 2": ours[f"beta_1 within {NEAR_RATIO} of 2, {name}"] > 50.0,
         "beta_2 mostly 3": ours[f"beta_2 within {NEAR_RATIO} of 3, {name}"] > 50.0,
-    }  # fmt: skip
+    }
     return [Reading(f"{words}, {name} (1: yes)", float(is_so), "1", 1.0) for words, is_so in said.items()]
 
 
@@ -332,14 +371,17 @@ def _describe_features(table: pd.DataFrame, separation: pd.DataFrame) -> str:
 
 ENTRIES = (
     Entry(
-        "fig-5.8", "Step length against speed, people and dogs",
+        "fig-5.8",
+        "Step length against speed, people and dogs",
         "Step length grows linearly with speed for most targets; values above 1.5 m are wrong estimates of f_m; the "
-        "dog's step is far shorter for its speed.", make_step_length,
+        "dog's step is far shorter for its speed.",
+        make_step_length,
     ),
     Entry(
-        "fig-5.9", "The six features of all scenarios",
+        "fig-5.9",
+        "The six features of all scenarios",
         "v_m alone shows nothing; B_mu follows it and is high for the walkers; beta_1 and beta_2 are mostly 2 and 3; "
         "rho is higher for the walkers and expected to be higher for people than for pets, of which there was one.",
         make_features,
     ),
-)  # fmt: skip
+)

@@ -79,11 +79,15 @@ def make_ranges(material: Material) -> EntryResult:
     line = np.polyfit(np.arange(truth.centre_range_m.size) / PRF_HZ, truth.centre_range_m, 1)
     off_m = truth.centre_range_m - np.polyval(line, np.arange(truth.centre_range_m.size) / PRF_HZ)
     readings = [
-        Reading("gait cycles in it", truth.stride_frequency_hz * dog.seconds, "1",
-                note="the report's recording holds 2; this one is as long as it is"),
+        Reading(
+            "gait cycles in it",
+            truth.stride_frequency_hz * dog.seconds,
+            "1",
+            note="the report's recording holds 2; this one is as long as it is",
+        ),
         Reading("radial speed", float(-line[0]), "m/s", note="the report: about 3 m/s read off its Fig. 2.20"),
         Reading("largest departure of the body from a straight line", float(np.abs(off_m).max()), "m"),
-    ]  # fmt: skip
+    ]
     return EntryResult(
         figure,
         readings,
@@ -105,22 +109,39 @@ def make_features(material: Material) -> EntryResult:
     first, second, _ = found_hz(result)
     other = "another dog" if dog.real else "a model stands in for the dog"
     readings = [
-        Reading("f_m by the report's method", format_number(first), "Hz",
-                note=f"the report: 2.98 Hz; true stride frequency {stride_hz:.2f} Hz, a bin is {bin_hz(result):.2f} "
-                     f"Hz; {other}"),
+        Reading(
+            "f_m by the report's method",
+            format_number(first),
+            "Hz",
+            note=f"the report: 2.98 Hz; true stride frequency {stride_hz:.2f} Hz, a bin is {bin_hz(result):.2f} "
+            f"Hz; {other}",
+        ),
         Reading("f_2 by the report's method", format_number(second), "Hz", note="the report: 6.05 Hz"),
         Reading("f_m by ours", format_number(ours.gait_frequency_hz), "Hz"),
-        Reading("f_m over the stride frequency", format_number(first) / stride_hz, "1",
-                note="1: what was found is the stride"),
+        Reading(
+            "f_m over the stride frequency",
+            format_number(first) / stride_hz,
+            "1",
+            note="1: what was found is the stride",
+        ),
         Reading("B_mu", format_number(result.features.doppler_bandwidth_hz), "Hz", note="the report: 607 Hz"),
         Reading("A_fd", float(result.quality["torso_amplitude"]), "1", note="the report: 0.79"),
-        Reading("f_d", format_number(result.torso_doppler_hz), "Hz",
-                note="the report: 263 Hz; " + ("another dog at another speed" if dog.real else "the speed was taken "
-                                               "from it")),
-        Reading("speed that 263 Hz stand for",
-                float(doppler_to_velocity_mps(REPORT_DOPPLER_HZ, recording.radar.wavelength_m)), "m/s", 3.0, 0.5,
-                "the report reads about 3 m/s off its Fig. 2.20 for the same dog: its numbers contradict each other"),
-    ]  # fmt: skip
+        Reading(
+            "f_d",
+            format_number(result.torso_doppler_hz),
+            "Hz",
+            note="the report: 263 Hz; "
+            + ("another dog at another speed" if dog.real else "the speed was taken from it"),
+        ),
+        Reading(
+            "speed that 263 Hz stand for",
+            float(doppler_to_velocity_mps(REPORT_DOPPLER_HZ, recording.radar.wavelength_m)),
+            "m/s",
+            3.0,
+            0.5,
+            "the report reads about 3 m/s off its Fig. 2.20 for the same dog: its numbers contradict each other",
+        ),
+    ]
     return EntryResult(
         figure, readings, format_judgement(readings, _judge_peak(format_number(first), stride_hz, bin_hz(result)))
     )
@@ -163,27 +184,47 @@ def _plot_five_panels(recording: Recording, result: Result) -> Figure:
     )
     add_colour_bar(image, upper[2], quantity="magnitude")
     name_axes(upper[2], title="(c) cadence-velocity diagram", x=CADENCE_LABEL, y=DOPPLER_LABEL)
-    plot_cadence_amplitude(lower[0], result.cadence_spectrum, found_hz(result),
-                           true_hz=recording.truth[0].gait_frequency_hz, title="sum of (c)")  # fmt: skip
+    plot_cadence_amplitude(
+        lower[0],
+        result.cadence_spectrum,
+        found_hz(result),
+        true_hz=recording.truth[0].gait_frequency_hz,
+        title="sum of (c)",
+    )
     doppler_hz = read_axis(result.signature, "doppler")
-    plot_mean_doppler(lower[1], result.mean_doppler_spectrum, doppler_hz, threshold=THRESHOLD, normalised=True,
-                      title="(d) mean Doppler spectrum, normalised")  # fmt: skip
-    plot_mean_doppler(lower[2], result.mean_doppler_spectrum, doppler_hz, peak_hz=result.torso_doppler_hz,
-                      title="(e) mean Doppler spectrum")  # fmt: skip
+    plot_mean_doppler(
+        lower[1],
+        result.mean_doppler_spectrum,
+        doppler_hz,
+        threshold=THRESHOLD,
+        normalised=True,
+        title="(d) mean Doppler spectrum, normalised",
+    )
+    plot_mean_doppler(
+        lower[2],
+        result.mean_doppler_spectrum,
+        doppler_hz,
+        peak_hz=result.torso_doppler_hz,
+        title="(e) mean Doppler spectrum",
+    )
     return figure
 
 
 DOG_ENTRIES = (
     Entry(
-        "fig-5.2", "Range of every point of the galloping dog",
-        "The one usable recording of a dog: two gait cycles of gallop in a straight line.", make_ranges,
+        "fig-5.2",
+        "Range of every point of the galloping dog",
+        "The one usable recording of a dog: two gait cycles of gallop in a straight line.",
+        make_ranges,
     ),
     Entry(
-        "fig-5.7", "Features of the galloping dog",
+        "fig-5.7",
+        "Features of the galloping dog",
         "f_m comes out at 2.98 Hz, which the report takes for an error, since it expects about 6 Hz; f_2 is 6.05 Hz, "
-        "B_mu 607 Hz, the height 0.79 and f_d 263 Hz.", make_features,
+        "B_mu 607 Hz, the height 0.79 and f_d 263 Hz.",
+        make_features,
     ),
-)  # fmt: skip
+)
 
 
 VIEWS_PRF_HZ = 1000.0
@@ -257,9 +298,13 @@ def make_lanes(motion: Motion) -> Scene:
     walked = loop(motion, duration_s=2.0 * way_m / travel_speed_mps(motion), variation=0.0)
     seconds = WALKED_SHARE * way_m / travel_speed_mps(walked)
     target = Target(
-        walked, label="human", rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]), start_position_m=START_M,
-        heading_deg=180.0, path={"kind": "polyline", "points_m": points, "corner_radius_m": CORNER_M},
-    )  # fmt: skip
+        walked,
+        label="human",
+        rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]),
+        start_position_m=START_M,
+        heading_deg=180.0,
+        path={"kind": "polyline", "points_m": points, "corner_radius_m": CORNER_M},
+    )
     return Scene([target], duration_s=seconds)
 
 
@@ -276,14 +321,18 @@ def make_directions(material: Material) -> EntryResult:
     changes = sign_changes(line_hz, still_hz)
     report_hz, error = format_number(report.gait_frequency_hz), (segments["f_m (Hz)"] / true_hz - 1.0).abs().max()
     readings = [
-        Reading("changes of direction that the main line shows", float(changes), "1",
-                note=f"true {sign_changes(recording.truth[0].centre_velocity_mps, STILL_MPS)}"),
+        Reading(
+            "changes of direction that the main line shows",
+            float(changes),
+            "1",
+            note=f"true {sign_changes(recording.truth[0].centre_velocity_mps, STILL_MPS)}",
+        ),
         Reading("main line changes sign (1: yes)", float(changes > 0), "1", 1.0),
         Reading("f_m of the whole by the report's method", report_hz, "Hz", note=f"true {true_hz:.2f} Hz"),
         Reading("segments of steady motion found by ours", float(len(segments)), "1", note=f"{LEGS} lanes are walked"),
         Reading("segments with a known f_m", float(segments["f_m (Hz)"].notna().sum()), "1"),
         Reading("largest relative error of f_m in them", float(error), "1"),
-    ]  # fmt: skip
+    ]
     wrong = not abs(report_hz / true_hz - 1.0) < WRONG
     return EntryResult(
         figure,
@@ -321,15 +370,18 @@ def sign_changes(values: npt.ArrayLike, still: float) -> int:
 
 VIEWS_ENTRIES = (
     Entry(
-        "fig-5.10", "The same walk across and along the line of sight",
+        "fig-5.10",
+        "The same walk across and along the line of sight",
         "At an aspect of 90 degrees the main line is near 0 Hz and the envelopes are far smaller than at 0 degrees.",
         make_aspect,
     ),
     Entry(
-        "fig-5.11", "Signature of a person who walks in several directions",
+        "fig-5.11",
+        "Signature of a person who walks in several directions",
         "The main line changes sign, which makes it nearly impossible to find the step frequency; divided into four "
-        "shorter observations it could be found, if they are not too short.", make_directions,
+        "shorter observations it could be found, if they are not too short.",
+        make_directions,
     ),
-)  # fmt: skip
+)
 
 ENTRIES = (*DOG_ENTRIES, *VIEWS_ENTRIES)

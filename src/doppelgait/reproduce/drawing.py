@@ -47,9 +47,14 @@ def make_panels(
 
 
 def plot_cadence_amplitude(
-    axes: Axes, spectrum: xr.DataArray, found_hz: Sequence[float | None], *, true_hz: float | None = None,
-    max_cadence_hz: float = MAX_CADENCE_HZ, title: str = "",
-) -> None:  # fmt: skip
+    axes: Axes,
+    spectrum: xr.DataArray,
+    found_hz: Sequence[float | None],
+    *,
+    true_hz: float | None = None,
+    max_cadence_hz: float = MAX_CADENCE_HZ,
+    title: str = "",
+) -> None:
     """Plot D_g over cadence with f_m, f_2 and f_3."""
     cadence_hz, values = read_axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     axes.plot(cadence_hz, values, color=LINE, lw=1.3, marker=".", ms=3)
@@ -65,9 +70,15 @@ def plot_cadence_amplitude(
 
 
 def plot_mean_doppler(
-    axes: Axes, values: npt.ArrayLike, doppler_hz: npt.ArrayLike, *, peak_hz: float | None = None,
-    threshold: float | None = None, normalised: bool = False, title: str = "",
-) -> None:  # fmt: skip
+    axes: Axes,
+    values: npt.ArrayLike,
+    doppler_hz: npt.ArrayLike,
+    *,
+    peak_hz: float | None = None,
+    threshold: float | None = None,
+    normalised: bool = False,
+    title: str = "",
+) -> None:
     """Plot D_1 over Doppler.
     As it is with its peak, or over its maximum with the threshold of the bandwidth. Shapes: values, doppler_hz (K,).
     """
@@ -89,17 +100,25 @@ def plot_mean_doppler(
         height = float(np.interp(peak_hz, frequency, level))
         axes.plot([peak_hz], [height], marker="o", color=ACCENT, ms=5, ls="none")
         axes.annotate(
-            f"torso {peak_hz:.0f} Hz, height {height:.2f}", (peak_hz, height), xytext=(0, 6),
-            textcoords="offset points", ha="center", fontsize=9, color=ACCENT,
-        )  # fmt: skip
+            f"torso {peak_hz:.0f} Hz, height {height:.2f}",
+            (peak_hz, height),
+            xytext=(0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=9,
+            color=ACCENT,
+        )
     if threshold is not None:
         first, last = band_hz(level, frequency, threshold)
         axes.axhline(threshold * float(level.max()), color=REFERENCE, lw=1.0, ls="--")
         axes.axvspan(first, last, color=SHADE, alpha=0.35, lw=0, zorder=0)
         axes.annotate(
-            f"bandwidth {last - first:.0f} Hz", ((first + last) / 2, 1.1 * float(level.max())), ha="center", fontsize=9,
+            f"bandwidth {last - first:.0f} Hz",
+            ((first + last) / 2, 1.1 * float(level.max())),
+            ha="center",
+            fontsize=9,
             color=LINE,
-        )  # fmt: skip
+        )
     draw_grid(axes)
     name_axes(axes, title=title, x=DOPPLER_LABEL, y="amplitude (re maximum)" if normalised else AMPLITUDE_LABEL)
 
@@ -114,6 +133,11 @@ def plot_numbered_marks(axes: Axes, places: Mapping[str, tuple[float, float]]) -
     """Draw numbers in circles at places in data coordinates."""
     for name, place in places.items():
         axes.annotate(
-            name, place, fontsize=10, ha="center", va="center", color="black",
+            name,
+            place,
+            fontsize=10,
+            ha="center",
+            va="center",
+            color="black",
             bbox={"boxstyle": "circle,pad=0.25", "fc": "white", "ec": ACCENT, "lw": 1.4, "alpha": 0.9},
-        )  # fmt: skip
+        )

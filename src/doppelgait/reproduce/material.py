@@ -258,9 +258,10 @@ class Material:
         """
         parts = {"left_foot", "right_foot", "torso"}
         fit = [
-            one for one in self.people()
+            one
+            for one in self.people()
             if one.gait in WALKS and parts <= set(one.motion.parts) and one.strides >= MIN_STRIDES
-        ]  # fmt: skip
+        ]
         return sorted(fit, key=lambda one: (-len(one.motion.markers), -one.seconds)) or self.people()
 
     def person(self) -> NamedMotion:
@@ -280,18 +281,26 @@ class Material:
         return Radar.preset("liland2018", **changes)
 
     def recording(
-        self, body: NamedMotion, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
+        self,
+        body: NamedMotion,
+        *,
+        prf_hz: float = 1000.0,
+        aspect_deg: float = 0.0,
+        range_m: float | None = None,
         duration_s: float | None = None,
-    ) -> Recording:  # fmt: skip
+    ) -> Recording:
         """Simulate a target's noise-free recording.
         The radar is the report's.
         """
         self.use(body)
         key = ("recording", body.name, prf_hz, aspect_deg, range_m, duration_s)
         target = Target(
-            body.motion, label=body.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[body.label]),
-            aspect_deg=aspect_deg, range_m=range_m,
-        )  # fmt: skip
+            body.motion,
+            label=body.label,
+            rcs=RcsSpec(kind="equal", total_m2=RCS_M2[body.label]),
+            aspect_deg=aspect_deg,
+            range_m=range_m,
+        )
         return self.compute_once(
             key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz))
         )
@@ -300,7 +309,10 @@ class Material:
         """Analyse a target in its true gate."""
         seen = self.recording(body, **recording)
         analysis = Analysis(
-            method=method, cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]
-        )  # fmt: skip
+            method=method,
+            cpi_s=cpi_s,
+            window_steepness=STEEPNESS,
+            bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]
+        )
         key = ("result", id(seen), method, cpi_s)  # the recording is stored, so that its id stays unique
         return self.compute_once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])

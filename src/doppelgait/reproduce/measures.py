@@ -99,8 +99,9 @@ def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
     return np.asarray(power @ doppler_hz[near] / np.maximum(power.sum(axis=1), 1e-300))
 
 
-def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *,
-                     reach_hz: float) -> float:  # fmt: skip
+def share_near_lines(
+    signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *, reach_hz: float
+) -> float:
     """Return the power share near Doppler lines.
     Shapes: lines_hz (I, L); line_time_s (I,).
     """

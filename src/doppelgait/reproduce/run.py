@@ -44,16 +44,18 @@ def format_page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
     links = " ".join(
         f'<a href="#{one.entry.number}">{escape(format_heading(one.entry.number))}</a>' for one in outcomes
     )
-    return "\n".join([
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>Liland 2018, reproduced</title>\n<style>{STYLE}</style>\n</head>\n<body>",
-        "<h1>A radar simulator for generating micro-Doppler datasets (Liland 2018): its figures and tables again</h1>",
-        _format_introduction(outcomes, recordings),
-        f"<nav>{links}</nav>",
-        *[_format_section(one) for one in outcomes],
-        "</body>\n</html>\n",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>Liland 2018, reproduced</title>\n<style>{STYLE}</style>\n</head>\n<body>",
+            "<h1>A radar simulator for generating micro-Doppler datasets (Liland 2018): figures and tables</h1>",
+            _format_introduction(outcomes, recordings),
+            f"<nav>{links}</nav>",
+            *[_format_section(one) for one in outcomes],
+            "</body>\n</html>\n",
+        ]
+    )
 
 
 def format_heading(number: str) -> str:
@@ -141,9 +143,14 @@ def _keep_other_entries(out: Path, numbers: set[str]) -> None:
 
 
 def reproduce(
-    out: Path, *, only: Sequence[str] = (), motion_folder: Path | None = None, seed: int = 2018,
-    figure_format: str = "png", progress: Callable[[int, int], None] | None = None,
-) -> list[Outcome]:  # fmt: skip
+    out: Path,
+    *,
+    only: Sequence[str] = (),
+    motion_folder: Path | None = None,
+    seed: int = 2018,
+    figure_format: str = "png",
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Outcome]:
     """Make the report's figures, tables and judgements."""
     check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
     entries = pick(collect_entries(), only)

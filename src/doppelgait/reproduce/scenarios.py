@@ -67,11 +67,14 @@ def tabulate_separation(table: pd.DataFrame, features: Sequence[str], *, classes
             one, other = (part.loc[part["label"] == label, name] for label in classes)
             rows.append(
                 {
-                    "method": method, "feature": name, **{f"median {c}": v.median() for c, v in
-                    zip(classes, (one, other), strict=True)}, "cohens_d": cohens_d(one, other),
-                    "roc_area": roc_area(one, other), "unknown": int(one.isna().sum() + other.isna().sum()),
+                    "method": method,
+                    "feature": name,
+                    **{f"median {c}": v.median() for c, v in zip(classes, (one, other), strict=True)},
+                    "cohens_d": cohens_d(one, other),
+                    "roc_area": roc_area(one, other),
+                    "unknown": int(one.isna().sum() + other.isna().sum()),
                 }
-            )  # fmt: skip
+            )
     return pd.DataFrame(rows)
 
 
@@ -134,9 +137,12 @@ class Scenario:
 
 
 def make_scenarios(
-    people: Mapping[str, Motion], dogs: Mapping[str, Motion], *, seed: int,
+    people: Mapping[str, Motion],
+    dogs: Mapping[str, Motion],
+    *,
+    seed: int,
     counts: tuple[int, int, int] = (N_PEOPLE, N_WALKERS, N_DOGS),
-) -> list[Scenario]:  # fmt: skip
+) -> list[Scenario]:
     """Make the scenarios of the study."""
     n_people, n_walkers, n_dogs = counts
     found = [_make_recorded_scenario("human", name, motion) for name, motion in list(people.items())[:n_people]]
@@ -166,10 +172,16 @@ def _sample_person(seed: int, number: int) -> Scenario:
     speed_mps = float(rng.uniform(low, high))
     seconds = _sample_seconds(speed_mps, rng)
     motion = human_gait(
-        gait="run" if runs else "walk", speed_mps=speed_mps, height_m=person.height_m,
-        walk_ratio=float(np.clip(person.walk_ratio, 0.7, 1.4)), step_time_sd=0.02, step_length_sd=0.02,
-        start_phase=float(rng.random()), duration_s=seconds + 0.1, rng=rng,
-    )  # fmt: skip
+        gait="run" if runs else "walk",
+        speed_mps=speed_mps,
+        height_m=person.height_m,
+        walk_ratio=float(np.clip(person.walk_ratio, 0.7, 1.4)),
+        step_time_sd=0.02,
+        step_length_sd=0.02,
+        start_phase=float(rng.random()),
+        duration_s=seconds + 0.1,
+        rng=rng,
+    )
     return Scenario("model person", "human", f"person {number}", motion, seconds)
 
 
@@ -185,9 +197,14 @@ def _sample_dog(seed: int, number: int) -> Scenario:
     speed_mps = froude_speed_mps(froude, hip_height_m(BUILDS["standard"], withers_m))
     seconds = _sample_seconds(speed_mps, rng)
     motion = quadruped_gait(
-        gait=gait, speed_mps=speed_mps, withers_m=withers_m, stride_variation=0.02,
-        start_phase=float(rng.random()), duration_s=seconds + 0.1, rng=rng,
-    )  # fmt: skip
+        gait=gait,
+        speed_mps=speed_mps,
+        withers_m=withers_m,
+        stride_variation=0.02,
+        start_phase=float(rng.random()),
+        duration_s=seconds + 0.1,
+        rng=rng,
+    )
     return Scenario("model dog", "dog", f"{gait} {number}", motion, seconds)
 
 
@@ -201,9 +218,12 @@ def observe(scenario: Scenario, radar: Radar) -> Recording:
     """
     height_m = PERSON_M if scenario.group == "recorded person" else None
     target = Target(
-        scenario.motion, label=scenario.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[scenario.label]),
-        height_m=height_m, aspect_deg=180.0 if scenario.away else 0.0,
-    )  # fmt: skip
+        scenario.motion,
+        label=scenario.label,
+        rcs=RcsSpec(kind="equal", total_m2=RCS_M2[scenario.label]),
+        height_m=height_m,
+        aspect_deg=180.0 if scenario.away else 0.0,
+    )
     scene = Scene([target], duration_s=scenario.seconds)
     way_m = travel_speed_mps(scenario.motion) * scenario.seconds * (1.0 if height_m is None else 1.5)
     framed = radar.model_copy(update={"range_stop_m": math.ceil(max(5.0 + way_m / 2, way_m + 2.0) + 3.0)})

@@ -29,4 +29,4 @@ __all__ = [
     "place_body_at",
     "scatterer_rcs_m2",
     "side_by_side",
-]  # fmt: skip
+]

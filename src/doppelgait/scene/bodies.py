@@ -57,10 +57,15 @@ def _make_person() -> tuple[Segment, ...]:
     found = [
         _round("head", "head", "neck", "head", radius["head"]),
         Segment(
-            "torso", "torso", "base", "neck",
-            TORSO_M[0] / CHEN_HEIGHT_M, TORSO_M[1] / CHEN_HEIGHT_M, sideways=("left_shoulder", "right_shoulder"),
+            "torso",
+            "torso",
+            "base",
+            "neck",
+            TORSO_M[0] / CHEN_HEIGHT_M,
+            TORSO_M[1] / CHEN_HEIGHT_M,
+            sideways=("left_shoulder", "right_shoulder"),
         ),
-    ]  # fmt: skip
+    ]
     for side in ("left", "right"):
         for name, part, start, end in (
             ("shoulder", "torso", "neck", f"{side}_shoulder"),
@@ -88,18 +93,27 @@ def _make_animal() -> tuple[Segment, ...]:
     ]
     for side in ("left", "right"):
         for name, start, end, radius in (
-            ("fore_upper", "shoulder", "elbow", 0.06), ("fore_lower", "elbow", "carpus", 0.035),
-            ("fore_paw", "carpus", "fore_paw", 0.03), ("hind_upper", "hip", "knee", 0.08),
-            ("hind_lower", "knee", "hock", 0.04), ("hind_paw", "hock", "hind_paw", 0.03),
-        ):  # fmt: skip
+            ("fore_upper", "shoulder", "elbow", 0.06),
+            ("fore_lower", "elbow", "carpus", 0.035),
+            ("fore_paw", "carpus", "fore_paw", 0.03),
+            ("hind_upper", "hip", "knee", 0.08),
+            ("hind_lower", "knee", "hock", 0.04),
+            ("hind_paw", "hock", "hind_paw", 0.03),
+        ):
             found.append(_round(f"{side}_{name}", f"{side}_{name}", f"{side}_{start}", f"{side}_{end}", radius))
     return tuple(found)
 
 
 CHEN_RADII_M = {
-    "head": 0.10, "shoulder": 0.06, "upper_arm": 0.06, "forearm": 0.05, "hip": 0.07, "thigh": 0.07,
-    "shank": 0.06, "foot": 0.05,
-}  # fmt: skip
+    "head": 0.10,
+    "shoulder": 0.06,
+    "upper_arm": 0.06,
+    "forearm": 0.05,
+    "hip": 0.07,
+    "thigh": 0.07,
+    "shank": 0.06,
+    "foot": 0.05,
+}
 """Transverse semi-axes of a person's segments, m (Chen 2011, from the program of his book)."""
 
 TORSO_M = (0.16, 0.13)
@@ -383,9 +397,16 @@ def compute_visible_power(
     points = np.ascontiguousarray(point_m, dtype=np.float64)
     amplitude = np.empty(points.shape[:2])
     sight_amplitudes(
-        points, body.centre_m, body.along, body.across, body.semi_axes_m, np.ascontiguousarray(own),
-        np.asarray(radar_position_m, dtype=np.float64), edge_m, amplitude,
-    )  # fmt: skip
+        points,
+        body.centre_m,
+        body.along,
+        body.across,
+        body.semi_axes_m,
+        np.ascontiguousarray(own),
+        np.asarray(radar_position_m, dtype=np.float64),
+        edge_m,
+        amplitude,
+    )
     return amplitude * amplitude
 
 

@@ -183,9 +183,7 @@ def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Gener
     return [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
 
 
-def tabulate(
-    placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
-) -> xr.Dataset:  # fmt: skip
+def tabulate(placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]) -> xr.Dataset:
     """Observe scatterers at some times as a table.
     It is the table of :func:`assemble` with the ``wanted`` angles.
     """
@@ -194,7 +192,7 @@ def tabulate(
 
 def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
-) -> xr.Dataset:  # fmt: skip
+) -> xr.Dataset:
     """Observe scatterers as :func:`tabulate`, partly on demand.
     Ranges, velocities and angles are computed when they are read.
     """
@@ -214,10 +212,12 @@ def tabulate_later(
     }
     for name in ("rcs", "path_gain"):
         of_body = {"rcs": "rcs_m2", "path_gain": "path_gain"}[name]
-        values[name] = _join_tables([
-            np.empty((times.size, 0)),
-            *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
-        ])  # fmt: skip
+        values[name] = _join_tables(
+            [
+                np.empty((times.size, 0)),
+                *(np.broadcast_to(getattr(body, of_body), (times.size, len(body.motion.markers))) for body in bodies),
+            ]
+        )
     return _label(placed, bodies, times, values)
 
 
@@ -227,18 +227,22 @@ def _fit_splines(bodies: Sequence[Scatterers]) -> list[Spline]:
 
 def _look(
     scene: Scene, bodies: Sequence[Scatterers], splines: Sequence[Spline], times: FloatArray, wanted: Sequence[str]
-) -> dict[str, FloatArray]:  # fmt: skip
+) -> dict[str, FloatArray]:
     """Observe all scatterers together; return arrays by table variable."""
     seen = [_observe(body, spline, scene, times, wanted) for body, spline in zip(bodies, splines, strict=True)]
-    return seen[0] if len(seen) == 1 else {
-        name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)])
-        for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
-    }  # fmt: skip
+    return (
+        seen[0]
+        if len(seen) == 1
+        else {
+            name: _join_tables([np.empty((times.size, 0)), *(table[name] for table in seen)])
+            for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
+        }
+    )
 
 
 def _label(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, values: Mapping[str, Any]
-) -> xr.Dataset:  # fmt: skip
+) -> xr.Dataset:
     columns = {
         "target": np.array(
             [t.number for t, b in zip(placed.targets, bodies, strict=True) for _ in b.motion.markers], int
@@ -267,7 +271,7 @@ def _join_tables(parts: list[FloatArray]) -> FloatArray:
 
 def _observe(
     scatterers: Scatterers, spline: Spline, scene: Scene, times: FloatArray, angles: Sequence[str]
-) -> dict[str, FloatArray]:  # fmt: skip
+) -> dict[str, FloatArray]:
     """Observe a target's scatterers; return arrays by table variable."""
     times = check_times(scatterers.motion, times)
     range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
@@ -288,9 +292,16 @@ def _observe(
         origin = np.asarray(scene.radar_position_m, dtype=np.float64)
         values |= {name: np.empty(range_m.shape) for name in angles}
         angles_of_sight(
-            spline.values, spline.moments, spline.step_s, times, origin, values["azimuth"], values["elevation"],
-            ASPECT_MIN_SPEED_MPS, values.get("aspect"),
-        )  # fmt: skip
+            spline.values,
+            spline.moments,
+            spline.step_s,
+            times,
+            origin,
+            values["azimuth"],
+            values["elevation"],
+            ASPECT_MIN_SPEED_MPS,
+            values.get("aspect"),
+        )
     return values
 
 
@@ -327,7 +338,7 @@ def compute_ranges_and_velocities(
 
 def _compute_ranges(
     spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+) -> tuple[FloatArray, FloatArray]:
     from doppelgait.core.kernels import spline as kernel
 
     range_m = np.empty((times.size, spline.values.shape[1] // 3))
@@ -368,9 +379,16 @@ def compute_body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.Arra
     range_m, approach_mps = _compute_ranges(spline, times, scene.radar_position_m)
     azimuth_rad, elevation_rad, aspect_rad = np.empty((3, times.size, 1))
     angles_of_sight(
-        spline.values, spline.moments, spline.step_s, times, origin, azimuth_rad, elevation_rad, ASPECT_MIN_SPEED_MPS,
+        spline.values,
+        spline.moments,
+        spline.step_s,
+        times,
+        origin,
+        azimuth_rad,
+        elevation_rad,
+        ASPECT_MIN_SPEED_MPS,
         aspect_rad,
-    )  # fmt: skip
+    )
     return LineOfSight(*(part[:, 0] for part in (range_m, approach_mps, aspect_rad, azimuth_rad, elevation_rad)))
 
 

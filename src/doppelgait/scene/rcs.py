@@ -45,26 +45,52 @@ MOST_NAMES = 8
 """Maximum number of point names in a warning."""
 
 PART_WEIGHTS = {
-    "torso": 0.50, "head": 0.10,
-    "left_thigh": 0.07, "right_thigh": 0.07, "left_shank": 0.055, "right_shank": 0.055,
-    "left_foot": 0.015, "right_foot": 0.015, "left_upper_arm": 0.03, "right_upper_arm": 0.03,
-    "left_forearm": 0.02, "right_forearm": 0.02, "left_hand": 0.01, "right_hand": 0.01,
-    "trunk": 0.65, "neck": 0.06, "tail": 0.01,
-    "left_fore_upper": 0.03, "right_fore_upper": 0.03, "left_fore_lower": 0.015, "right_fore_lower": 0.015,
-    "left_fore_paw": 0.005, "right_fore_paw": 0.005,
-    "left_hind_upper": 0.04, "right_hind_upper": 0.04, "left_hind_lower": 0.015, "right_hind_lower": 0.015,
-    "left_hind_paw": 0.005, "right_hind_paw": 0.005,
-}  # fmt: skip
+    "torso": 0.50,
+    "head": 0.10,
+    "left_thigh": 0.07,
+    "right_thigh": 0.07,
+    "left_shank": 0.055,
+    "right_shank": 0.055,
+    "left_foot": 0.015,
+    "right_foot": 0.015,
+    "left_upper_arm": 0.03,
+    "right_upper_arm": 0.03,
+    "left_forearm": 0.02,
+    "right_forearm": 0.02,
+    "left_hand": 0.01,
+    "right_hand": 0.01,
+    "trunk": 0.65,
+    "neck": 0.06,
+    "tail": 0.01,
+    "left_fore_upper": 0.03,
+    "right_fore_upper": 0.03,
+    "left_fore_lower": 0.015,
+    "right_fore_lower": 0.015,
+    "left_fore_paw": 0.005,
+    "right_fore_paw": 0.005,
+    "left_hind_upper": 0.04,
+    "right_hind_upper": 0.04,
+    "left_hind_lower": 0.015,
+    "right_hind_lower": 0.015,
+    "left_hind_paw": 0.005,
+    "right_hind_paw": 0.005,
+}
 """Share of the total by body part (E-08; assumed by area for dogs), normalised over the parts that have points."""
 
 HEIRS = {
     f"{side}_{part}": f"{side}_{heir}"
     for side in ("left", "right")
     for part, heir in (
-        ("forearm", "hand"), ("hand", "forearm"), ("foot", "shank"), ("shank", "foot"),
-        ("fore_paw", "fore_lower"), ("fore_lower", "fore_paw"), ("hind_paw", "hind_lower"), ("hind_lower", "hind_paw"),
+        ("forearm", "hand"),
+        ("hand", "forearm"),
+        ("foot", "shank"),
+        ("shank", "foot"),
+        ("fore_paw", "fore_lower"),
+        ("fore_lower", "fore_paw"),
+        ("hind_paw", "hind_lower"),
+        ("hind_lower", "hind_paw"),
     )
-} | {"neck": "trunk", "tail": "trunk"}  # fmt: skip
+} | {"neck": "trunk", "tail": "trunk"}
 """Part that gets the share of a part without points, by that part."""
 
 

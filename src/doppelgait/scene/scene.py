@@ -315,10 +315,12 @@ class Scene(FrozenModel):
         if self.duration_s is not None:
             return f"{self.duration_s:g} s"
         if any(
-            target.path is not None or target.vary is not None or target.scaling == "froude"
+            target.path is not None
+            or target.vary is not None
+            or target.scaling == "froude"
             or (not isinstance(target.motion, Motion) and target.motion["kind"] == "file")
             for target in self.targets
-        ):  # fmt: skip
+        ):
             return "that of the shortest motion"
         lasts_s = (target.motion.duration_s for target in self.targets if isinstance(target.motion, Motion))
         return f"{min(lasts_s, default=DEFAULT_DURATION_S):g} s"

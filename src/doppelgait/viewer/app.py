@@ -51,11 +51,17 @@ MOST_URL_BYTES = 4096
 METHODS = ("GET", "HEAD")
 POLICY = "; ".join(
     (
-        "default-src 'none'", "script-src 'self'", "style-src 'self'", "img-src 'self' blob: data:",
-        "media-src 'self' blob:", "connect-src 'self'", "base-uri 'none'", "form-action 'none'",
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' blob: data:",
+        "media-src 'self' blob:",
+        "connect-src 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
         "frame-ancestors 'none'",
     )
-)  # fmt: skip
+)
 """Content security policy: no content of other servers, and no inline scripts."""
 ANSWER_HEADERS = (
     (b"content-security-policy", POLICY.encode()),

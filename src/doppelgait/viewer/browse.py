@@ -27,9 +27,12 @@ if TYPE_CHECKING:
 Rows = npt.NDArray[np.int64]
 
 FILTERED = (
-    ("label",), ("split",), ("truth_ground_speed_mps", "quality_ground_speed_mps"),
-    ("snr_frame_db", "quality_snr_mu_db"), ("truth_aspect_deg", "quality_aspect_deg"),
-)  # fmt: skip
+    ("label",),
+    ("split",),
+    ("truth_ground_speed_mps", "quality_ground_speed_mps"),
+    ("snr_frame_db", "quality_snr_mu_db"),
+    ("truth_aspect_deg", "quality_aspect_deg"),
+)
 """Filters that are shown at the start: the first column of each group with known values; measured data have no truth.
 """
 SHOWN = (*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz", "quality_flags")
@@ -136,12 +139,15 @@ class Browser:
             "n_matching": int(found.size),
             "n_known": int(known.size),
         }
-        return pack(facts, {
-            "x": self.columns.numbers(x)[chosen].astype(np.float32),
-            "y": self.columns.numbers(y)[chosen].astype(np.float32),
-            "class": numbers[chosen].astype(np.min_scalar_type(max(len(self.classes) - 1, 0))),
-            "row": chosen.astype(np.int32),
-        })  # fmt: skip
+        return pack(
+            facts,
+            {
+                "x": self.columns.numbers(x)[chosen].astype(np.float32),
+                "y": self.columns.numbers(y)[chosen].astype(np.float32),
+                "class": numbers[chosen].astype(np.min_scalar_type(max(len(self.classes) - 1, 0))),
+                "row": chosen.astype(np.int32),
+            },
+        )
 
     def make_sheet(self, query: Pairs) -> bytes:
         """Return small signatures of one page of the matching rows."""

@@ -18,9 +18,18 @@ from doppelgait.dataset.example import parse_unit, suggest_names
 from doppelgait.viewer.settings import Pairs, parse_number
 
 NOT_OFFERED = (
-    "motion", "environment", "impairments", "warnings", "notes", "citation", "shard", "row", "shard_sha256",
-    "recording_sha256", "others",
-)  # fmt: skip
+    "motion",
+    "environment",
+    "impairments",
+    "warnings",
+    "notes",
+    "citation",
+    "shard",
+    "row",
+    "shard_sha256",
+    "recording_sha256",
+    "others",
+)
 """Columns that are not offered: long texts, and locations of arrays."""
 MOST_VALUES = 40
 """Largest number of values of a category; all of them must fit into an address."""
@@ -31,9 +40,12 @@ RESERVED = ("sort", "descending", "offset", "limit", "x", "y", "text", "flag", "
 UNKNOWN = "(none)"
 """Value of a category in rows where it is unknown."""
 GROUPS = {
-    "truth_": "truth", "feature_": "six features", "extended_": "extended features", "quality_": "quality",
+    "truth_": "truth",
+    "feature_": "six features",
+    "extended_": "extended features",
+    "quality_": "quality",
     "sd_": "standard deviation",
-}  # fmt: skip
+}
 """Groups of columns by the prefix of their names."""
 
 OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"), "rcs_total_m2": ("total RCS", "m²")}

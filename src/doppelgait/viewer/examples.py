@@ -64,8 +64,11 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
     """Reject an example that uses files outside the user's folder."""
     motion = resolve(
         plan.classes[find_class(plan, number)[0]].motion,
-        seed=plan.dataset.seed, example=number, key="motion", turn=find_class(plan, number)[1],
-    )  # fmt: skip
+        seed=plan.dataset.seed,
+        example=number,
+        key="motion",
+        turn=find_class(plan, number)[1],
+    )
     named = [
         *_find_motion_files([motion, plan.companions, plan.background]),
         *[(file, "preset") for file in list_radar_files(plan.radar) if isinstance(file, str)],
@@ -193,9 +196,12 @@ class ExampleRuns:
         recording, gate = run.recording if view.gate == "truth" else None, None
         if recording is not None and place < len(recording.truth):
             gate = Gate.from_truth(
-                recording.truth[place], recording.slow_time_s, run.settings.analysis,
-                wavelength_m=recording.radar.wavelength_m, error_m=_number(example.row.get("gate_error_m")) or 0.0,
-            )  # fmt: skip
+                recording.truth[place],
+                recording.slow_time_s,
+                run.settings.analysis,
+                wavelength_m=recording.radar.wavelength_m,
+                error_m=_number(example.row.get("gate_error_m")) or 0.0,
+            )
         return replace(
             view,
             signature=signature,

@@ -172,8 +172,9 @@ class LimitedServer(uvicorn.Server):
             print(
                 f"note: the viewer accepts no further connections at present: {error.strerror}; it continues when "
                 "connections are closed ('ulimit -n' shows how many files may be open)",
-                file=sys.stderr, flush=True,
-            )  # fmt: skip
+                file=sys.stderr,
+                flush=True,
+            )
         self._lacked_s = loop.time()
 
     def _close_some(self) -> None:
@@ -190,8 +191,16 @@ def make_server(app: App, limits: Limits | None = None) -> LimitedServer:
     # uvicorn accepts any callable with these parameters
     protocol = cast("type[asyncio.Protocol]", partial(LimitedConnection, limits=known, waiting=waiting))
     config = uvicorn.Config(
-        cast("Any", app), loop="asyncio", http=protocol, ws="none", lifespan="on", access_log=False,
-        server_header=False, log_level="critical", backlog=TAKEN_AT_ONCE, timeout_graceful_shutdown=END_S,
+        cast("Any", app),
+        loop="asyncio",
+        http=protocol,
+        ws="none",
+        lifespan="on",
+        access_log=False,
+        server_header=False,
+        log_level="critical",
+        backlog=TAKEN_AT_ONCE,
+        timeout_graceful_shutdown=END_S,
         timeout_keep_alive=cast("int", known.idle_s),
-    )  # fmt: skip
+    )
     return LimitedServer(config, waiting)

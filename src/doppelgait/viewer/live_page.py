@@ -42,9 +42,13 @@ class Rolling:
 
     def __init__(self, source: str, radar: str, model: Model) -> None:
         self._facts = {
-            "source": source, "radar": radar, "classes": list(model.facts.classes), "alarm_class": model.facts.alarm,
-            "alarm_threshold": model.facts.alarm_threshold, "abstain_below": model.facts.abstain_below,
-        }  # fmt: skip
+            "source": source,
+            "radar": radar,
+            "classes": list(model.facts.classes),
+            "alarm_class": model.facts.alarm,
+            "alarm_threshold": model.facts.alarm_threshold,
+            "abstain_below": model.facts.abstain_below,
+        }
         self._alarm = model.facts.alarm
         self._lock = threading.Lock()
         self._columns: dict[str, deque[tuple[int, npt.NDArray[np.float32]]]] = {
@@ -58,9 +62,13 @@ class Rolling:
         self._stop_s: float | None = None
 
     def add(
-        self, window: Window, decisions: Sequence[TrackDecision], results: Sequence[Result], counts: Mapping[str, Any],
+        self,
+        window: Window,
+        decisions: Sequence[TrackDecision],
+        results: Sequence[Result],
+        counts: Mapping[str, Any],
         processor_share: float,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Add the new part of a window."""
         recording = window.recording
         moving = recording.samples.matrix - recording.samples.matrix.mean(axis=0)
@@ -78,12 +86,19 @@ class Rolling:
                 times_s = window.start_s + read_axis(signature, "time")
                 self._put("signature", times_s, signature.values, read_axis(signature, "doppler"))
             for one in decisions:
-                self._marks.append({
-                    "track": one.track, "time_s": one.stop_s, "label": one.label, "reason": one.reason,
-                    "probability": one.probability, "alarm": one.alarm, "range_m": one.range_m,
-                    "approach_mps": one.approach_mps,
-                    "evidence": None if alarm is None else one.probabilities[alarm],
-                })  # fmt: skip
+                self._marks.append(
+                    {
+                        "track": one.track,
+                        "time_s": one.stop_s,
+                        "label": one.label,
+                        "reason": one.reason,
+                        "probability": one.probability,
+                        "alarm": one.alarm,
+                        "range_m": one.range_m,
+                        "approach_mps": one.approach_mps,
+                        "evidence": None if alarm is None else one.probabilities[alarm],
+                    }
+                )
             first_s = window.stop_s - SPAN_S
             while self._marks and self._marks[0]["time_s"] < first_s:
                 self._marks.popleft()

@@ -13,9 +13,13 @@ from doppelgait.viewer.server import View, check_installed
 
 
 def view(
-    source: Recording | str | Path, *, gate: GateChoice | str | None = None, analysis: Analysis | None = None,
-    tracking: Tracking | None = None, port: int = 0,
-) -> View:  # fmt: skip
+    source: Recording | str | Path,
+    *,
+    gate: GateChoice | str | None = None,
+    analysis: Analysis | None = None,
+    tracking: Tracking | None = None,
+    port: int = 0,
+) -> View:
     """Show a recording, result file or dataset in the viewer.
 
     Only this computer can reach the page. In a notebook, make it the last expression of a cell to show the page; in a

@@ -39,9 +39,15 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 MOST_LINE_POINTS = 2000
 TRUTH_FACTS = (
-    "label", "gait", "subject", "height_m", "ground_speed_mps", "stride_frequency_hz", "step_frequency_hz",
+    "label",
+    "gait",
+    "subject",
+    "height_m",
+    "ground_speed_mps",
+    "stride_frequency_hz",
+    "step_frequency_hz",
     "gait_frequency_hz",
-)  # fmt: skip
+)
 
 
 def make_recording_payload(run: Run, gate: GateChoice | None, *, changes: Changes = ()) -> bytes:

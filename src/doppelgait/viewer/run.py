@@ -138,8 +138,13 @@ T = TypeVar("T")
 Picture = tuple[dict[str, Any], npt.NDArray[np.uint16]]
 Kind = Literal["recording", "result", "example", "try"]
 TRACK_FACTS = (
-    "track_start_s", "track_stop_s", "track_confirmed_at_s", "track_confidence", "track_range_m", "n_pieces",
-)  # fmt: skip
+    "track_start_s",
+    "track_stop_s",
+    "track_confirmed_at_s",
+    "track_confidence",
+    "track_range_m",
+    "n_pieces",
+)
 """Quality of the whole track, repeated for each of its segments."""
 MOST_ANALYSES = 2
 """Largest number of stored analyses of a run, by gate and settings; an analysis of a minute at 1 kHz needs 150 MB."""
@@ -331,11 +336,14 @@ def make_view(result: Result, truths: Truths) -> TargetView:
     facts = {key: value for key, value in result.quality.items() if key in TRACK_FACTS}
     views = tuple(
         replace(
-            _view(segment, truths), segments=spans, segment=number, gate_limits=result.gate,
+            _view(segment, truths),
+            segments=spans,
+            segment=number,
+            gate_limits=result.gate,
             quality={**segment.quality, **facts},
         )
         for number, segment in enumerate(result.segments)
-    )  # fmt: skip
+    )
     return replace(shown, segment=spans.index(find_span(result)), segment_views=views)
 
 

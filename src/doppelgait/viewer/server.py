@@ -31,9 +31,12 @@ NO_SERVER = "the viewer needs starlette and uvicorn, which are not installed: pi
 
 
 def serve(
-    opened: OpenedSource | None, *, settings: Settings | None = None, port: int = 0,
+    opened: OpenedSource | None,
+    *,
+    settings: Settings | None = None,
+    port: int = 0,
     on_ready: Callable[[str], None] = lambda url: None,
-) -> None:  # fmt: skip
+) -> None:
     """Serve the viewer until it is interrupted.
     Only this computer can reach it.
     """

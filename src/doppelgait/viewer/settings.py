@@ -94,6 +94,9 @@ def parse_settings(gate: str | None, changes: Sequence[str], options: Sequence[s
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     analysis = validate(Analysis, table, where="analysis")
     return Settings(
-        gate=Gate.parse(gate or "track", where="--gate"), analysis=analysis, tracking=tracking,
-        options=apply_overrides({}, options), gate_asked=gate is not None,
-    )  # fmt: skip
+        gate=Gate.parse(gate or "track", where="--gate"),
+        analysis=analysis,
+        tracking=tracking,
+        options=apply_overrides({}, options),
+        gate_asked=gate is not None,
+    )

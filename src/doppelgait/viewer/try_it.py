@@ -123,9 +123,12 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     values = parse_controls(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)
     return Run(
-        name=f"Try it: {TARGETS[str(values['who'])]}", kind="try", settings=settings, load=lambda: recording,
+        name=f"Try it: {TARGETS[str(values['who'])]}",
+        kind="try",
+        settings=settings,
+        load=lambda: recording,
         notes=(*format_moved_note(values), *notes),
-    )  # fmt: skip
+    )
 
 
 def answer_scene(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:

@@ -35,9 +35,15 @@ def plot_domains(
             level_db = level_db - np.median(level_db)
             extent = (0.0, float(len(level_db)), float(axis[0]), float(axis[-1]))
             image = axes.imshow(
-                level_db.T, origin="lower", aspect="auto", extent=extent, vmin=-10.0, vmax=25.0, cmap=MAP_COLOURS,
+                level_db.T,
+                origin="lower",
+                aspect="auto",
+                extent=extent,
+                vmin=-10.0,
+                vmax=25.0,
+                cmap=MAP_COLOURS,
                 interpolation="nearest",
-            )  # fmt: skip
+            )
             axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
             axes.set_ylabel(label if column == 0 else "", fontsize=9)
             step = "pulse number" if label == RANGE_LABEL else "window number"

@@ -141,9 +141,14 @@ def compute_cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
 
 
 def plot_map(
-    axes: Axes, *, x: npt.ArrayLike, y: npt.ArrayLike, level_db: FloatArray, limits_db: tuple[float, float],
+    axes: Axes,
+    *,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    level_db: FloatArray,
+    limits_db: tuple[float, float],
     colours: str = MAP_COLOURS,
-) -> ScalarMappable:  # fmt: skip
+) -> ScalarMappable:
     """Plot levels of shape (y, x), clipped to the limits."""
     clipped = np.clip(level_db, *limits_db)
     palette = colormaps[colours].with_extremes(bad=NO_DATA)

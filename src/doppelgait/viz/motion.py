@@ -159,9 +159,14 @@ def plot_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: 
         label = group if group not in labelled else None
         labelled.add(group)
         axes.plot(
-            lines.time_s, lines.values[:, column], color=PART_COLOURS[group], lw=width, alpha=0.8,
-            ls=_choose_dash(int(lines.target[column])), label=label,
-        )  # fmt: skip
+            lines.time_s,
+            lines.values[:, column],
+            color=PART_COLOURS[group],
+            lw=width,
+            alpha=0.8,
+            ls=_choose_dash(int(lines.target[column])),
+            label=label,
+        )
 
 
 def _choose_dash(number: int) -> str:

@@ -81,10 +81,15 @@ def overview(
         None if gait_frequency_hz is None or ratio is None else ratio * gait_frequency_hz for ratio in ratios
     ]
     cadence_image = plot_cadence_map(
-        left, cadence_map, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz, max_cadence_hz=None,
-        db_range=None, doppler_hz=None if from_main_line(cadence_map) else limits_hz,
+        left,
+        cadence_map,
+        gait_frequency_hz=gait_frequency_hz,
+        harmonics_hz=harmonics_hz,
+        max_cadence_hz=None,
+        db_range=None,
+        doppler_hz=None if from_main_line(cadence_map) else limits_hz,
         doubtful="gait_frequency_hz" in doubtful,
-    )  # fmt: skip
+    )
     name_axes(left, title="Cadence-velocity diagram", x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
     add_velocity_axis(left, wavelength_m(cadence_map), label=SHORT_VELOCITY_LABEL)
     add_colour_bar(cadence_image, left, quantity="magnitude")

@@ -107,18 +107,31 @@ def cadence_spectrum(
     """
     figure, axes = make_axes(ax, height_in=4.6)
     plot_cadence_spectrum(
-        axes, spectrum, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
-        max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude, doubtful=doubtful,
-    )  # fmt: skip
+        axes,
+        spectrum,
+        gait_frequency_hz=gait_frequency_hz,
+        harmonics_hz=harmonics_hz,
+        max_cadence_hz=max_cadence_hz,
+        db_range=db_range,
+        amplitude=amplitude,
+        doubtful=doubtful,
+    )
     name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
     place_legend_below(figure, axes, inside=ax is not None)
     return figure
 
 
 def plot_cadence_spectrum(
-    axes: Axes, spectrum: xr.DataArray, *, gait_frequency_hz: float | None, harmonics_hz: Sequence[float | None],
-    max_cadence_hz: float | None, db_range: float, amplitude: bool, doubtful: bool = False,
-) -> None:  # fmt: skip
+    axes: Axes,
+    spectrum: xr.DataArray,
+    *,
+    gait_frequency_hz: float | None,
+    harmonics_hz: Sequence[float | None],
+    max_cadence_hz: float | None,
+    db_range: float,
+    amplitude: bool,
+    doubtful: bool = False,
+) -> None:
     """Plot curve and marks of :func:`cadence_spectrum` on existing axes.
     A doubtful gait frequency has a question mark.
     """
@@ -150,9 +163,15 @@ def mark_harmonics(
 def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str, *, label: str | None = None) -> None:
     axes.plot([cadence_hz], [level_db], marker="o", color=ACCENT, ms=5, ls="none", label=label)
     axes.annotate(
-        text, (cadence_hz, level_db), xytext=(0, 7), textcoords="offset points", ha="center", va="bottom",
-        fontsize=9, color=ACCENT,
-    )  # fmt: skip
+        text,
+        (cadence_hz, level_db),
+        xytext=(0, 7),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=9,
+        color=ACCENT,
+    )
 
 
 def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
@@ -248,9 +267,14 @@ def mean_doppler_spectrum(
         edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
         axes.axvspan(*edges_hz, color=SHADE, alpha=0.45, lw=0, zorder=0)
         axes.annotate(
-            f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz", (sum(edges_hz) / 2.0, 0.03),
-            xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=9, color=LINE,
-        )  # fmt: skip
+            f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz",
+            (sum(edges_hz) / 2.0, 0.03),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            va="bottom",
+            fontsize=9,
+            color=LINE,
+        )
     if threshold is not None:
         threshold_level_db = float(power_to_db(threshold))
         axes.axhline(threshold_level_db, color=REFERENCE, lw=1.0, ls="--")
@@ -345,9 +369,14 @@ def cadence_map(
     """
     figure, axes = make_axes(ax)
     image = plot_cadence_map(
-        axes, cadence_map, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
-        max_cadence_hz=max_cadence_hz, db_range=db_range, doubtful=doubtful,
-    )  # fmt: skip
+        axes,
+        cadence_map,
+        gait_frequency_hz=gait_frequency_hz,
+        harmonics_hz=harmonics_hz,
+        max_cadence_hz=max_cadence_hz,
+        db_range=db_range,
+        doubtful=doubtful,
+    )
     name_axes(axes, title=title, x=CADENCE_LABEL, y=label_cadence_map(cadence_map))
     add_velocity_axis(axes, wavelength_m(cadence_map))
     add_colour_bar(image, axes, quantity="magnitude")
@@ -406,9 +435,14 @@ def plot_cadence_map(
         for number, value in marked_hz.items():
             axes.axvline(value, ymin=0.94, color=LINE_COLOURS[0], lw=1.6, label=label if number == 1 else None)
             axes.annotate(
-                str(number), (value, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0],
-                fontsize=9, ha="center", va="top",
-            )  # fmt: skip
+                str(number),
+                (value, 0.93),
+                xycoords=("data", "axes fraction"),
+                color=LINE_COLOURS[0],
+                fontsize=9,
+                ha="center",
+                va="top",
+            )
     return image
 
 

@@ -135,9 +135,7 @@ def make_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: b
     return figure
 
 
-def make_axes(
-    ax: Axes | None = None, *, width_in: float = 10.5, height_in: float = 5.5
-) -> tuple[Figure, Axes]:  # fmt: skip
+def make_axes(ax: Axes | None = None, *, width_in: float = 10.5, height_in: float = 5.5) -> tuple[Figure, Axes]:
     """Make a figure with one pair of axes.
     With ``ax``, these axes and their figure are returned.
     """
@@ -183,10 +181,14 @@ def legend_under(axes: Axes, *, columns: int = 1) -> None:
     if axes.get_legend_handles_labels()[0]:
         strengthen(
             axes.legend(
-                loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, fontsize=8.5, frameon=False,
+                loc="upper center",
+                bbox_to_anchor=(0.5, -0.16),
+                ncols=columns,
+                fontsize=8.5,
+                frameon=False,
                 borderaxespad=0.0,
             )
-        )  # fmt: skip
+        )
 
 
 def strengthen(legend: Legend) -> None:

@@ -121,9 +121,14 @@ def feature_scatter(
         members = classes == name
         chosen = members & known
         axes.scatter(
-            values[x][chosen], values[y][chosen], s=size, color=colour, alpha=0.65, lw=0,
+            values[x][chosen],
+            values[y][chosen],
+            s=size,
+            color=colour,
+            alpha=0.65,
+            lw=0,
             label=_count(name, known, members),
-        )  # fmt: skip
+        )
     draw_grid(axes)
     x_label, y_label = label_quantity(x), label_quantity(y)
     words = f"{describe_quantity(y)[0]} against {describe_quantity(x)[0]}"

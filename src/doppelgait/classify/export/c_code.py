@@ -80,11 +80,16 @@ class Sources:
         learned = [part[0] for part in self.parts]
         told = [len(one.told) for one in learned if isinstance(one, Linear | Kernel)]
         found: dict[str, Any] = {
-            "CLASSES": len(facts.classes), "FEATURES": len(facts.names), "MEMBERS": len(self.parts),
-            "NETWORKS": len(self.networks), "HAS_COLUMNS": int(bool(told)), "MOST_TOLD": max(told, default=0) or 1,
-            "HAS_TREES": int(any(isinstance(one, Trees) for one in learned)), "INT8": int(self.integers),
+            "CLASSES": len(facts.classes),
+            "FEATURES": len(facts.names),
+            "MEMBERS": len(self.parts),
+            "NETWORKS": len(self.networks),
+            "HAS_COLUMNS": int(bool(told)),
+            "MOST_TOLD": max(told, default=0) or 1,
+            "HAS_TREES": int(any(isinstance(one, Trees) for one in learned)),
+            "INT8": int(self.integers),
             "ABSTAIN_BELOW": _format_float(facts.abstain_below),
-        }  # fmt: skip
+        }
         if facts.alarm is not None and facts.alarm_threshold is not None:
             found |= {
                 "ALARM_CLASS": facts.classes.index(facts.alarm),
@@ -152,9 +157,13 @@ class Sources:
             words = _wrap([f'"{name}"' for name in facts.names])
             self._tables.append(f"const char *const dg_feature_names[DG_FEATURES] = {{\n{words}\n}};")
         makers: dict[type, Any] = {
-            Constant: self._add_shares, Linear: self._add_columns, Kernel: self._add_columns, Trees: self._add_trees,
-            Network: self._add_network, IntegerNetwork: self._add_network,
-        }  # fmt: skip
+            Constant: self._add_shares,
+            Linear: self._add_columns,
+            Kernel: self._add_columns,
+            Trees: self._add_trees,
+            Network: self._add_network,
+            IntegerNetwork: self._add_network,
+        }
         for number, (learned, weight, slope, shift) in enumerate(self.parts):
             kind, model = makers[type(learned)](learned, f"m{number}")
             moved = self._add_array(f"m{number}_shift", "float", shift)
@@ -218,8 +227,11 @@ class Sources:
             others: list[Any]
             if isinstance(learned, IntegerNetwork):
                 kernel, multiplier, offset, shift = learned.layers[n]
-                others = [self._add_array(f"{name}_multiplier{n}", "int32_t", multiplier),
-                          self._add_array(f"{name}_offset{n}", "int64_t", offset), shift]  # fmt: skip
+                others = [
+                    self._add_array(f"{name}_multiplier{n}", "int32_t", multiplier),
+                    self._add_array(f"{name}_offset{n}", "int64_t", offset),
+                    shift,
+                ]
             else:
                 kernel, scale, bias = layer
                 others = [

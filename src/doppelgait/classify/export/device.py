@@ -80,9 +80,15 @@ class Device:
 
 
 def plan_device(
-    model: Model, patch: Patch, *, prf_hz: float | None, carrier_hz: float | None, window_s: float | None, bins: int,
+    model: Model,
+    patch: Patch,
+    *,
+    prf_hz: float | None,
+    carrier_hz: float | None,
+    window_s: float | None,
+    bins: int,
     still_time_s: float | None,
-) -> Device:  # fmt: skip
+) -> Device:
     """Plan the processing of a radar's samples for a model."""
     analysis = Analysis.model_validate(model.facts.analysis)
     if analysis.method != "standard" or analysis.gate_doppler_hz is not None:
@@ -94,8 +100,18 @@ def plan_device(
     n_columns = max(patch.n_time, round(window_s / patch.column_s))
     transform = plan_transform(analysis, n_pulses=10**9, prf_hz=prf)
     n_stft = math.ceil(n_columns * patch.column_s * prf / transform.hop - 1e-6)
-    return Device(prf, wavelength_m, bins, patch, transform.window, transform.hop, transform.n_doppler_bins, n_columns,
-                  n_stft, still_time_s)  # fmt: skip
+    return Device(
+        prf,
+        wavelength_m,
+        bins,
+        patch,
+        transform.window,
+        transform.hop,
+        transform.n_doppler_bins,
+        n_columns,
+        n_stft,
+        still_time_s,
+    )
 
 
 def _read_condition(model: Model, name: str, stated: float | None, option: str) -> float:
@@ -131,9 +147,11 @@ def select_networks(model: Model) -> Model | None:
         return model if seeing else None
     weights = np.array([weight for _, weight, _, _ in seeing])
     joined = Ensemble(
-        tuple(part[0] for part in seeing), weights / weights.sum(), np.array([part[2] for part in seeing]),
+        tuple(part[0] for part in seeing),
+        weights / weights.sum(),
+        np.array([part[2] for part in seeing]),
         np.array([part[3] for part in seeing]),
-    )  # fmt: skip
+    )
     unchanged = Calibration(1.0, np.zeros(len(model.facts.classes)), 0)
     facts = model.facts.model_copy(update={"names": (), "features": "signature"})
     nothing = np.zeros(0)

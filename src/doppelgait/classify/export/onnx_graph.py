@@ -66,9 +66,13 @@ class _Graph:
     def member(self, learned: Learned, name: str) -> str:
         """Add a trained model; return its log-probabilities in double precision."""
         makers: dict[type, Any] = {
-            Constant: self.shares, Linear: self.add_linear, Kernel: self.kernel, Trees: self.add_trees,
-            Network: self.add_network, Ensemble: self.add_ensemble,
-        }  # fmt: skip
+            Constant: self.shares,
+            Linear: self.add_linear,
+            Kernel: self.kernel,
+            Trees: self.add_trees,
+            Network: self.add_network,
+            Ensemble: self.add_ensemble,
+        }
         made: str = makers[type(learned)](learned, name)
         return made
 
@@ -150,8 +154,16 @@ class _Graph:
             thresholds += learned.threshold[order].tolist()
             for node in order:
                 modes.append("BRANCH_LEQ" if learned.feature[node] >= 0 else "LEAF")
-                rows.append((tree, place[node], max(learned.feature[node], 0), place.get(learned.left[node], 0),
-                             place.get(learned.right[node], 0), learned.unknown_left[node]))  # fmt: skip
+                rows.append(
+                    (
+                        tree,
+                        place[node],
+                        max(learned.feature[node], 0),
+                        place.get(learned.left[node], 0),
+                        place.get(learned.right[node], 0),
+                        learned.unknown_left[node],
+                    )
+                )
                 if learned.feature[node] < 0:
                     leaf = (tree, place[node], tree % learned.root.shape[1], learned.value[node])
                     for key, value in zip(leaves, leaf, strict=True):
@@ -161,11 +173,17 @@ class _Graph:
         attributes = {f"nodes_{key}": values for key, values in zip(names, integers, strict=True)}
         attributes |= {f"target_{key}": values for key, values in leaves.items()}
         scores = self.add(
-            "TreeEnsembleRegressor", [self.features()], domain="ai.onnx.ml", aggregate_function="SUM",
-            n_targets=learned.root.shape[1], nodes_modes=modes, post_transform="NONE",
+            "TreeEnsembleRegressor",
+            [self.features()],
+            domain="ai.onnx.ml",
+            aggregate_function="SUM",
+            n_targets=learned.root.shape[1],
+            nodes_modes=modes,
+            post_transform="NONE",
             base_values=learned.start.astype(np.float32).tolist(),
-            nodes_values=round_threshold(thresholds).tolist(), **attributes,
-        )  # fmt: skip
+            nodes_values=round_threshold(thresholds).tolist(),
+            **attributes,
+        )
         scores = self.add("Cast", [scores], to=self.onnx.TensorProto.DOUBLE)
         return self.add_log_softmax(scores, learned.root.shape[1])
 

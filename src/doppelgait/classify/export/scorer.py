@@ -156,9 +156,15 @@ def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
 
 
 def signature(
-    samples: Array, *, prf_hz: float, cpi_s: float = 0.1, window_steepness: float = 0.4, taper: Array | None = None,
-    hop: int | None = None, n_doppler: int | None = None,
-) -> tuple[Array, float, Array]:  # fmt: skip
+    samples: Array,
+    *,
+    prf_hz: float,
+    cpi_s: float = 0.1,
+    window_steepness: float = 0.4,
+    taper: Array | None = None,
+    hop: int | None = None,
+    n_doppler: int | None = None,
+) -> tuple[Array, float, Array]:
     """Compute the short-time power of one gate (E-24, E-27)."""
     if taper is None:
         cpi = 2 * int(cpi_s * prf_hz / 2.0 + 1e-9) + 1

@@ -147,9 +147,13 @@ def export_model(model: Model, form: str, folder: str | Path, settings: CSetting
             save_model(model, partial / "model.npz")
         files = sorted(path.name for path in partial.iterdir())
         facts: dict[str, Any] = {
-            "format": FORMAT, "form": form, "doppelgait": __version__, "files": files,
-            "model": model.facts.model_dump(mode="json"), **found,
-        }  # fmt: skip
+            "format": FORMAT,
+            "form": form,
+            "doppelgait": __version__,
+            "files": files,
+            "model": model.facts.model_dump(mode="json"),
+            **found,
+        }
         (partial / LISTING).write_text(json.dumps(facts, indent=2, sort_keys=True) + "\n", encoding="utf-8")
     return Export(out, tuple(files), found)
 
@@ -165,9 +169,14 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
     scaling: list[Any] = []
     if networks:
         device = plan_device(
-            model, networks[0].patch, prf_hz=settings.prf_hz, carrier_hz=settings.carrier_hz,
-            window_s=settings.window_s, bins=settings.bins, still_time_s=settings.still_time_s,
-        )  # fmt: skip
+            model,
+            networks[0].patch,
+            prf_hz=settings.prf_hz,
+            carrier_hz=settings.carrier_hz,
+            window_s=settings.window_s,
+            bins=settings.bins,
+            still_time_s=settings.still_time_s,
+        )
         samples = [walk_samples(rng, device) for _ in range(settings.n_examples)]
         simulated = scaling = [convert_samples(each, device) for each in samples]
         if settings.data is not None:
@@ -192,13 +201,17 @@ def _make_c_files(model: Model, settings: CSettings) -> tuple[dict[str, bytes], 
             words += [part.astype(np.float32) for part in each]
     if settings.integers:
         apart = np.abs(predict_network_probability(model, scaling) - predict_network_probability(exact, scaling))
-        found = {"int8_examples": len(scaling), "int8_mean_difference": float(apart.mean()),
-                 "int8_largest_difference": float(apart.max())}  # fmt: skip
+        found = {
+            "int8_examples": len(scaling),
+            "int8_mean_difference": float(apart.mean()),
+            "int8_largest_difference": float(apart.max()),
+        }
     files = {
-        "doppelgait_model.h": sources.header().encode(), "doppelgait_model.c": sources.source().encode(),
+        "doppelgait_model.h": sources.header().encode(),
+        "doppelgait_model.c": sources.source().encode(),
         "selftest.c": (TEXTS / "selftest.c").read_bytes(),
         "golden.bin": b"".join(np.ascontiguousarray(part).tobytes() for part in words),
-    }  # fmt: skip
+    }
     return files, {"precision": "int8" if settings.integers else "float32", **sources.facts(), **found}
 
 

@@ -92,7 +92,7 @@ def column_peaks(values: AnyFloatArray, strongest: AnyFloatArray, place: FloatAr
 @kernel()
 def strongest_about(
     values: AnyFloatArray, centre: npt.NDArray[np.int64], reach: int, near: FloatArray, strongest: FloatArray
-) -> None:  # fmt: skip
+) -> None:
     """Find the strongest cells near a line, and of all.
     Shapes: values (J, K); centre (J,); near, strongest (J,).
     """

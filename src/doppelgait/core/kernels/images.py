@@ -14,12 +14,26 @@ Float64Array = npt.NDArray[np.float64]
 
 @kernel()
 def fill_images(
-    direct_m: Float64Array, direct_mps: Float64Array, direct_x: Float64Array, direct_y: Float64Array,
-    direct_z: Float64Array, image_m: Float64Array, image_mps: Float64Array, image_x: Float64Array,
-    image_y: Float64Array, image_z: Float64Array, reflection: npt.NDArray[np.complex128], least_m: float, place: int,
-    range_m: Float64Array, velocity_mps: Float64Array, azimuth_rad: Float64Array, elevation_rad: Float64Array,
-    path_gain: Float64Array, path_phase: Float64Array,
-) -> None:  # fmt: skip
+    direct_m: Float64Array,
+    direct_mps: Float64Array,
+    direct_x: Float64Array,
+    direct_y: Float64Array,
+    direct_z: Float64Array,
+    image_m: Float64Array,
+    image_mps: Float64Array,
+    image_x: Float64Array,
+    image_y: Float64Array,
+    image_z: Float64Array,
+    reflection: npt.NDArray[np.complex128],
+    least_m: float,
+    place: int,
+    range_m: Float64Array,
+    velocity_mps: Float64Array,
+    azimuth_rad: Float64Array,
+    elevation_rad: Float64Array,
+    path_gain: Float64Array,
+    path_phase: Float64Array,
+) -> None:
     """Write the images of n scatterers into a table.
     Columns from ``place`` on hold n images by one reflection, then n by two.
     """
@@ -52,10 +66,19 @@ def fill_images(
 
 @kernel(fastmath=("contract",), apart=True)
 def image_ranges(
-    height_m: Float64Array, moments: Float64Array, step: float, times: Float64Array, direct_m: Float64Array,
-    direct_mps: Float64Array, source: int, radar_m: float, one: int, two: int, range_m: Float64Array,
+    height_m: Float64Array,
+    moments: Float64Array,
+    step: float,
+    times: Float64Array,
+    direct_m: Float64Array,
+    direct_mps: Float64Array,
+    source: int,
+    radar_m: float,
+    one: int,
+    two: int,
+    range_m: Float64Array,
     velocity_mps: Float64Array,
-) -> None:  # fmt: skip
+) -> None:
     r"""Write ranges and approach speeds of images into a table."""
     per_s = 1.0 / step
     for j in range(times.shape[0]):

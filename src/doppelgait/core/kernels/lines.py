@@ -92,9 +92,15 @@ def sum_of(values, offset):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=("contract", "nsz"), apart=True)
 def powers_about_line(
-    values: AnyFloatArray, floor: float, line: FloatArray, reaches: FloatArray, range_weight: FloatArray,
-    sums: FloatArray, square: FloatArray, moment: FloatArray,
-) -> None:  # fmt: skip
+    values: AnyFloatArray,
+    floor: float,
+    line: FloatArray,
+    reaches: FloatArray,
+    range_weight: FloatArray,
+    sums: FloatArray,
+    square: FloatArray,
+    moment: FloatArray,
+) -> None:
     r"""Sum power and squared power about the main line.
     Cells at the edge count in part; the centroid of the squared power is not yet divided.
     """
@@ -152,9 +158,14 @@ def power_of_rows(values: AnyFloatArray, first: int, share: FloatArray, weight: 
 
 @kernel()
 def torso_swing(
-    square: FloatArray, moment: FloatArray, least_share: float, scale: float, sd: float, basis: FloatArray,
+    square: FloatArray,
+    moment: FloatArray,
+    least_share: float,
+    scale: float,
+    sd: float,
+    basis: FloatArray,
     swing: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Follow the torso along the main line and remove its slow part.
     Shapes: square, moment (J,); basis (J, P); swing (J,).
     """

@@ -183,9 +183,14 @@ def _solve(matrix: FloatArray, right: FloatArray) -> None:
 
 @kernel()
 def straight_motion(
-    times: FloatArray, ranges: FloatArray, least_scale: float, tuning: float, iterations: int, outlier_sd: float,
+    times: FloatArray,
+    ranges: FloatArray,
+    least_scale: float,
+    tuning: float,
+    iterations: int,
+    outlier_sd: float,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     r"""Fit straight motion at constant velocity to ranges (E-34b).
     Shapes: times, ranges (J,); out (7,).
     """
@@ -251,7 +256,7 @@ def _variance(basis: FloatArray, prior: FloatArray, by: FloatArray) -> float:
 @kernel()
 def speeds_across(
     radial: float, across_2: float, across_sd: float, reach_sd: float, n_speeds: int, out: FloatArray
-) -> None:  # fmt: skip
+) -> None:
     """Average speed and aspect over the speeds across the line of sight.
     All speeds across are as likely before; their square has a Gaussian error. Shapes: out (4,).
     """
@@ -277,9 +282,14 @@ def speeds_across(
 
 @kernel()
 def edge_statistics(
-    low: FloatArray, high: FloatArray, line: FloatArray, direction: float, low_share: float, high_share: float,
+    low: FloatArray,
+    high: FloatArray,
+    line: FloatArray,
+    direction: float,
+    low_share: float,
+    high_share: float,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Describe the envelopes about the main line (E-35b).
     Shapes: low, high (J,); line (J,); out (12,).
     """
@@ -325,9 +335,13 @@ def edge_statistics(
 
 @kernel()
 def oscillating_power(
-    cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, near_share: float, near_hz: float,
+    cadence_hz: FloatArray,
+    values: FloatArray,
+    frequency_hz: float,
+    near_share: float,
+    near_hz: float,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     r"""Sum peaks of three harmonics over rows of a cadence map (E-38).
     Shapes: cadence_hz (Q,); values (Q, K); out (2,).
     """
@@ -389,9 +403,7 @@ def harmonic_peak(
 
 
 @kernel()
-def scatter_of_blocks(
-    residual: FloatArray, least_scale: float, tuning: float, starts: npt.NDArray[np.int64]
-) -> float:  # fmt: skip
+def scatter_of_blocks(residual: FloatArray, least_scale: float, tuning: float, starts: npt.NDArray[np.int64]) -> float:
     r"""Compute the standard deviation of a tapered Cauchy mean of dependent values.
     Shapes: residual (J,); starts (B,).
     """

@@ -157,9 +157,10 @@ def _first_3(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
         for lane in range(LANES):
             to = 3 * p * LANES + lane
             z0, z1, z2 = _three_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
                 _in(xr, xi, place, window, p + 2 * g, lane),
-            )  # fmt: skip
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -172,9 +173,11 @@ def _first_4(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
         for lane in range(LANES):
             to = 4 * p * LANES + lane
             z0, z1, z2, z3 = _four_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
-                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
-            )  # fmt: skip
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+                _in(xr, xi, place, window, p + 3 * g, lane),
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -188,10 +191,12 @@ def _first_5(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
         for lane in range(LANES):
             to = 5 * p * LANES + lane
             z0, z1, z2, z3, z4 = _five_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
-                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+                _in(xr, xi, place, window, p + 3 * g, lane),
                 _in(xr, xi, place, window, p + 4 * g, lane),
-            )  # fmt: skip
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -206,11 +211,15 @@ def _first_8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
         for lane in range(LANES):
             to = 8 * p * LANES + lane
             z0, z1, z2, z3, z4, z5, z6, z7 = _eight_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
-                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
-                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
-                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
-            )  # fmt: skip
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+                _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane),
+                _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane),
+                _in(xr, xi, place, window, p + 7 * g, lane),
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -228,12 +237,17 @@ def _first_10(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
         for lane in range(LANES):
             to = 10 * p * LANES + lane
             z0, z1, z2, z3, z4, z5, z6, z7, z8, z9 = _ten_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
-                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
-                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
-                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
-                _in(xr, xi, place, window, p + 8 * g, lane), _in(xr, xi, place, window, p + 9 * g, lane),
-            )  # fmt: skip
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+                _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane),
+                _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane),
+                _in(xr, xi, place, window, p + 7 * g, lane),
+                _in(xr, xi, place, window, p + 8 * g, lane),
+                _in(xr, xi, place, window, p + 9 * g, lane),
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -253,13 +267,19 @@ def _first_12(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
         for lane in range(LANES):
             to = 12 * p * LANES + lane
             z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11 = _twelve_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
-                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
-                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
-                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
-                _in(xr, xi, place, window, p + 8 * g, lane), _in(xr, xi, place, window, p + 9 * g, lane),
-                _in(xr, xi, place, window, p + 10 * g, lane), _in(xr, xi, place, window, p + 11 * g, lane),
-            )  # fmt: skip
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+                _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane),
+                _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane),
+                _in(xr, xi, place, window, p + 7 * g, lane),
+                _in(xr, xi, place, window, p + 8 * g, lane),
+                _in(xr, xi, place, window, p + 9 * g, lane),
+                _in(xr, xi, place, window, p + 10 * g, lane),
+                _in(xr, xi, place, window, p + 11 * g, lane),
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -281,15 +301,23 @@ def _first_16(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
         for lane in range(LANES):
             to = 16 * p * LANES + lane
             z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15 = _sixteen_points(
-                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
-                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
-                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
-                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
-                _in(xr, xi, place, window, p + 8 * g, lane), _in(xr, xi, place, window, p + 9 * g, lane),
-                _in(xr, xi, place, window, p + 10 * g, lane), _in(xr, xi, place, window, p + 11 * g, lane),
-                _in(xr, xi, place, window, p + 12 * g, lane), _in(xr, xi, place, window, p + 13 * g, lane),
-                _in(xr, xi, place, window, p + 14 * g, lane), _in(xr, xi, place, window, p + 15 * g, lane),
-            )  # fmt: skip
+                _in(xr, xi, place, window, p, lane),
+                _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+                _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane),
+                _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane),
+                _in(xr, xi, place, window, p + 7 * g, lane),
+                _in(xr, xi, place, window, p + 8 * g, lane),
+                _in(xr, xi, place, window, p + 9 * g, lane),
+                _in(xr, xi, place, window, p + 10 * g, lane),
+                _in(xr, xi, place, window, p + 11 * g, lane),
+                _in(xr, xi, place, window, p + 12 * g, lane),
+                _in(xr, xi, place, window, p + 13 * g, lane),
+                _in(xr, xi, place, window, p + 14 * g, lane),
+                _in(xr, xi, place, window, p + 15 * g, lane),
+            )
             _put(yr, yi, to, z0)
             _turned(yr, yi, to + LANES, z1, cos, sin, p)
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
@@ -370,12 +398,23 @@ def _last_pass(yr, yi, run, weights, power):  # type: ignore[no-untyped-def]
             for lane in range(LANES):
                 i, to, w = begin + first + lane, begin + LAST * first + lane, weights[_U(lane)]
                 z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15 = _sixteen_points(
-                    _at(yr, yi, i), _at(yr, yi, i + run), _at(yr, yi, i + 2 * run), _at(yr, yi, i + 3 * run),
-                    _at(yr, yi, i + 4 * run), _at(yr, yi, i + 5 * run), _at(yr, yi, i + 6 * run),
-                    _at(yr, yi, i + 7 * run), _at(yr, yi, i + 8 * run), _at(yr, yi, i + 9 * run),
-                    _at(yr, yi, i + 10 * run), _at(yr, yi, i + 11 * run), _at(yr, yi, i + 12 * run),
-                    _at(yr, yi, i + 13 * run), _at(yr, yi, i + 14 * run), _at(yr, yi, i + 15 * run),
-                )  # fmt: skip
+                    _at(yr, yi, i),
+                    _at(yr, yi, i + run),
+                    _at(yr, yi, i + 2 * run),
+                    _at(yr, yi, i + 3 * run),
+                    _at(yr, yi, i + 4 * run),
+                    _at(yr, yi, i + 5 * run),
+                    _at(yr, yi, i + 6 * run),
+                    _at(yr, yi, i + 7 * run),
+                    _at(yr, yi, i + 8 * run),
+                    _at(yr, yi, i + 9 * run),
+                    _at(yr, yi, i + 10 * run),
+                    _at(yr, yi, i + 11 * run),
+                    _at(yr, yi, i + 12 * run),
+                    _at(yr, yi, i + 13 * run),
+                    _at(yr, yi, i + 14 * run),
+                    _at(yr, yi, i + 15 * run),
+                )
                 _add(power, to, w, z0)
                 _add(power, to + LANES, w, z1)
                 _add(power, to + 2 * LANES, w, z2)
@@ -413,9 +452,27 @@ def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-unt
 
 @kernel(fastmath=_FAST)
 def _fill_signature(  # type: ignore[no-untyped-def]
-    re, im, n_pulses, start, hop, place, window, low, high, radices, cos, sin, order, xr, xi, yr, yi, power, weights,
+    re,
+    im,
+    n_pulses,
+    start,
+    hop,
+    place,
+    window,
+    low,
+    high,
+    radices,
+    cos,
+    sin,
+    order,
+    xr,
+    xi,
+    yr,
+    yi,
+    power,
+    weights,
     out,
-):  # fmt: skip
+):
     """Fill the columns, sixteen at a time; see :func:`gated_signature`."""
     n_columns, n_doppler = out.shape
     run, spread = radices[0] * LANES, xr.shape[0] // hop
@@ -520,15 +577,34 @@ def gated_signature(
     buffers = [memory[start : start + size] for start in range(begin, memory.size - size, size + PADDING)]
     segments = np.empty((2, hop * spread), dtype=np.float32)
     _fill_signature(
-        plane_re, plane_im, n_pulses, first_pulse, hop, (pulses % hop) * spread + pulses // hop, window, low, high,
-        *_tables(n_doppler), *segments, *buffers, np.empty(LANES, dtype=np.float32), out,
-    )  # fmt: skip
+        plane_re,
+        plane_im,
+        n_pulses,
+        first_pulse,
+        hop,
+        (pulses % hop) * spread + pulses // hop,
+        window,
+        low,
+        high,
+        *_tables(n_doppler),
+        *segments,
+        *buffers,
+        np.empty(LANES, dtype=np.float32),
+        out,
+    )
 
 
 def _by_scipy(
-    plane_re: Float32Array, plane_im: Float32Array, n_pulses: int, first_pulse: int, hop: int, window: Float32Array,
-    low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], out: Float32Array,
-) -> None:  # fmt: skip
+    plane_re: Float32Array,
+    plane_im: Float32Array,
+    n_pulses: int,
+    first_pulse: int,
+    hop: int,
+    window: Float32Array,
+    low: npt.NDArray[np.float64],
+    high: npt.NDArray[np.float64],
+    out: Float32Array,
+) -> None:
     """Fill the columns of a length that has no passes."""
     from scipy import fft
 

@@ -164,9 +164,15 @@ def angles_of_sight(
 
 @kernel(fastmath=("contract",), apart=True)
 def turn_and_move(
-    points: FloatArray, cos: float, sin: float, pivot_x: float, pivot_y: float, to_x: float, to_y: float,
+    points: FloatArray,
+    cos: float,
+    sin: float,
+    pivot_x: float,
+    pivot_y: float,
+    to_x: float,
+    to_y: float,
     moved: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     """Turn points about an upright axis and move them level.
     Shapes: points, moved (N, 3).
     """

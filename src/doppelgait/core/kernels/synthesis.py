@@ -170,17 +170,41 @@ def echo_planes(
         raise ValueError("both planes need the same shape, and a multiple of 32 frames")
     rows = np.empty(2, dtype=np.int64)
     _fill_planes(
-        range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, first_frame, first_bin,
-        plane_re.shape[1], plane_re.reshape(-1), plane_im.reshape(-1), extra_phase_rad, rows,
-    )  # fmt: skip
+        range_m,
+        amplitude,
+        first_bin_m,
+        bin_spacing_m,
+        pulse_sigma_m,
+        wavelength_m,
+        phase_rad,
+        first_frame,
+        first_bin,
+        plane_re.shape[1],
+        plane_re.reshape(-1),
+        plane_im.reshape(-1),
+        extra_phase_rad,
+        rows,
+    )
     return int(rows[0]), int(rows[1])
 
 
 @kernel()
 def _fill_planes(  # type: ignore[no-untyped-def]
-    range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, first_frame, first_bin,
-    n_frames, re, im, extra_phase_rad, rows,
-):  # fmt: skip
+    range_m,
+    amplitude,
+    first_bin_m,
+    bin_spacing_m,
+    pulse_sigma_m,
+    wavelength_m,
+    phase_rad,
+    first_frame,
+    first_bin,
+    n_frames,
+    re,
+    im,
+    extra_phase_rad,
+    rows,
+):
     """Write the echoes into flat planes of ``n_frames`` a row; see :func:`echo_planes`."""
     n_bins, n_scatterers = re.shape[0] // n_frames, range_m.shape[1]
     sigma = pulse_sigma_m / bin_spacing_m
@@ -249,9 +273,19 @@ def add_echoes(
     planes = np.empty((2, out.shape[1], TILE), dtype=np.float32)  # a tile stays in the second-level cache
     for frame in range(0, out.shape[0], TILE):
         rows = echo_planes(
-            range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, frame, 0, planes[0],
-            planes[1], extra_phase_rad,
-        )  # fmt: skip
+            range_m,
+            amplitude,
+            first_bin_m,
+            bin_spacing_m,
+            pulse_sigma_m,
+            wavelength_m,
+            phase_rad,
+            frame,
+            0,
+            planes[0],
+            planes[1],
+            extra_phase_rad,
+        )
         join_planes(planes[0], planes[1], *rows, out[frame : frame + TILE])
 
 

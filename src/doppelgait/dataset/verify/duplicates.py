@@ -105,10 +105,13 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
     dataset.files.close()
     near.sort(reverse=True)
     numbers = {
-        "rows": count, "compared_for_likeness": len(rows), "candidates": len(candidates),
-        "identical": len(same), "near_identical": len(near),
+        "rows": count,
+        "compared_for_likeness": len(rows),
+        "candidates": len(candidates),
+        "identical": len(same),
+        "near_identical": len(near),
         "most_alike": max((value for value, *_ in candidates), default=None),
-    }  # fmt: skip
+    }
     return _check(contents, same, near, numbers)
 
 

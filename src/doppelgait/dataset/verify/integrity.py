@@ -135,8 +135,11 @@ def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
     """
     total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
     numbers = {
-        "shards": total, "whole": len(findings.whole), "missing": list(findings.missing), "damaged": findings.damaged
-    }  # fmt: skip
+        "shards": total,
+        "whole": len(findings.whole),
+        "missing": list(findings.missing),
+        "damaged": findings.damaged,
+    }
     parts = [f"{len(findings.whole)} of {total} shards are there and whole"]
     if findings.damaged:
         parts.append("damaged: " + list_some([f"{name} ({reason})" for name, reason in findings.damaged.items()]))

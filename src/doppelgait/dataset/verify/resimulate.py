@@ -96,10 +96,13 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
     if len(turned) > MOST_OTHER * len(found):
         off += turned
     numbers = {
-        "examples": len(chosen), "rows": len(found), "identical": identical,
-        "worst_array_over_tolerance": max(d.array_l2 for d in found), "features_off": len(turned),
+        "examples": len(chosen),
+        "rows": len(found),
+        "identical": identical,
+        "worst_array_over_tolerance": max(d.array_l2 for d in found),
+        "features_off": len(turned),
         "largest_feature_difference": max((d.feature for d in found if math.isfinite(d.feature)), default=0.0),
-    }  # fmt: skip
+    }
     if reasons or off:
         return Check("re-simulation", "failed", list_some([*reasons, *off]), numbers)
     if identical == len(found):

@@ -142,9 +142,15 @@ class _Steps:
 
 
 def verify_dataset(
-    directory: str | Path, *, folder: Path | None = None, share: float = 0.01, rng: np.random.Generator,
-    on_progress: Progress | None = None, figures: Path | None = None, figure_format: str = "png",
-) -> Verification:  # fmt: skip
+    directory: str | Path,
+    *,
+    folder: Path | None = None,
+    share: float = 0.01,
+    rng: np.random.Generator,
+    on_progress: Progress | None = None,
+    figures: Path | None = None,
+    figure_format: str = "png",
+) -> Verification:
     """Verify a dataset: files, plan, repeated simulation, truth, leaks.
 
     If the dataset is unfinished, its existing part is checked.

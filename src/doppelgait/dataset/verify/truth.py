@@ -63,9 +63,11 @@ def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Chec
         if has_too_few_hits(hits, rows):
             wrong.append(str(label))
     summary = f"{what}: {', '.join(parts)}"
-    return Check(name, "failed", f"off as a whole: {', '.join(wrong)}; {summary}", numbers) if wrong else Check(
-        name, "passed", summary, numbers
-    )  # fmt: skip
+    return (
+        Check(name, "failed", f"off as a whole: {', '.join(wrong)}; {summary}", numbers)
+        if wrong
+        else Check(name, "passed", summary, numbers)
+    )
 
 
 def read_column(index: pd.DataFrame, name: str) -> FloatArray:

@@ -190,14 +190,20 @@ def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
     return {
         "hip": [(-0.1 + 0.2 * u, 25 + 5 * u), (0.5, -15), (0.9, 25 + 6 * u)],
         "knee": [
-            (0.17 - 0.05 * u, 3 + 22 * u), (0.4, 3), (0.75 - 0.05 * u, 70 - 5 * u), (1 - 0.03 * u, 3 + 3 * u),
+            (0.17 - 0.05 * u, 3 + 22 * u),
+            (0.4, 3),
+            (0.75 - 0.05 * u, 70 - 5 * u),
+            (1 - 0.03 * u, 3 + 3 * u),
         ],
         "ankle": [
-            (0, -3 + 5 * u), (0.08, -18 + 4 * u), (0.5 - 0.1 * u, 8 - 3 * u),
-            (s, -20 - 8 * u), (0.85, -3 + 5 * u),
+            (0, -3 + 5 * u),
+            (0.08, -18 + 4 * u),
+            (0.5 - 0.1 * u, 8 - 3 * u),
+            (s, -20 - 8 * u),
+            (0.85, -3 + 5 * u),
         ],
         "elbow": [(0.05, 14 - 6 * u), (0.51 + 0.04 * u, 44 + 26 * u), (0.9 - 0.1 * u, 17 - 6 * u)],
-    }  # fmt: skip
+    }
 
 
 def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
@@ -349,9 +355,13 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
     )
     parts = list(BOULIC_PARTS.values())
     return make_motion(
-        points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        points,
+        rate_hz=config.rate_hz,
+        markers=POINTS,
+        parts=parts,
+        facts=facts,
         report={"mass_kg": "assumed: body mass index 23 kg/m^2"},
-    )  # fmt: skip
+    )
 
 
 def compute_boulic_points(

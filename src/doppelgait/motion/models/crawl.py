@@ -152,9 +152,13 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
     )
     parts = list(BOULIC_PARTS.values())
     return make_motion(
-        position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        position_m,
+        rate_hz=config.rate_hz,
+        markers=POINTS,
+        parts=parts,
+        facts=facts,
         report={"gait": "assumed: timing and proportions"} | mass,
-    )  # fmt: skip
+    )
 
 
 def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:

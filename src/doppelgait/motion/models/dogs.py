@@ -15,9 +15,16 @@ from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, Build, BuildName, GaitName
 
 DOG_BUILDS: tuple[BuildName, ...] = (
-    "standard", "chihuahua", "jack_russell", "beagle", "border_collie", "labrador", "german_shepherd", "great_dane",
+    "standard",
+    "chihuahua",
+    "jack_russell",
+    "beagle",
+    "border_collie",
+    "labrador",
+    "german_shepherd",
+    "great_dane",
     "dachshund",
-)  # fmt: skip
+)
 GAIT_SHARES: dict[GaitName, float] = {"walk": 0.35, "pace": 0.1, "trot": 0.35, "canter": 0.1, "gallop": 0.1}
 """Probability of the gaits of a sampled dog (assumed)."""
 
@@ -121,14 +128,22 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
     uneven = 1 / math.sqrt(max(froude, 0.1))
     peaks = np.clip([1 + 0.1 * hind, 1 + 0.1 * fore], 0.8, 1.2)
     values = {
-        "withers_m": _withers_m(BUILDS[build], size), "froude": froude,
+        "withers_m": _withers_m(BUILDS[build], size),
+        "froude": froude,
         "stride_ratio": math.exp(0.07 * far),
-        "trunk_ripple": min(math.exp(0.4 * ripple), 2.0), "hind_swing_peak": peaks[0], "fore_swing_peak": peaks[1],
-        "neck_deg": 40 + 15 * neck, "tail_deg": -10 + 20 * tail, "tail_frequency_hz": 0.5 + 3.5 * wag,
-        "tail_sweep_deg": 40 * sweep, "stride_variation": 0.02 + 0.04 * time,
-        "step_length_sd": min((0.02 + 0.02 * length) * uneven, 0.15), "footfall_sd": 0.01 + 0.025 * landing,
-        "asymmetry": 0.02 * late, "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
-    }  # fmt: skip
+        "trunk_ripple": min(math.exp(0.4 * ripple), 2.0),
+        "hind_swing_peak": peaks[0],
+        "fore_swing_peak": peaks[1],
+        "neck_deg": 40 + 15 * neck,
+        "tail_deg": -10 + 20 * tail,
+        "tail_frequency_hz": 0.5 + 3.5 * wag,
+        "tail_sweep_deg": 40 * sweep,
+        "stride_variation": 0.02 + 0.04 * time,
+        "step_length_sd": min((0.02 + 0.02 * length) * uneven, 0.15),
+        "footfall_sd": 0.01 + 0.025 * landing,
+        "asymmetry": 0.02 * late,
+        "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
+    }
     return Dog(build, gait, **{name: float(value) for name, value in values.items()})
 
 

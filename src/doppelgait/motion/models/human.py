@@ -336,15 +336,21 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
     )
     # phase as a function of time, and distance as a function of phase if it is not linear
     varied = {
-        "time_sd": config.step_time_sd, "length_sd": config.step_length_sd, "pace_sd": config.pace_sd,
+        "time_sd": config.step_time_sd,
+        "length_sd": config.step_length_sd,
+        "pace_sd": config.pace_sd,
         "time_asymmetry": config.time_asymmetry,
-    }  # fmt: skip
+    }
     path: Curve | None = None
     if any(varied.values()):
         steps_s, phases, path_m = step_series(
-            times_s[-1], stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng,
+            times_s[-1],
+            stride_s=style.period_s,
+            stride_m=style.stride_m,
+            start_phase=config.start_phase,
+            rng=rng,
             **varied,
-        )  # fmt: skip
+        )
         clock, path = fit_cubic_spline(steps_s, phases), fit_cubic_spline(phases, path_m)
     else:
         clock = make_stride_clock(times_s[-1], period_s=style.period_s, start_phase=config.start_phase)
@@ -380,9 +386,13 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
     )
     parts = list(BOULIC_PARTS.values())
     return make_motion(
-        points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        points,
+        rate_hz=config.rate_hz,
+        markers=POINTS,
+        parts=parts,
+        facts=facts,
         report={} if config.mass_kg is not None else {"mass_kg": "assumed: body mass index 23 kg/m^2"},
-    )  # fmt: skip
+    )
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
@@ -426,11 +436,15 @@ def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
 
     motion = _make_measured_motion(
-        config, "walk", stride_m, stride_m, size_m,
+        config,
+        "walk",
+        stride_m,
+        stride_m,
+        size_m,
         pelvis=lambda phase: (pelvis_angles_deg(phase, q), leg_m * compute_body_offset(phase, q)),
         thorax=lambda phase: (-lean_deg(q), thorax_torsion_deg(phase, q)),
         arms=_add_arms(config, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
-    )  # fmt: skip
+    )
     return GaitStyle("walk", stride_m, period_s, walk_duty(speed), *motion)
 
 
@@ -441,19 +455,29 @@ def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], config.speed_mps * period_s
 
     motion = _make_measured_motion(
-        config, "run", stride_m, stride_m * duty / RUN_DUTY, size_m,
+        config,
+        "run",
+        stride_m,
+        stride_m * duty / RUN_DUTY,
+        size_m,
         pelvis=lambda phase: (run_pelvis_deg(phase), run_offset_m(phase, leg_m, period_s, duty)),
         thorax=lambda phase: run_thorax_deg(phase, adult_mps),
         arms=_add_arms(config, lambda phase: run_arms_deg(phase, adult_mps)),
-    )  # fmt: skip
+    )
     return GaitStyle("run", stride_m, period_s, duty, *motion)
 
 
 def _make_measured_motion(
-    config: HumanConfig, gait: Literal["walk", "run"], stride_m: float, reach_m: float, size_m: Mapping[str, float], *,
+    config: HumanConfig,
+    gait: Literal["walk", "run"],
+    stride_m: float,
+    reach_m: float,
+    size_m: Mapping[str, float],
+    *,
     pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
-    thorax: Callable[[FloatArray], tuple[float, FloatArray]], arms: Curves,
-) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:  # fmt: skip
+    thorax: Callable[[FloatArray], tuple[float, FloatArray]],
+    arms: Curves,
+) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
     """Make foot, pose and hips from measured curves.
     The measured ripple and feet are added to the gait's own trunk and arms.
     """

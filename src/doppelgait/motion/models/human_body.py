@@ -26,15 +26,25 @@ Curves = Callable[[FloatArray], Limbs]
 Hands = Literal["free", "pockets", "carrying", "bag", "phone", "pushing"]
 
 LENGTHS = {
-    "head": 0.130, "half_shoulder": 0.1295, "torso": 0.288, "half_hip": 0.0955, "thigh": 0.245,
-    "shank": 0.246, "foot": 0.143, "upper_arm": 0.188, "forearm": 0.152,
-}  # fmt: skip
+    "head": 0.130,
+    "half_shoulder": 0.1295,
+    "torso": 0.288,
+    "half_hip": 0.0955,
+    "thigh": 0.245,
+    "shank": 0.246,
+    "foot": 0.143,
+    "upper_arm": 0.188,
+    "forearm": 0.152,
+}
 """Segment lengths as fractions of the stature."""
 
 HELD = {
-    "pockets": (-12.0, 45.0, 0.15), "carrying": (5.0, 90.0, 0.1), "bag": (0.0, 8.0, 0.3), "phone": (75.0, 145.0, 0.1),
+    "pockets": (-12.0, 45.0, 0.15),
+    "carrying": (5.0, 90.0, 0.1),
+    "bag": (0.0, 8.0, 0.3),
+    "phone": (75.0, 145.0, 0.1),
     "pushing": (20.0, 60.0, 0.0),
-}  # fmt: skip
+}
 """Mean shoulder and elbow flexion in degrees and remaining share of the swing, by state of the hand (assumed)."""
 
 _CYCLE = np.arange(200) / 200
@@ -123,9 +133,12 @@ def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, fl
 
 
 def place_legless_points(
-    base_m: FloatArray, left_m: FloatArray, trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray],
+    base_m: FloatArray,
+    left_m: FloatArray,
+    trunk_rad: Mapping[str, FloatArray],
+    arms_rad: Mapping[str, FloatArray],
     size_m: Mapping[str, float],
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return a figure without knees, ankles and toes.
     The shape is (n, 17, 3); each coordinate of a point is contiguous in memory.
     """
@@ -186,9 +199,7 @@ _SMALLEST = {"leg": 0.885, "head": 1.38}
 Load = Literal["free", "pockets", "bag", "phone", "pushing"]
 Complaint = Literal["none", "weak", "joint", "neurological"]
 _STATURE_M = {"male": (1.75, 0.07), "female": (1.62, 0.065)}
-_SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
-    "adult": (1.35, 0.18), "senior": (1.15, 0.20), "child": (1.35, 0.18)
-}  # fmt: skip
+_SPEED_MPS: dict[AgeClass, tuple[float, float]] = {"adult": (1.35, 0.18), "senior": (1.15, 0.20), "child": (1.35, 0.18)}
 
 
 @dataclass(frozen=True)
@@ -365,17 +376,23 @@ def sample_person(
         chance.standard_normal(11), -3.0, 3.0
     )
     person = {
-        "age_years": age_years, "height_m": height_m, "mass_kg": mass_kg, "speed_mps": speed_mps,
+        "age_years": age_years,
+        "height_m": height_m,
+        "mass_kg": mass_kg,
+        "speed_mps": speed_mps,
         "walk_ratio": min(max(manner.walk_ratio * math.exp(0.16 * ratio), 0.7), 1.4),
         "trunk_ripple": min(manner.trunk_ripple * math.exp(manner.ripple_spread * ripple), 2.5),
-        "trunk_asymmetry": 0.4 * trunk, "swing_peak": min(max(1 + 0.24 * peak, 0.5), 1.5),
-        "arm_swing": min(math.exp(0.4 * arms), 2.0), "arm_asymmetry": 0.15 + 0.28 * sides,
+        "trunk_asymmetry": 0.4 * trunk,
+        "swing_peak": min(max(1 + 0.24 * peak, 0.5), 1.5),
+        "arm_swing": min(math.exp(0.4 * arms), 2.0),
+        "arm_asymmetry": 0.15 + 0.28 * sides,
         "lean_deg": 3.0 * lean + (5.0 if load == "pushing" else 0.0),
         "step_time_sd": min(manner.step_time_sd * math.exp(manner.time_spread * time_sd), 0.09),
         "step_length_sd": min(manner.step_length_sd * math.exp(manner.length_spread * length_sd), 0.09),
         "pace_sd": 0.01 * math.exp(0.5 * pace_sd),
-        "time_asymmetry": manner.time_asymmetry * time, "length_asymmetry": manner.length_asymmetry * length,
-    }  # fmt: skip
+        "time_asymmetry": manner.time_asymmetry * time,
+        "length_asymmetry": manner.length_asymmetry * length,
+    }
     one_handed = load in ("bag", "phone")
     left, right = (load if not one_handed or (hand < 0.5) == is_left else "free" for is_left in (True, False))
     return Person(sex, age_class, complaint, left, right, **{key: float(value) for key, value in person.items()})

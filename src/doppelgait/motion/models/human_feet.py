@@ -71,9 +71,13 @@ class GaitStyle:
 
 
 def place_feet(
-    points_m: FloatArray, phase: FloatArray, advance: Advance, style: GaitStyle, size_m: Mapping[str, float],
+    points_m: FloatArray,
+    phase: FloatArray,
+    advance: Advance,
+    style: GaitStyle,
+    size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
-) -> None:  # fmt: skip
+) -> None:
     """Place a figure on feet that do not slide.
     Segment lengths are kept. A flat sole is at z = 0. Shapes: points_m (n, 17, 3); phase (n,).
     """

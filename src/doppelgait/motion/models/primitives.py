@@ -346,11 +346,17 @@ def _generate_breathing(config: BreathingConfig, duration_s: float, rng: np.rand
         for name, (_, x, y, z, share) in _STANDING.items()
     }
     return _make_motion(
-        "breathing", points, config.rate_hz, parts=[row[0] for row in _STANDING.values()],
-        species="human", gait="stand", height_m=size_m, mass_kg=23.0 * size_m**2,
+        "breathing",
+        points,
+        config.rate_hz,
+        parts=[row[0] for row in _STANDING.values()],
+        species="human",
+        gait="stand",
+        height_m=size_m,
+        mass_kg=23.0 * size_m**2,
         gait_frequency_hz=config.breathing_hz,
         report={"mass_kg": "assumed: body mass index 23 kg/m^2", "proportions": "assumed"},
-    )  # fmt: skip
+    )
 
 
 def _make_motion(

@@ -51,17 +51,32 @@ FloatArray = npt.NDArray[np.float64]
 
 # A joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
 PART_OF_POINT = {
-    "nose": "head", "head": "head", "neck": "neck", "neck_base": "neck",
-    "withers": "trunk", "chest": "trunk", "back": "trunk", "belly": "trunk", "rump": "trunk", "tail_base": "trunk",
-    "tail_middle": "tail", "tail_tip": "tail",
+    "nose": "head",
+    "head": "head",
+    "neck": "neck",
+    "neck_base": "neck",
+    "withers": "trunk",
+    "chest": "trunk",
+    "back": "trunk",
+    "belly": "trunk",
+    "rump": "trunk",
+    "tail_base": "trunk",
+    "tail_middle": "tail",
+    "tail_tip": "tail",
 } | {
     f"{side}_{joint}": "trunk" if part == "trunk" else f"{side}_{part}"
     for side in ("left", "right")
     for joint, part in (
-        ("shoulder", "fore_upper"), ("elbow", "fore_upper"), ("carpus", "fore_lower"), ("fore_paw", "fore_paw"),
-        ("hip", "trunk"), ("knee", "hind_upper"), ("hock", "hind_lower"), ("hind_paw", "hind_paw"),
+        ("shoulder", "fore_upper"),
+        ("elbow", "fore_upper"),
+        ("carpus", "fore_lower"),
+        ("fore_paw", "fore_paw"),
+        ("hip", "trunk"),
+        ("knee", "hind_upper"),
+        ("hock", "hind_lower"),
+        ("hind_paw", "hind_paw"),
     )
-}  # fmt: skip
+}
 """Points of the dog in order, and the body part of each."""
 POINTS = tuple(PART_OF_POINT)
 
@@ -285,13 +300,17 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     )
     parts = list(PART_OF_POINT.values())
     return make_motion(
-        position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        position_m,
+        rate_hz=config.rate_hz,
+        markers=POINTS,
+        parts=parts,
+        facts=facts,
         report={
             "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
             "with the cube of the height",
             "proportions": build.source,
         },
-    )  # fmt: skip
+    )
 
 
 def _make_course(

@@ -143,9 +143,19 @@ def pick_gait(froude: float) -> GaitName:
 
 
 BuildName = Literal[
-    "standard", "chihuahua", "jack_russell", "beagle", "border_collie", "labrador", "german_shepherd", "great_dane",
-    "dachshund", "cat", "horse", "cow",
-]  # fmt: skip
+    "standard",
+    "chihuahua",
+    "jack_russell",
+    "beagle",
+    "border_collie",
+    "labrador",
+    "german_shepherd",
+    "great_dane",
+    "dachshund",
+    "cat",
+    "horse",
+    "cow",
+]
 
 GRAVITY_MPS2 = 9.81
 SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
@@ -179,7 +189,8 @@ class Build:
 
 BUILDS: dict[str, Build] = {
     "standard": Build(
-        0.50, (0.50 / WITHERS_PER_CUBE_ROOT_MASS) ** 3,
+        0.50,
+        (0.50 / WITHERS_PER_CUBE_ROOT_MASS) ** 3,
         source="assumed: those of one measured dog and of breed standards",
     ),
     "chihuahua": Build(0.20, 2.5),
@@ -188,38 +199,72 @@ BUILDS: dict[str, Build] = {
     "border_collie": Build(0.52, 17.0),
     "labrador": Build(0.56, 30.0),
     "german_shepherd": Build(
-        0.61, 33.0, trunk=1.12,
+        0.61,
+        33.0,
+        trunk=1.12,
         source="breed standard: trunk 1.11 to 1.25 of the height; height and mass assumed",
     ),
     "great_dane": Build(0.80, 62.0),
     "dachshund": Build(
-        0.22, 9.0, trunk=1.8, head=1.7, tail=1.7,
+        0.22,
+        9.0,
+        trunk=1.8,
+        head=1.7,
+        tail=1.7,
         source="assumed: short-legged, hip height about half the trunk length",
     ),
     "cat": Build(
-        0.25, 4.5, species="cat", hip=0.92, trunk=1.1, limbs=1.15, tail=2.0,
-        stride={"walk": 1.09, "pace": 1.09, "trot": 1.155}, duty_offset=-0.04, walk_lag=0.30,
+        0.25,
+        4.5,
+        species="cat",
+        hip=0.92,
+        trunk=1.1,
+        limbs=1.15,
+        tail=2.0,
+        stride={"walk": 1.09, "pace": 1.09, "trot": 1.155},
+        duty_offset=-0.04,
+        walk_lag=0.30,
         source="assumed: crouched limbs, hip height 0.74 of the straight limb, longer strides, diagonal couplets",
     ),
     # One recorded horse, 1.28 m high, has 0.92 of a dog's stride at its Froude number in the walk (of 2.45 Fr^0.23) and
     # 0.78 in the trot (of 2.6 Fr^0.3); 17 m/s at 2.4 strides per second of a racehorse give 0.80 in the gallop.
     "horse": Build(
-        1.55, 480.0, species="horse", withers_range_m=(0.7, 1.8), head=1.2, walk_lag=0.24,
+        1.55,
+        480.0,
+        species="horse",
+        withers_range_m=(0.7, 1.8),
+        head=1.2,
+        walk_lag=0.24,
         stride={
-            "walk": 0.92, "pace": 0.92, "trot": 0.78, "canter": 0.80, "gallop": 0.80, "transverse_gallop": 0.80,
+            "walk": 0.92,
+            "pace": 0.92,
+            "trot": 0.78,
+            "canter": 0.80,
+            "gallop": 0.80,
+            "transverse_gallop": 0.80,
             "bound": 0.80,
         },
         source="strides of walk and trot and the lag measured on one horse; mass, head and gallop assumed",
     ),
     "cow": Build(
-        1.45, 650.0, species="cow", withers_range_m=(0.8, 1.8), trunk=1.15, walk_lag=0.24,
+        1.45,
+        650.0,
+        species="cow",
+        withers_range_m=(0.8, 1.8),
+        trunk=1.15,
+        walk_lag=0.24,
         stride={
-            "walk": 0.92, "pace": 0.92, "trot": 0.78, "canter": 0.80, "gallop": 0.80, "transverse_gallop": 0.80,
+            "walk": 0.92,
+            "pace": 0.92,
+            "trot": 0.78,
+            "canter": 0.80,
+            "gallop": 0.80,
+            "transverse_gallop": 0.80,
             "bound": 0.80,
         },
         source="assumed: a large dairy cow; gaits as those of the horse",
     ),
-}  # fmt: skip
+}
 """All builds by name. A new build needs an entry here and its name in :data:`BuildName`."""
 
 

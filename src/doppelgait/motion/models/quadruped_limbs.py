@@ -143,7 +143,7 @@ def compute_trunk_motion(
 
 def place_on_trunk(
     x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
-) -> FloatArray:  # fmt: skip
+) -> FloatArray:
     """Return the path of a point on the trunk.
     The point is defined by its position when the dog stands with the middle of its trunk at x = 0.
     """

@@ -29,9 +29,13 @@ def compute_gate_threshold(probability: float) -> float:
 
 
 def associate(
-    log_likelihood: FloatArray, *, detection_probability: float, gate_probability: float, clutter_density: float,
+    log_likelihood: FloatArray,
+    *,
+    detection_probability: float,
+    gate_probability: float,
+    clutter_density: float,
     association: str = "auto",
-) -> Associations:  # fmt: skip
+) -> Associations:
     """Assign the detections of one scan to tracks.
     Shapes: log_likelihood (T, D).
     """

@@ -264,9 +264,11 @@ class Track:
         }
         share = self.times_s.size / (self.times_s.size + later.times_s.size)
         return replace(
-            self, **arrays, mean_nis=share * self.mean_nis + (1 - share) * later.mean_nis,
+            self,
+            **arrays,
+            mean_nis=share * self.mean_nis + (1 - share) * later.mean_nis,
             mean_power_v2=share * self.mean_power_v2 + (1 - share) * later.mean_power_v2,
-        )  # fmt: skip
+        )
 
 
 def finish_track(live: LiveTrack) -> Track:

@@ -81,9 +81,12 @@ def track(
                 )
     if velocity_span_mps is not None and velocity_span_mps < LEAST_SPAN_MPS:
         unknown = partial(
-            replace, velocity_mps=0.0, velocity_sd_mps=NO_VELOCITY_SD_MPS,
-            velocity_low_mps=-NO_VELOCITY_SD_MPS, velocity_high_mps=NO_VELOCITY_SD_MPS,
-        )  # fmt: skip
+            replace,
+            velocity_mps=0.0,
+            velocity_sd_mps=NO_VELOCITY_SD_MPS,
+            velocity_low_mps=-NO_VELOCITY_SD_MPS,
+            velocity_high_mps=NO_VELOCITY_SD_MPS,
+        )
         scans = [Scan(scan.time_s, tuple(map(unknown, scan.detections))) for scan in scans]
         velocity_span_mps = None
     live: list[LiveTrack] = []
@@ -175,9 +178,15 @@ def _choose_model(one: LiveTrack, time_s: float, options: Tracker) -> Model:
 
 
 def _update_track(
-    time_s: float, model: Model, predicted: Gaussian, detections: list[Detection], measured: list[Innovation],
-    chosen: Associations, number: int, options: Tracker,
-) -> Step:  # fmt: skip
+    time_s: float,
+    model: Model,
+    predicted: Gaussian,
+    detections: list[Detection],
+    measured: list[Innovation],
+    chosen: Associations,
+    number: int,
+    options: Tracker,
+) -> Step:
     """Update one track after one scan.
     The best assignment determines the track that owns a detection; the weights determine the update.
     """
@@ -189,9 +198,7 @@ def _update_track(
     if own < 0:
         return Step(time_s, model, predicted, state, SHARED if len(parts) > 1 else MISSED)
     detection = detections[own]
-    return Step(
-        time_s, model, predicted, state, MEASURED, measured[own].nis, find_box(detection), detection.power_v2
-    )  # fmt: skip
+    return Step(time_s, model, predicted, state, MEASURED, measured[own].nis, find_box(detection), detection.power_v2)
 
 
 def _update_in_boxes(
@@ -200,8 +207,9 @@ def _update_in_boxes(
     """Update tracks inside the box of another detection.
     If a box has no owner and contains one track alone, it belongs to this track: a limb has shifted its centre.
     """
-    inside = {m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)]
-              for m, d in enumerate(detections)}  # fmt: skip
+    inside = {
+        m: [n for n, s in enumerate(steps) if _is_in_box(d, s.predicted, span_mps)] for m, d in enumerate(detections)
+    }
     steps = list(steps)
     owners = {int(m): n for n, m in enumerate(chosen.assigned) if m >= 0}
     for m, tracks in sorted(inside.items(), key=lambda item: len(item[1])):

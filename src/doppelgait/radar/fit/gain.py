@@ -32,9 +32,13 @@ def rescale_radar(radar: Radar, scale_db: float) -> Radar:
 
 
 def fit_gain(
-    radar: Radar, same: Sequence[SensorMeasurement], pooled: dict[str, PooledQuantity], people_at_m: float | None, *,
+    radar: Radar,
+    same: Sequence[SensorMeasurement],
+    pooled: dict[str, PooledQuantity],
+    people_at_m: float | None,
+    *,
     radar_is_known: bool,
-) -> Radar:  # fmt: skip
+) -> Radar:
     """Return a radar with fitted gain and noise figure.
     The spread of both is added to ``pooled``.
     """

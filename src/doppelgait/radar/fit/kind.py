@@ -16,12 +16,22 @@ from doppelgait.radar.fit.static import DB_PER_NEPER
 from doppelgait.radar.parameters import find_possible_correlation
 
 UNITS = {
-    "noise_level_db": "dB re 1 V", "noise_figure_db": "dB", "gain_db": "dB", "direct_path_db": "dB re 1 V",
-    "white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)", "drift_rad_per_min": "rad/min",
-    "iq_gain_db": "dB", "iq_phase_deg": "deg", "noise_iq_gain_db": "dB", "noise_iq_phase_deg": "deg",
-    "dc_level_db": "dB re 1 V", "dc_i_v": "V", "dc_q_v": "V",
+    "noise_level_db": "dB re 1 V",
+    "noise_figure_db": "dB",
+    "gain_db": "dB",
+    "direct_path_db": "dB re 1 V",
+    "white_rad": "rad",
+    "walk_rad_per_sqrt_min": "rad/sqrt(min)",
+    "drift_rad_per_min": "rad/min",
+    "iq_gain_db": "dB",
+    "iq_phase_deg": "deg",
+    "noise_iq_gain_db": "dB",
+    "noise_iq_phase_deg": "deg",
+    "dc_level_db": "dB re 1 V",
+    "dc_i_v": "V",
+    "dc_q_v": "V",
     "drop_probability": "of all frames",
-}  # fmt: skip
+}
 """Unit of each pooled quantity by its name."""
 
 

@@ -226,13 +226,27 @@ def measure_recording(recording: Recording) -> SensorMeasurement:
         *(["I/Q image, from what moved"] if "iq_gain_db" in estimates else []),
     ]
     return SensorMeasurement(
-        recording=recording, estimates=estimates, refused=refused, doppler_hz=doppler[0], doppler_db=doppler[1],
-        doppler_sd_db=doppler[2], range_db=range_db, range_sd_db=range_sd_db, correlation=correlation,
-        correlation_sd=correlation_sd, clutter=None if room is None else room.clutter, lines=lines,
-        n_faulty=faults[0], n_frames=faults[1], run_length=faults[2], full_scale_v=full_scale_v, step_v=step_v,
-        clipped=float(at_limit.mean()), echo_db=echo_db,
+        recording=recording,
+        estimates=estimates,
+        refused=refused,
+        doppler_hz=doppler[0],
+        doppler_db=doppler[1],
+        doppler_sd_db=doppler[2],
+        range_db=range_db,
+        range_sd_db=range_sd_db,
+        correlation=correlation,
+        correlation_sd=correlation_sd,
+        clutter=None if room is None else room.clutter,
+        lines=lines,
+        n_faulty=faults[0],
+        n_frames=faults[1],
+        run_length=faults[2],
+        full_scale_v=full_scale_v,
+        step_v=step_v,
+        clipped=float(at_limit.mean()),
+        echo_db=echo_db,
         uses=(*uses, *(["something moved: those ranges left out"] if has_moving else [])),
-    )  # fmt: skip
+    )
 
 
 def compute_windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
@@ -433,9 +447,9 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
     floor = np.median(low[(np.arange(window)[:, None] + around) % window], axis=1)
     # the chip's filter correlates bins, and a target makes neighbours unequal: only a third of the cells counts
     needed = 1.0 + LINE_SIGMAS * 2.0 / math.sqrt(part.shape[0] * max(n_bins / 3.0, 1.0))
-    stands = (low > floor * max(needed, float(db_to_power(LINE_DB)))) & (np.minimum(
-        np.arange(window), window - np.arange(window)
-    ) > SLOW_CELLS)  # fmt: skip
+    stands = (low > floor * max(needed, float(db_to_power(LINE_DB)))) & (
+        np.minimum(np.arange(window), window - np.arange(window)) > SLOW_CELLS
+    )
     # a line with noise scatters no more than noise; motion is stronger in some windows and bins
     lower, upper = np.quantile(power.transpose(1, 0, 2).reshape(window, -1), (0.25, 0.75), axis=1)
     stands &= upper < lower * WHITE_RATIO * math.log(4.0) / math.log(4.0 / 3.0)
@@ -465,7 +479,7 @@ def _find_lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int
 
 def _estimate_image(
     spectrum: ComplexArray, moving: FloatArray, f_hz: FloatArray, refused: dict[str, str]
-) -> dict[str, Estimate]:  # fmt: skip
+) -> dict[str, Estimate]:
     r"""Estimate the quadrature channel's errors from moving echoes."""
     if f_hz.size < WINDOW / 2:
         refused["I/Q image"] = f"windows of {f_hz.size} pulses are too short for the direction of motion"

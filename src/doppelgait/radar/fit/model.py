@@ -205,15 +205,28 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
     )
     fit = SensorFit(
-        source=recording.source, radar=recording.radar, range_m=range_m, n_frames=len(samples), n_used=used.size,
-        duration_s=float(time_s[-1] - time_s[0]), noise=noise, noise_level_db=level,
+        source=recording.source,
+        radar=recording.radar,
+        range_m=range_m,
+        n_frames=len(samples),
+        n_used=used.size,
+        duration_s=float(time_s[-1] - time_s[0]),
+        noise=noise,
+        noise_level_db=level,
         noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd / slope),
         receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, level.sd / slope),
-        echo_v=static.echo_v, clutter=clutter,
+        echo_v=static.echo_v,
+        clutter=clutter,
         leakage=estimate_leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
-        time_s=time_s[used], factor=static.factor, phase=phase, gain=gain,
-        faults=faults, bursts=hit, moving=moving, flags=(),
-    )  # fmt: skip
+        time_s=time_s[used],
+        factor=static.factor,
+        phase=phase,
+        gain=gain,
+        faults=faults,
+        bursts=hit,
+        moving=moving,
+        flags=(),
+    )
     return replace(fit, flags=list_flags(fit))
 
 

@@ -168,13 +168,22 @@ def fit_kind(
         refused["converter"] = "the values show no steps"
     doppler, doppler_step_hz = _pool_doppler(same, refused)
     return SensorKind(
-        radar=base, recordings=tuple(same), pooled=pooled, refused=refused, left_out=tuple(left_out),
-        clutter=_pool_clutter(spaced, longest.range_m), doppler=doppler, doppler_step_hz=doppler_step_hz,
+        radar=base,
+        recordings=tuple(same),
+        pooled=pooled,
+        refused=refused,
+        left_out=tuple(left_out),
+        clutter=_pool_clutter(spaced, longest.range_m),
+        doppler=doppler,
+        doppler_step_hz=doppler_step_hz,
         range_db=_pool_over_range(spaced),
-        correlation=_pool_correlation(spaced), lines=_pool_lines(same), run_length=length, bits=bits,
+        correlation=_pool_correlation(spaced),
+        lines=_pool_lines(same),
+        run_length=length,
+        bits=bits,
         full_scale_v=full_v if limits else step_v * 2.0**15,
         clipped=float(np.mean([m.clipped for m in same])),
-    )  # fmt: skip
+    )
 
 
 def _set_axes(radar: Radar, recording: Recording) -> Radar:

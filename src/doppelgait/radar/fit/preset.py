@@ -37,9 +37,11 @@ def calibrate_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     start_m = max(float(fit.range_m[0]), 0.0)
     stop_m = start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m
     changes: dict[str, Any] = {
-        "name": f"{base.name}, calibrated", "prf_hz": fit.radar.prf_hz, "range_start_m": start_m,
+        "name": f"{base.name}, calibrated",
+        "prf_hz": fit.radar.prf_hz,
+        "range_start_m": start_m,
         "range_stop_m": stop_m,
-    }  # fmt: skip
+    }
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
     noise = _choose_noise_change(fit, same)
     if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:

@@ -17,8 +17,27 @@ from doppelgait.radar.impairments.noise import Interference, ThermalNoise, noise
 from doppelgait.radar.impairments.timing import DroppedFrames, FrameJitter
 
 __all__ = [
-    "IMPAIRMENTS", "Adc", "Apply", "ColouredNoise", "DcLeak", "DroppedFrames", "FrameJitter", "Impairments",
-    "Interference", "IqImbalance", "Leakage", "PhaseNoise", "Samples", "Spur", "StaticClutter", "ThermalNoise",
-    "X4Counts", "apply_impairments", "image_ratio_db", "make_impairment", "noise_power_per_sample_v2",
-    "shift_pulse_times", "x4_frame_rate_hz",
-]  # fmt: skip
+    "IMPAIRMENTS",
+    "Adc",
+    "Apply",
+    "ColouredNoise",
+    "DcLeak",
+    "DroppedFrames",
+    "FrameJitter",
+    "Impairments",
+    "Interference",
+    "IqImbalance",
+    "Leakage",
+    "PhaseNoise",
+    "Samples",
+    "Spur",
+    "StaticClutter",
+    "ThermalNoise",
+    "X4Counts",
+    "apply_impairments",
+    "image_ratio_db",
+    "make_impairment",
+    "noise_power_per_sample_v2",
+    "shift_pulse_times",
+    "x4_frame_rate_hz",
+]

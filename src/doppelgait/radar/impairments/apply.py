@@ -46,11 +46,14 @@ class ShiftTimes(Protocol):
 IMPAIRMENTS: Group[Apply] = Group(
     "impairment",
     built_in=(
-        "doppelgait.radar.impairments.clutter", "doppelgait.radar.impairments.converter",
-        "doppelgait.radar.impairments.floor", "doppelgait.radar.impairments.mixer",
-        "doppelgait.radar.impairments.noise", "doppelgait.radar.impairments.timing",
+        "doppelgait.radar.impairments.clutter",
+        "doppelgait.radar.impairments.converter",
+        "doppelgait.radar.impairments.floor",
+        "doppelgait.radar.impairments.mixer",
+        "doppelgait.radar.impairments.noise",
+        "doppelgait.radar.impairments.timing",
     ),
-)  # fmt: skip
+)
 """Impairments by the ``kind`` of a scene file's ``[[impairments]]``."""
 
 if TYPE_CHECKING:

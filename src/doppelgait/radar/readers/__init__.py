@@ -40,21 +40,30 @@ Writer = Callable[..., Any]
 RADAR_READERS: Group[Reader] = Group(
     "radar_reader",
     built_in=(
-        "doppelgait.radar.recordings", "doppelgait.radar.xethru.convert", "doppelgait.radar.readers.matlab",
-        "doppelgait.radar.readers.arrays", "doppelgait.radar.readers.acconeer", "doppelgait.radar.readers.cw_text",
-        "doppelgait.radar.readers.sigmf", "doppelgait.radar.readers.glasgow", "doppelgait.radar.readers.dca1000",
+        "doppelgait.radar.recordings",
+        "doppelgait.radar.xethru.convert",
+        "doppelgait.radar.readers.matlab",
+        "doppelgait.radar.readers.arrays",
+        "doppelgait.radar.readers.acconeer",
+        "doppelgait.radar.readers.cw_text",
+        "doppelgait.radar.readers.sigmf",
+        "doppelgait.radar.readers.glasgow",
+        "doppelgait.radar.readers.dca1000",
         "doppelgait.radar.frames",
     ),
-)  # fmt: skip
+)
 """Readers of radar recordings by name."""
 
 RADAR_WRITERS: Group[Writer] = Group(
     "radar_writer",
     built_in=(
-        "doppelgait.radar.recordings", "doppelgait.radar.xethru.export", "doppelgait.radar.readers.arrays",
-        "doppelgait.radar.readers.sigmf", "doppelgait.radar.frames",
+        "doppelgait.radar.recordings",
+        "doppelgait.radar.xethru.export",
+        "doppelgait.radar.readers.arrays",
+        "doppelgait.radar.readers.sigmf",
+        "doppelgait.radar.frames",
     ),
-)  # fmt: skip
+)
 """Writers of radar recordings by name."""
 
 SWITCHES = {"conjugate", "time_first", "ignore_checksum"}

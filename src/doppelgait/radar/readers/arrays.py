@@ -56,10 +56,16 @@ def read_arrays(
     A one-dimensional array is a continuous-wave recording. A ``.npy`` file holds one array.
     """
     options = {
-        "prf_hz": prf_hz, "carrier_hz": carrier_hz, "range_start_m": range_start_m, "bin_spacing_m": bin_spacing_m,
-        "time_first": time_first, "conjugate": conjugate, "scale_v": scale_v, "key": key,
+        "prf_hz": prf_hz,
+        "carrier_hz": carrier_hz,
+        "range_start_m": range_start_m,
+        "bin_spacing_m": bin_spacing_m,
+        "time_first": time_first,
+        "conjugate": conjugate,
+        "scale_v": scale_v,
+        "key": key,
         "radar": None if radar is None else {"preset": str(radar)},
-    }  # fmt: skip
+    }
     facts = read_facts(path, {name: value for name, value in options.items() if value is not None})
     with path.open("rb") as file:
         is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC

@@ -192,9 +192,15 @@ def _prf_hz(path: Path, meta: Metadata, n_bins: int) -> float:
 
 
 def _make_foreign_radar(
-    path: Path, meta: Metadata, carrier_hz: float, prf_hz: float, n_bins: int, range_start_m: float | None,
-    bin_spacing_m: float | None, notes: list[str],
-) -> tuple[Radar, FloatArray]:  # fmt: skip
+    path: Path,
+    meta: Metadata,
+    carrier_hz: float,
+    prf_hz: float,
+    n_bins: int,
+    range_start_m: float | None,
+    bin_spacing_m: float | None,
+    notes: list[str],
+) -> tuple[Radar, FloatArray]:
     """Return radar and range axis of a file of other software.
     Assumptions are added to ``notes``.
     """

@@ -19,8 +19,15 @@ DATA = ".sigmf-data"
 HEAD_BYTES = 4096
 MAX_META_BYTES = 2**28
 DATATYPES = {
-    "f32": "f4", "f64": "f8", "i32": "i4", "i16": "i2", "i8": "i1", "u32": "u4", "u16": "u2", "u8": "u1",
-}  # fmt: skip
+    "f32": "f4",
+    "f64": "f8",
+    "i32": "i4",
+    "i16": "i2",
+    "i8": "i1",
+    "u32": "u4",
+    "u16": "u2",
+    "u8": "u1",
+}
 """NumPy types by SigMF number type."""
 MAX_NOTE_LABELS = 20
 
@@ -94,9 +101,12 @@ def _list_objects(values: Any) -> list[dict[str, Any]]:
 
 
 def _parse_metadata(
-    meta_path: Path, data_path: Path, common: dict[str, Any], captures: list[dict[str, Any]],
+    meta_path: Path,
+    data_path: Path,
+    common: dict[str, Any],
+    captures: list[dict[str, Any]],
     annotations: list[dict[str, Any]],
-) -> Metadata:  # fmt: skip
+) -> Metadata:
     version = str(common["core:version"]).removeprefix("v")
     if not version.startswith("1."):
         raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")
@@ -127,9 +137,7 @@ def _parse_metadata(
     if kind != "c" or base not in DATATYPES or order not in ("", "le", "be"):
         raise ValueError(f"core:datatype is {datatype!r}, which is not a SigMF type")
     number = np.dtype((">" if order == "be" else "<") + DATATYPES[base])
-    return Metadata(
-        data_path, common, captures, annotations, number, channels, None if rate is None else float(rate)
-    )  # fmt: skip
+    return Metadata(data_path, common, captures, annotations, number, channels, None if rate is None else float(rate))
 
 
 def read_samples(

@@ -128,11 +128,19 @@ class _Sweep(Waveform):
         range_m, amplitude_v = compute_scatterer_arrays(scatterers, radar)
         facts = np.array(
             [
-                per_m, radar.transmit_phase_rad / (2.0 * math.pi), radar.carrier_hz, 0.5 * self.lag * slope,
-                bandwidth_hz, self.lag, radar.carrier_hz * duration_s, bend, self._find_first_bin(radar), size,
+                per_m,
+                radar.transmit_phase_rad / (2.0 * math.pi),
+                radar.carrier_hz,
+                0.5 * self.lag * slope,
+                bandwidth_hz,
+                self.lag,
+                radar.carrier_hz * duration_s,
+                bend,
+                self._find_first_bin(radar),
+                size,
                 0.5 * ((size - 1) % 2),
             ]
-        )  # fmt: skip
+        )
         n_columns, n_scatterers = -(-n_bins // VECTOR) * VECTOR, range_m.shape[1]
         turns = np.zeros(n_columns)
         turns[:n_bins] = self._compute_video_turns(radar)

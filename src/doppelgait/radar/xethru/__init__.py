@@ -8,7 +8,17 @@ from doppelgait.radar.xethru.records import DATA_TYPES, make_records
 from doppelgait.radar.xethru.writer import Splitting, TimedRecord, write_xethru
 
 __all__ = [
-    "DATA_TYPES", "Splitting", "TimedRecord", "XethruRecording", "XethruStream", "down_convert_frames", "make_records",
-    "read_xethru", "read_xethru_recording", "sniff_xethru", "up_convert_frames", "write_xethru",
+    "DATA_TYPES",
+    "Splitting",
+    "TimedRecord",
+    "XethruRecording",
+    "XethruStream",
+    "down_convert_frames",
+    "make_records",
+    "read_xethru",
+    "read_xethru_recording",
+    "sniff_xethru",
+    "up_convert_frames",
+    "write_xethru",
     "write_xethru_recording",
-]  # fmt: skip
+]

@@ -62,9 +62,14 @@ def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int
 
 
 CONVERTIBLE = (
-    "baseband_iq", "baseband_ap", "radar_baseband_float", "radar_baseband_q15", "radar_rf", "radar_rf_normalized",
+    "baseband_iq",
+    "baseband_ap",
+    "radar_baseband_float",
+    "radar_baseband_q15",
+    "radar_rf",
+    "radar_rf_normalized",
     "datafloat",
-)  # fmt: skip
+)
 """Data types that contain a baseband or can be converted to one."""
 RF_DECIMATION = 8
 DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
@@ -175,9 +180,12 @@ def read_xethru_recording(
         If frame counters are missing, or a data file is damaged.
     """
     options = {
-        "range_start_m": range_start_m, "bin_spacing_m": bin_spacing_m, "carrier_hz": carrier_hz, "prf_hz": prf_hz,
+        "range_start_m": range_start_m,
+        "bin_spacing_m": bin_spacing_m,
+        "carrier_hz": carrier_hz,
+        "prf_hz": prf_hz,
         "counts_per_unit": counts_per_unit,
-    }  # fmt: skip
+    }
     file = Path(path)
     for option, word_used, words in (
         ("kind", kind, ("baseband", "rf")),
@@ -263,9 +271,13 @@ def convert_records(
         values = _from_datafloat(source, iq) if source.name == "datafloat" else _from_pairs(source)
         range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
     made = adapt_preset(
-        source.path, radar, n_range_bins=range_m.size, range_start_m=float(range_m[0]),
-        prf_hz=facts["prf_hz"], carrier_hz=facts["carrier_hz"],
-    )  # fmt: skip
+        source.path,
+        radar,
+        n_range_bins=range_m.size,
+        range_start_m=float(range_m[0]),
+        prf_hz=facts["prf_hz"],
+        carrier_hz=facts["carrier_hz"],
+    )
     scale_v = made.volts_per_unit or 1.0
     source.notes.append(f"radar = {radar}: not in the file; pulse, power and antennas are the preset's")
     source.notes.append(f"1 unit of baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file")
@@ -351,9 +363,14 @@ def _from_rf(
         sample_rate_hz = DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
     try:
         values, range_m = down_convert_frames(
-            frames, carrier_hz=facts["carrier_hz"], sample_rate_hz=sample_rate_hz, decimation=RF_DECIMATION,
-            range_start_m=facts["range_start_m"], bin_length_m=facts["bin_spacing_m"], filter=filter,
-        )  # fmt: skip
+            frames,
+            carrier_hz=facts["carrier_hz"],
+            sample_rate_hz=sample_rate_hz,
+            decimation=RF_DECIMATION,
+            range_start_m=facts["range_start_m"],
+            bin_length_m=facts["bin_spacing_m"],
+            filter=filter,
+        )
     except RecordingError as error:
         raise RecordingError(f"{source.path}: {error}") from None
     return np.float32(compute_chip_gain(facts["carrier_hz"], sample_rate_hz, filter)) * values, range_m

@@ -33,10 +33,17 @@ HEAD = struct.Struct("<IIqBIqqIqII28sI")
 RESERVED = b"\xcd" * 28
 TRAILER_HEAD = struct.Struct("<IBI")
 LENGTH = struct.Struct("<I")
-ENTRY = np.dtype([
-    ("time_ms", "<u4"), ("kind", "u1"), ("data_type", "<u4"), ("size", "<u4"), ("file", "<u4"), ("offset", "<i8"),
-    ("total", "<i8"),
-])  # fmt: skip
+ENTRY = np.dtype(
+    [
+        ("time_ms", "<u4"),
+        ("kind", "u1"),
+        ("data_type", "<u4"),
+        ("size", "<u4"),
+        ("file", "<u4"),
+        ("offset", "<i8"),
+        ("total", "<i8"),
+    ]
+)
 """Type of a table entry of 33 bytes.
 
 ``data_type`` is a bit mask, bitwise inverted for a user header; ``offset`` is the position in the data file; ``total``
@@ -79,12 +86,20 @@ def pack_meta(meta: Meta) -> bytes:
     records = meta.records
     masks = np.where(records["data_type"] >> 31, ~records["data_type"], records["data_type"])
     head = HEAD.pack(
-        MAGIC, meta.version, meta.start_ms, meta.flag, meta.duration_ms,
-        int(records["size"].sum(dtype=np.int64)), trailer_at,
+        MAGIC,
+        meta.version,
+        meta.start_ms,
+        meta.flag,
+        meta.duration_ms,
+        int(records["size"].sum(dtype=np.int64)),
+        trailer_at,
         int(np.bitwise_or.reduce(masks, initial=0)),
         trailer_at + len(trailer) if meta.next_meta else NO_NEXT,
-        int(records["size"].max(initial=0)), meta.profile_id, RESERVED, len(session),
-    )  # fmt: skip
+        int(records["size"].max(initial=0)),
+        meta.profile_id,
+        RESERVED,
+        len(session),
+    )
     following = _pack_text(meta.next_meta) if meta.next_meta else b""
     return head + session + table + trailer + following
 
@@ -117,10 +132,15 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
             f"of entries inside the {len(content):,} bytes of the file"
         )
     meta = Meta(
-        start_ms=head[2], session_id=_read_text(content, HEAD.size, session_bytes, where), version=version,
-        flag=head[3], duration_ms=head[4], profile_id=head[10], file_names=(),
+        start_ms=head[2],
+        session_id=_read_text(content, HEAD.size, session_bytes, where),
+        version=version,
+        flag=head[3],
+        duration_ms=head[4],
+        profile_id=head[10],
+        file_names=(),
         entries=np.frombuffer(content, ENTRY, (trailer_at - table_at) // ENTRY.itemsize, table_at),
-    )  # fmt: skip
+    )
     next_at = head[8]
     time_ms, kind, n_files = TRAILER_HEAD.unpack_from(content, trailer_at)
     if kind != TRAILER:
@@ -179,21 +199,36 @@ Field = tuple[str, str]
 
 _APPLICATION: tuple[Field, ...] = (("content_id", "<u4"), ("info", "<u4"), ("count", "<u4"))
 _PROFILE: tuple[Field, ...] = (
-    ("frame_counter", "<u4"), ("count", "<u4"), ("bin_length_m", "<f4"), ("sample_rate_hz", "<f4"),
-    ("carrier_hz", "<f4"), ("range_start_m", "<f4"),
-)  # fmt: skip
+    ("frame_counter", "<u4"),
+    ("count", "<u4"),
+    ("bin_length_m", "<f4"),
+    ("sample_rate_hz", "<f4"),
+    ("carrier_hz", "<f4"),
+    ("range_start_m", "<f4"),
+)
 _RADAR: tuple[Field, ...] = (*_PROFILE[:5], ("frame_rate_hz", "<f4"), ("range_start_m", "<f4"))
 _BASEBAND: tuple[Field, ...] = (
-    *_RADAR, ("decimation", "<u4"), ("correction_bin", "<u4"), ("correction_i", "<f4"), ("correction_q", "<f4"),
-)  # fmt: skip
+    *_RADAR,
+    ("decimation", "<u4"),
+    ("correction_bin", "<u4"),
+    ("correction_i", "<f4"),
+    ("correction_q", "<f4"),
+)
 _MATRIX: tuple[Field, ...] = (
-    ("frame_counter", "<u4"), ("matrix_counter", "<u4"), ("range_index", "<u4"), ("range_bins", "<u4"),
-    ("count", "<u4"), ("instance", "<u4"),
-)  # fmt: skip
+    ("frame_counter", "<u4"),
+    ("matrix_counter", "<u4"),
+    ("range_index", "<u4"),
+    ("range_bins", "<u4"),
+    ("count", "<u4"),
+    ("instance", "<u4"),
+)
 _RATES: tuple[Field, ...] = (
-    ("frame_rate_hz", "<f4"), ("frame_rate_decimated_hz", "<f4"), ("frequency_start_hz", "<f4"),
-    ("frequency_step_hz", "<f4"), ("range_m", "<f4"),
-)  # fmt: skip
+    ("frame_rate_hz", "<f4"),
+    ("frame_rate_decimated_hz", "<f4"),
+    ("frequency_start_hz", "<f4"),
+    ("frequency_step_hz", "<f4"),
+    ("range_m", "<f4"),
+)
 _STEPS: tuple[Field, ...] = (("level_start_db", "<f4"), ("level_step_db", "<f4"))
 
 

@@ -43,7 +43,7 @@ __all__ = [
     "make_effect",
     "needs_angles",
     "relative_permittivity",
-]  # fmt: skip
+]
 
 
 def make_effect(table: Mapping[str, Any]) -> FrozenModel:

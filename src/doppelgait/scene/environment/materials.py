@@ -22,9 +22,21 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 MaterialName = Literal[
-    "concrete", "brick", "plasterboard", "wood", "glass", "ceiling_board", "chipboard", "plywood", "marble",
-    "floorboard", "metal", "very_dry_ground", "medium_dry_ground", "wet_ground",
-]  # fmt: skip
+    "concrete",
+    "brick",
+    "plasterboard",
+    "wood",
+    "glass",
+    "ceiling_board",
+    "chipboard",
+    "plywood",
+    "marble",
+    "floorboard",
+    "metal",
+    "very_dry_ground",
+    "medium_dry_ground",
+    "wet_ground",
+]
 
 
 class Constants(NamedTuple):

@@ -370,9 +370,14 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     reflection = np.where(from_wall_m > 0, reflection, 0.0)
     normal = (-math.cos(normal_rad), -math.sin(normal_rad), 0.0)
     return add_images(
-        scatterers, rows, direct=direct, image=image, reflection=reflection, endings=(ONE_GHOST, TWO_GHOSTS),
+        scatterers,
+        rows,
+        direct=direct,
+        image=image,
+        reflection=reflection,
+        endings=(ONE_GHOST, TWO_GHOSTS),
         plane=(normal, radar_distance_m),
-    )  # fmt: skip
+    )
 
 
 def find_wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:

@@ -49,4 +49,4 @@ __all__ = [
     "format_report",
     "list_suite_radars",
     "run_conformance",
-]  # fmt: skip
+]

@@ -51,9 +51,15 @@ class Wall(Protocol):
     """
 
     def __call__(
-        self, scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, thickness_m: float,
+        self,
+        scatterers: xr.Dataset,
+        /,
+        *,
+        permittivity: float,
+        conductivity_s_per_m: float,
+        thickness_m: float,
         carrier_hz: float,
-    ) -> xr.Dataset:  # fmt: skip
+    ) -> xr.Dataset:
         """Change ``range``, ``path_gain`` and, if used, ``path_phase`` of a table with angles."""
 
 
@@ -61,9 +67,15 @@ class TwoRay(Protocol):
     """A smooth floor at height 0; vertical polarisation."""
 
     def __call__(
-        self, scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, radar_height_m: float,
+        self,
+        scatterers: xr.Dataset,
+        /,
+        *,
+        permittivity: float,
+        conductivity_s_per_m: float,
+        radar_height_m: float,
         carrier_hz: float,
-    ) -> xr.Dataset:  # fmt: skip
+    ) -> xr.Dataset:
         """Append reflected echoes to a table with angles."""
 
 
@@ -138,9 +150,14 @@ def quantise_samples(
 
 
 def apply_wall(
-    scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, thickness_m: float,
+    scatterers: xr.Dataset,
+    /,
+    *,
+    permittivity: float,
+    conductivity_s_per_m: float,
+    thickness_m: float,
     carrier_hz: float,
-) -> xr.Dataset:  # fmt: skip
+) -> xr.Dataset:
     """Apply a wall of the material to a table."""
     material = {"permittivity": permittivity, "conductivity_s_per_m": conductivity_s_per_m}
     return _apply_effect(
@@ -149,9 +166,14 @@ def apply_wall(
 
 
 def apply_floor(
-    scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, radar_height_m: float,
+    scatterers: xr.Dataset,
+    /,
+    *,
+    permittivity: float,
+    conductivity_s_per_m: float,
+    radar_height_m: float,
     carrier_hz: float,
-) -> xr.Dataset:  # fmt: skip
+) -> xr.Dataset:
     """Apply a floor of the material to a table."""
     material = {"permittivity": permittivity, "conductivity_s_per_m": conductivity_s_per_m}
     return _apply_effect(

@@ -74,9 +74,16 @@ def make_approach(radar: Radar, *, start_m: float, stop_m: float, n_pulses: int,
 
 
 COMMON: dict[str, Any] = {
-    "carrier_hz": 7.29e9, "prf_hz": 1000.0, "range_stop_m": 9.6, "transmit_phase_rad": 0.4, "tx_power_dbm": 6.0,
-    "tx_gain_dbi": 4.0, "rx_gain_dbi": 3.0, "receiver_gain_db": 10.0, "noise_figure_db": 7.0,
-}  # fmt: skip
+    "carrier_hz": 7.29e9,
+    "prf_hz": 1000.0,
+    "range_stop_m": 9.6,
+    "transmit_phase_rad": 0.4,
+    "tx_power_dbm": 6.0,
+    "tx_gain_dbi": 4.0,
+    "rx_gain_dbi": 3.0,
+    "receiver_gain_db": 10.0,
+    "noise_figure_db": 7.0,
+}
 SWEEP = {"bandwidth_hz": 1e9, "sweep_s": 8e-4, "sample_rate_hz": 160e3}
 WIDE: dict[str, dict[str, Any]] = {
     "impulse": {"bandwidth_hz": 1.4e9, "sample_rate_hz": 3e9, "pulse_rate_hz": 64e3},

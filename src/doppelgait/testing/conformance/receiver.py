@@ -184,9 +184,10 @@ def _measure_walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float,
         after = bench.wall(before, carrier_hz=radar.carrier_hz, **wall)
         later_m = float(after["range"].values[0, 0]) - RANGE_M
         eps = theory.compute_permittivity(
-            permittivity=wall["permittivity"], conductivity_s_per_m=wall["conductivity_s_per_m"],
+            permittivity=wall["permittivity"],
+            conductivity_s_per_m=wall["conductivity_s_per_m"],
             carrier_hz=radar.carrier_hz,
-        )  # fmt: skip
+        )
         cosine, thickness_m = math.cos(azimuth_rad), wall["thickness_m"]
         t = theory.compute_slab_insertion(
             cosine, permittivity=eps, thickness_m=thickness_m, wavelength_m=theory.wavelength_m(radar)

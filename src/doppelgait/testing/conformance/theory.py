@@ -220,9 +220,11 @@ def compute_slab_insertion(cosine: float, *, permittivity: complex, thickness_m:
     inside = np.sqrt(permittivity - 1.0 + cosine**2)
     turn = 2.0 * np.pi * thickness_m / wavelength_m
     matrix = np.array(
-        [[np.cos(turn * inside), 1j * np.sin(turn * inside) / inside],
-         [1j * inside * np.sin(turn * inside), np.cos(turn * inside)]]
-    )  # fmt: skip
+        [
+            [np.cos(turn * inside), 1j * np.sin(turn * inside) / inside],
+            [1j * inside * np.sin(turn * inside), np.cos(turn * inside)],
+        ]
+    )
     front = matrix @ np.array([1.0, cosine])
     through = 2.0 * cosine / (cosine * front[0] + front[1])
     return complex(through * np.exp(1j * turn * cosine))
