@@ -309,10 +309,10 @@ class Material:
         """Analyse a target in its true gate."""
         seen = self.recording(body, **recording)
         analysis = Analysis(
-            method=method,
+            method=method,  # type: ignore[arg-type]
             cpi_s=cpi_s,
             window_steepness=STEEPNESS,
-            bandwidth_threshold=THRESHOLD,  # type: ignore[arg-type]
+            bandwidth_threshold=THRESHOLD,
         )
         key = ("result", id(seen), method, cpi_s)  # the recording is stored, so that its id stays unique
         return self.compute_once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])
