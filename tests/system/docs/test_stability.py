@@ -71,13 +71,10 @@ def names(columns):
     return {*python_names(), *commands(), *(f"column {name}" for name in columns)}
 
 
-def section(title):
-    return PAGE.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
-
-
 def rows(title):
     """Cells of the table of a section, without its head."""
-    lines = [line for line in section(title).splitlines() if line.startswith("| ")]
+    section = PAGE.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("| ")]
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines if not line.startswith("| ---")]
 
 
