@@ -2,7 +2,7 @@
 
     python studies/dog_curves.py MOTION_FOLDER [--dog MANN]
 
-Averages all strides of one dog by gait and prints the tables of ``doppelgait.motion.models.quadruped_curves``.
+Averages all strides of one dog by gait and prints the tables of ``doppelgait.motion.models.curves``.
 Gallops are those in the rotary order; those with the other lead are mirrored.
 """
 
@@ -126,7 +126,7 @@ def main() -> None:
                 if trunk:
                     curve = (curve - curve.mean())[: 10 if gait in SYMMETRICAL else 20]
             values = ", ".join(f"{value:.{digits}f}" for value in curve)
-            print(f'    ("{gait}", "{name}"): ({values}),  # {sum(len(part) for part in found)}')
+            print(f"{gait}: {name} = [{values}] # {sum(len(part) for part in found)}")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
     python studies/motion_curves.py MOTION_FOLDER
 
 Fits a straight line in sqrt(g l) / V to every harmonic of the curves of one half of the people, by subject, and prints
-the tables of ``doppelgait.motion.models.human_curves``.
+the tables of ``doppelgait.motion.models.curves``.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def main() -> None:
         slope, share = np.polyfit([1 / cycle.dimensionless_speed - 1 / middle for cycle in tipped], shares, 1)
         print(f"  share on the ground: {share:.3f}, slope {slope:.3f}")
         for name, table in fit_tables(found).items():
-            for row in table:
-                print(f"  {name}: " + ", ".join(f"{value:.{DECIMALS[name]}f}" for value in row))
+            for kind, row in zip(("mean", "slope"), table, strict=True):
+                print(f"{name}.{kind} = [" + ", ".join(f"{value:.{DECIMALS[name]}f}" for value in row) + "]")
 
 
 if __name__ == "__main__":

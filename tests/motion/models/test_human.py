@@ -9,9 +9,9 @@ import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, boulic_walk
 from doppelgait.motion.models.boulic import LENGTHS, POINTS
+from doppelgait.motion.models.curves import walk_duty
 from doppelgait.motion.models.human import HumanConfig, human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
 from doppelgait.motion.models.human_body import find_segment_lengths, sample_person
-from doppelgait.motion.models.human_curves import walk_duty
 from doppelgait.motion.models.human_feet import ANKLE, FOOT, HEEL, MIDDLE, STANDING_RAD, TIP
 from doppelgait.motion.models.strides import step_series
 

@@ -4,8 +4,8 @@ from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, QuadrupedConfig, quadruped_gait
+from doppelgait.motion.models.curves import find_swing_curve
 from doppelgait.motion.models.quadruped import POINTS
-from doppelgait.motion.models.quadruped_curves import find_swing_curve
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     DUTY_LIMITS,

@@ -3,7 +3,6 @@
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_walk, compute_boulic_points
 from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
-from doppelgait.motion.models.dogs import Dog, sample_dog
 from doppelgait.motion.models.human import HumanConfig, human_gait
 from doppelgait.motion.models.human_body import Person, sample_person
 from doppelgait.motion.models.primitives import (
@@ -17,6 +16,7 @@ from doppelgait.motion.models.primitives import (
     rotor,
 )
 from doppelgait.motion.models.quadruped import QuadrupedConfig, quadruped_gait
+from doppelgait.motion.models.quadruped_gaits import Dog, sample_dog
 from doppelgait.motion.models.registry import MOTION_MODELS, generate, get_parameters
 
 __all__ = [

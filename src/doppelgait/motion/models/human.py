@@ -1,6 +1,6 @@
 """Person who walks or runs like recorded people.
 
-Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.human_curves`), and
+Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.curves`), and
 feet do not slide. A walk has the step length, timing, torsion and arms of Boulic et al. (1990). For the run, there is
 no published set of equations: its timing is a table of usual values, and the vertical motion follows from mechanics.
 Speeds are those of an adult of 1.75 m. Other people run with dynamic similarity, V ~ sqrt(H), f ~ 1/sqrt(H).
@@ -31,6 +31,7 @@ from doppelgait.motion.models.boulic import (
     thorax_torsion_deg,
     trunk_angles_deg,
 )
+from doppelgait.motion.models.curves import join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_body import (
     ADULT_M,
     CHILD_M,
@@ -44,7 +45,6 @@ from doppelgait.motion.models.human_body import (
     place_legless_points,
     swing_arms,
 )
-from doppelgait.motion.models.human_curves import join_curves, make_measured_curve, walk_duty
 from doppelgait.motion.models.human_feet import FOOT, GaitStyle, Hips, place_feet
 from doppelgait.motion.models.registry import generate, parse_parameters
 from doppelgait.motion.models.strides import (

@@ -223,7 +223,7 @@ def quadruped_gait(
     1983; in walk and pace 0.23; c between those of two measured dogs, assumed for all); stride frequency f = V/L. A paw
     is at rest on the ground for the share 1 - t_swing f of the stride plus an offset of the gait, with
     t_swing = 0.35 s (h/0.46 m)^0.5. Trunk, neck, tail, swinging paws and the segments of the limbs follow the mean
-    curves of one recorded dog (:mod:`doppelgait.motion.models.quadruped_curves`).
+    curves of one recorded dog (:mod:`doppelgait.motion.models.curves`).
 
     Parameters
     ----------

@@ -1,19 +1,26 @@
-"""Gaits and builds of a quadruped as data.
+"""Gaits, builds and sampled dogs of the quadruped model.
 
-The module also has the laws of speed, stride and duty factor. Lengths are in units of the hip height h, a share of the
-withers height. Phases are in cycles after touchdown of the left hind foot. Values of walk, pace, trot and gallop are
-between those of two dogs in motion capture, a medium-sized one and a Labrador, if both have the gait. Canter,
-transverse gallop and bound are approximations (assumed) from the literature on dogs and cursorial mammals, with the
-limbs of the gallop.
+``quadruped_gaits.toml`` has the gaits and builds. This module adds the laws of speed, stride and duty factor. Lengths
+are in units of the hip height h, a share of the withers height. Values of walk, pace, trot and gallop are between those
+of two dogs in motion capture, a medium-sized one and a Labrador, if both have the gait. Canter, transverse gallop and
+bound are approximations (assumed) from the literature on dogs and cursorial mammals, with the limbs of the gallop.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any, Literal
 
-from doppelgait.motion.models.quadruped_curves import RecordedGait
+import numpy as np
+
+from doppelgait.core.config import check_choice, check_type, read_toml
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import RandomSource, as_generator
+from doppelgait.motion.models.curves import RecordedGait
 
 GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
 GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
@@ -46,89 +53,16 @@ class Gait:
     stride_power: float = 0.3
 
 
-GAITS: dict[str, Gait] = {
-    # Lateral sequence, four beats, each fore foot a sixth of a stride after its hind foot.
-    "walk": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.17, "right_hind": 0.5, "right_fore": 0.67},
-        froude=(0.05, 0.5, 0.2),
-        stride_factor=2.45,
-        stride_power=0.23,
-        harmonic=2,
-        curves="walk",
-        sway=0.025,
-        hind=Girdle(-0.08, 0.08, 0.50, 0.08),
-        fore=Girdle(-0.01, 0.10, 0.52, 0.2),
-    ),
-    # Both feet of a side together, the fore foot slightly late (measured at Fr 0.1 to 0.5).
-    "pace": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.02, "right_hind": 0.5, "right_fore": 0.52},
-        froude=(0.1, 1.0, 0.4),
-        stride_factor=2.45,
-        stride_power=0.23,
-        harmonic=2,
-        curves="pace",
-        sway=0.025,
-        hind=Girdle(-0.065, 0.08, 0.50, -0.03),
-        fore=Girdle(-0.01, 0.10, 0.52, 0.175),
-    ),
-    # Diagonal pairs, the forefoot slightly before its hind foot (measured), left and right exactly half a stride
-    # apart; the trunk is lowest in the middle of each stance.
-    "trot": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.43, "right_hind": 0.5, "right_fore": 0.93},
-        froude=(0.3, 2.5, 1.0),
-        stride_factor=2.6,
-        harmonic=2,
-        curves="trot",
-        sway=0.035,
-        hind=Girdle(-0.095, 0.14, 0.50, 0),
-        fore=Girdle(-0.03, 0.19, 0.50, 0.19),
-    ),
-    # Right lead, three beats: left hind, then right hind with left fore, then right fore, then a short suspension.
-    "canter": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.275, "right_hind": 0.275, "right_fore": 0.55},
-        froude=(1.0, 5.0, 2.0),
-        stride_factor=2.7,
-        harmonic=1,
-        curves="gallop",
-        sway=0.025,
-        hind=Girdle(-0.02, 0.24, 0.48, 0),
-        fore=Girdle(0, 0.28, 0.50, 0.16),
-    ),
-    # Rotary: right hind, left hind, left fore, right fore, then one gathered suspension (measured).
-    "gallop": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.163, "right_hind": 0.832, "right_fore": 0.344},
-        froude=(1.2, 10.0, 4.0),
-        stride_factor=2.7,
-        harmonic=1,
-        curves="gallop",
-        sway=0.025,
-        hind=Girdle(-0.055, 0.34, 0.45, 0),
-        fore=Girdle(-0.045, 0.38, 0.50, 0.16),
-    ),
-    # Right lead both behind and in front: left hind, right hind, left fore, right fore; limbs as in the rotary gallop.
-    "transverse_gallop": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.40, "right_hind": 0.15, "right_fore": 0.55},
-        froude=(1.2, 10.0, 4.0),
-        stride_factor=2.7,
-        harmonic=1,
-        curves="gallop",
-        sway=0.025,
-        hind=Girdle(-0.055, 0.34, 0.45, 0),
-        fore=Girdle(-0.045, 0.38, 0.50, 0.16),
-    ),
-    # Both feet of each pair land simultaneously, without left-right difference; limbs as in the rotary gallop.
-    "bound": Gait(
-        touchdown={"left_hind": 0.0, "left_fore": 0.45, "right_hind": 0.0, "right_fore": 0.45},
-        froude=(1.0, 6.0, 2.5),
-        stride_factor=2.7,
-        harmonic=1,
-        curves="gallop",
-        sway=0.0,
-        hind=Girdle(-0.02, 0.30, 0.45, 0),
-        fore=Girdle(0, 0.34, 0.50, 0.16),
-    ),
-}
-"""All gaits by name. A new gait needs an entry here and its name in :data:`GaitName`."""
+_TABLES = read_toml(Path(__file__).with_name("quadruped_gaits.toml"))[0]
+
+
+def _make_gait(touchdown: dict[str, float], froude: list[float], **values: Any) -> Gait:
+    hind, fore = (Girdle(**values.pop(end)) for end in ("hind", "fore"))
+    return Gait(touchdown, (froude[0], froude[1], froude[2]), hind=hind, fore=fore, **values)
+
+
+GAITS: dict[str, Gait] = {name: _make_gait(**table) for name, table in _TABLES["gaits"].items()}
+"""All gaits by name. A new gait needs a table in ``quadruped_gaits.toml`` and its name in :data:`GaitName`."""
 
 GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
 """Gaits of a dog in order of speed. Each is used up to the end of its range of Froude numbers."""
@@ -162,8 +96,6 @@ SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
 """Duration of a swing, from rest to rest, and the hip height at which it was measured. It is nearly equal in all
 gaits."""
 DUTY_LIMITS = (0.15, 0.75)
-WITHERS_PER_CUBE_ROOT_MASS = 0.175
-"""Withers height in m over the cube root of the mass in kg (assumed; 0.15 to 0.20 for common breeds)."""
 
 
 @dataclass(frozen=True)
@@ -174,8 +106,8 @@ class Build:
 
     withers_m: float
     mass_kg: float
+    withers_range_m: tuple[float, float]
     species: str = "dog"
-    withers_range_m: tuple[float, float] = (0.15, 0.9)
     hip: float = 0.8
     trunk: float = 1.0
     limbs: float = 1.0
@@ -187,85 +119,12 @@ class Build:
     source: str = "assumed: height and mass in the middle of the breed standard, standard proportions"
 
 
-BUILDS: dict[str, Build] = {
-    "standard": Build(
-        0.50,
-        (0.50 / WITHERS_PER_CUBE_ROOT_MASS) ** 3,
-        source="assumed: those of one measured dog and of breed standards",
-    ),
-    "chihuahua": Build(0.20, 2.5),
-    "jack_russell": Build(0.28, 6.5),
-    "beagle": Build(0.37, 10.5),
-    "border_collie": Build(0.52, 17.0),
-    "labrador": Build(0.56, 30.0),
-    "german_shepherd": Build(
-        0.61,
-        33.0,
-        trunk=1.12,
-        source="breed standard: trunk 1.11 to 1.25 of the height; height and mass assumed",
-    ),
-    "great_dane": Build(0.80, 62.0),
-    "dachshund": Build(
-        0.22,
-        9.0,
-        trunk=1.8,
-        head=1.7,
-        tail=1.7,
-        source="assumed: short-legged, hip height about half the trunk length",
-    ),
-    "cat": Build(
-        0.25,
-        4.5,
-        species="cat",
-        hip=0.92,
-        trunk=1.1,
-        limbs=1.15,
-        tail=2.0,
-        stride={"walk": 1.09, "pace": 1.09, "trot": 1.155},
-        duty_offset=-0.04,
-        walk_lag=0.30,
-        source="assumed: crouched limbs, hip height 0.74 of the straight limb, longer strides, diagonal couplets",
-    ),
-    # One recorded horse, 1.28 m high, has 0.92 of a dog's stride at its Froude number in the walk (of 2.45 Fr^0.23) and
-    # 0.78 in the trot (of 2.6 Fr^0.3); 17 m/s at 2.4 strides per second of a racehorse give 0.80 in the gallop.
-    "horse": Build(
-        1.55,
-        480.0,
-        species="horse",
-        withers_range_m=(0.7, 1.8),
-        head=1.2,
-        walk_lag=0.24,
-        stride={
-            "walk": 0.92,
-            "pace": 0.92,
-            "trot": 0.78,
-            "canter": 0.80,
-            "gallop": 0.80,
-            "transverse_gallop": 0.80,
-            "bound": 0.80,
-        },
-        source="strides of walk and trot and the lag measured on one horse; mass, head and gallop assumed",
-    ),
-    "cow": Build(
-        1.45,
-        650.0,
-        species="cow",
-        withers_range_m=(0.8, 1.8),
-        trunk=1.15,
-        walk_lag=0.24,
-        stride={
-            "walk": 0.92,
-            "pace": 0.92,
-            "trot": 0.78,
-            "canter": 0.80,
-            "gallop": 0.80,
-            "transverse_gallop": 0.80,
-            "bound": 0.80,
-        },
-        source="assumed: a large dairy cow; gaits as those of the horse",
-    ),
-}
-"""All builds by name. A new build needs an entry here and its name in :data:`BuildName`."""
+def _make_build(withers_range_m: Sequence[float] = (0.15, 0.9), **values: Any) -> Build:
+    return Build(withers_range_m=(withers_range_m[0], withers_range_m[1]), **values)
+
+
+BUILDS: dict[str, Build] = {name: _make_build(**table) for name, table in _TABLES["builds"].items()}
+"""All builds by name. A new build needs a table in ``quadruped_gaits.toml`` and its name in :data:`BuildName`."""
 
 
 def hip_height_m(build: Build, withers_m: float) -> float:
@@ -320,3 +179,168 @@ def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
     if gait.harmonic == 2:
         hind, fore = (replace(g, duty_offset=g.duty_offset + build.duty_offset) for g in (hind, fore))
     return replace(gait, touchdown=touchdown, stride_factor=stride_factor, hind=hind, fore=fore)
+
+
+DOG_BUILDS: tuple[BuildName, ...] = (
+    "standard",
+    "chihuahua",
+    "jack_russell",
+    "beagle",
+    "border_collie",
+    "labrador",
+    "german_shepherd",
+    "great_dane",
+    "dachshund",
+)
+GAIT_SHARES: dict[GaitName, float] = {"walk": 0.35, "pace": 0.1, "trot": 0.35, "canter": 0.1, "gallop": 0.1}
+"""Probability of the gaits of a sampled dog (assumed)."""
+
+
+@dataclass(frozen=True)
+class Dog:
+    """Dog sampled by :func:`sample_dog`, with gait and speed."""
+
+    build: BuildName
+    gait: GaitName
+    withers_m: float
+    froude: float
+    stride_ratio: float
+    trunk_ripple: float
+    hind_swing_peak: float
+    fore_swing_peak: float
+    neck_deg: float
+    tail_deg: float
+    tail_frequency_hz: float
+    tail_sweep_deg: float
+    stride_variation: float
+    step_length_sd: float
+    footfall_sd: float
+    asymmetry: float
+    length_asymmetry: float
+
+    def parameters(self, **changes: Any) -> dict[str, Any]:
+        """Return the parameters of :func:`doppelgait.motion.quadruped_gait` for this dog.
+
+        Parameters
+        ----------
+        **changes
+            Parameters that replace the dog's own, for example ``gait``; ``speed_mps`` replaces the Froude number.
+        """
+        own = asdict(self)
+        if "speed_mps" in changes:
+            del own["froude"]
+        return {**own, **changes}
+
+
+def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
+    """Sample a dog from known distributions.
+
+    Percentages are standard deviations.
+
+    - Build: one of the breeds. The height is normal with 8 %, within 2.5 deviations and the limits of dogs.
+    - Gait: by :data:`GAIT_SHARES`, among the gaits that exist at the Froude number. The Froude number is log-uniform
+      about the gait's usual one (assumed).
+    - Measured on two dogs: stride length with 7 % (half their difference), maximum speeds of hind and fore paws with
+      10 % between clips, forward ripple of the trunk log-normal with 0.4.
+    - Measured between strides: time with 2 to 6 %, landing of a foot with 1 to 3.5 % of a stride, length of half a
+      stride with 2 to 4 % over the root of the Froude number, so that the trunk's speed varies equally in slow and
+      fast gaits. Each sequence of strides has a serial correlation of 0.5 (measured 0.52).
+    - Measured asymmetry: right feet late by 2 % of a stride, half strides unequal by 4 % over the same root.
+    - Neck and tail: assumed.
+
+    Parameters
+    ----------
+    rng : Streams or numpy.random.Generator
+        Source of random numbers; always seventeen draws. The same streams (``rng=dg.rng(seed)``) result in the same
+        dog.
+    gait : str, optional
+        Fixed gait, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`; sampled by default.
+    froude : float, optional
+        Fixed Froude number within the range of the gait (0.05 to 10 without a fixed gait); sampled by default.
+
+    Returns
+    -------
+    Dog
+
+    Raises
+    ------
+    ConfigError
+        If there is no such gait or the Froude number is outside its range.
+
+    See Also
+    --------
+    quadruped_gait : simulate the gait of a dog.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from doppelgait.motion import sample_dog
+    >>> dog = sample_dog(np.random.default_rng(3), gait="trot")
+    >>> dog.gait, round(dog.withers_m, 2)  # height of the withers
+    ('trot', 0.47)
+    """
+    gaits = _list_possible_gaits(gait, froude)
+    chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"
+    breed, way, effort, wag, sweep, time, length, landing = chance.random(8)
+    size, *others = chance.standard_normal(9)
+    ripple, hind, fore, neck, tail, late, long, far = np.clip(others, -2.5, 2.5)
+    build = DOG_BUILDS[int(breed * len(DOG_BUILDS))]
+    if gait is None:
+        shares = np.array([GAIT_SHARES[name] for name in gaits])
+        limits = np.cumsum(shares / shares.sum())
+        gait = gaits[int(np.searchsorted(limits[:-1], way, side="right"))]
+    slowest, fastest, usual = GAITS[gait].froude
+    low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)
+    froude = low * (high / low) ** effort if froude is None else froude
+    uneven = 1 / math.sqrt(max(froude, 0.1))
+    peaks = np.clip([1 + 0.1 * hind, 1 + 0.1 * fore], 0.8, 1.2)
+    values = {
+        "withers_m": _withers_m(BUILDS[build], size),
+        "froude": froude,
+        "stride_ratio": math.exp(0.07 * far),
+        "trunk_ripple": min(math.exp(0.4 * ripple), 2.0),
+        "hind_swing_peak": peaks[0],
+        "fore_swing_peak": peaks[1],
+        "neck_deg": 40 + 15 * neck,
+        "tail_deg": -10 + 20 * tail,
+        "tail_frequency_hz": 0.5 + 3.5 * wag,
+        "tail_sweep_deg": 40 * sweep,
+        "stride_variation": 0.02 + 0.04 * time,
+        "step_length_sd": min((0.02 + 0.02 * length) * uneven, 0.15),
+        "footfall_sd": 0.01 + 0.025 * landing,
+        "asymmetry": 0.02 * late,
+        "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
+    }
+    return Dog(build, gait, **{name: float(value) for name, value in values.items()})
+
+
+def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
+    """Return the gaits that a dog may have.
+    A Froude number without a gait is refused.
+    """
+    if gait is not None:
+        check_choice(gait, GAITS, "gait")
+    named: list[GaitName] = [*GAIT_SHARES] if gait is None else [gait]
+    if froude is None:
+        return named
+    check_type(froude, (int, float, np.number), "froude", "give a number or leave it out")
+    ranges = {name: GAITS[name].froude[:2] for name in named}
+    found = [name for name, (low, high) in ranges.items() if low <= froude <= high]
+    if not found:
+        low, high = min(low for low, _ in ranges.values()), max(high for _, high in ranges.values())
+        where = "" if gait is None else f" in a {gait}"
+        raise ConfigError(
+            f"froude: {froude!r} is not allowed; it must be a number from {low:g} to {high:g}{where}, or left out"
+        )
+    return found
+
+
+def _withers_m(build: Build, size: float) -> float:
+    """Return a breed's withers height from a normal number.
+    The distribution is truncated at the limits by rank, so that heights do not accumulate there.
+    """
+    normal, spread_m = NormalDist(), 0.08 * build.withers_m
+    low, high = (
+        normal.cdf(min(max((limit_m - build.withers_m) / spread_m, -2.5), 2.5)) for limit_m in build.withers_range_m
+    )
+    return build.withers_m + spread_m * normal.inv_cdf(low + normal.cdf(size) * (high - low))

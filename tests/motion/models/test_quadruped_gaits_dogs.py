@@ -8,8 +8,7 @@ import pytest
 import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import quadruped_gait, sample_dog
-from doppelgait.motion.models.dogs import DOG_BUILDS, GAIT_SHARES
-from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
+from doppelgait.motion.models.quadruped_gaits import BUILDS, DOG_BUILDS, GAIT_SHARES, GAITS
 
 
 def test_every_sampled_dog_can_move():

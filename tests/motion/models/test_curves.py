@@ -1,26 +1,48 @@
-"""Tables of a dog's mean curves: what they integrate to, and how they move with gait and duty factor."""
+"""Measured curves over a cycle: sums, integrals, asymmetry, and a dog's curves by gait and duty factor."""
 
 import numpy as np
 import pytest
 
-from doppelgait.motion.models.quadruped_curves import (
-    CURVES,
+from doppelgait.motion.models.curves import (
     MEASURED_DUTY,
-    SWINGS,
     find_swing_curve,
     find_trunk_curve,
+    join_curves,
+    load_tables,
+    make_measured_curve,
     segment_elevation_rad,
 )
 from doppelgait.motion.models.quadruped_gaits import GAITS
 
+DOGS = load_tables()["dogs"]
+COARSE = np.arange(400) / 400 - 0.3
 PHASE = np.arange(2000) / 2000
+
+
+def test_joined_curves_are_the_sums_of_their_harmonics():
+    curves = [make_measured_curve("walk", name, 0.4) for name in ("ankle_speed", "ankle_height", "foot_pitch")]
+    turns = 2 * np.pi * np.arange(10)[:, None] * COARSE
+    expected = [one.coefficients.real @ np.cos(turns) - one.coefficients.imag @ np.sin(turns) for one in curves]
+    np.testing.assert_allclose(join_curves(*curves)(COARSE), expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose([one(COARSE) for one in curves], expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("asymmetry", [0.0, 0.5])
+def test_an_integral_has_the_slope_of_its_curve_less_the_mean(asymmetry):
+    speed, way = (
+        make_measured_curve("run", "pelvis_speed", 1.0, integral=integral, asymmetry=asymmetry)
+        for integral in (False, True)
+    )
+    nudge = 1e-6
+    slope = (way(COARSE + nudge) - way(COARSE - nudge)) / (2 * nudge)
+    np.testing.assert_allclose(slope, speed(COARSE) - speed(COARSE).mean(), atol=1e-8)
 
 
 @pytest.mark.parametrize("gait", MEASURED_DUTY)
 def test_the_surge_integrates_the_measured_speed(gait):
     curve, begins = find_trunk_curve(gait, "surge", GAITS[gait].touchdown)
     speed = (curve(PHASE + 1e-5) - curve(PHASE - 1e-5)) / 2e-5
-    samples = np.tile(CURVES[gait, "surge"], 20 // len(CURVES[gait, "surge"]))
+    samples = np.tile(DOGS[gait]["surge"], 20 // len(DOGS[gait]["surge"]))
     np.testing.assert_allclose(speed[::100], samples - samples.mean(), atol=0.003)
     assert begins == pytest.approx(0.0, abs=0.01)
 
@@ -30,7 +52,7 @@ def test_the_surge_integrates_the_measured_speed(gait):
 def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, segment):
     measured = MEASURED_DUTY[gait][segment != "metatarsus"]
     own = np.degrees(segment_elevation_rad(gait, segment, PHASE, measured))
-    np.testing.assert_allclose(own[::100], CURVES[gait, segment], atol=3.5)
+    np.testing.assert_allclose(own[::100], DOGS[gait][segment], atol=3.5)
     longer = 1.2 * measured
     scaled = np.degrees(segment_elevation_rad(gait, segment, np.array([longer, 1.0 - 1e-9]), longer))
     expected = np.degrees(segment_elevation_rad(gait, segment, np.array([measured, 1.0 - 1e-9]), measured))
@@ -39,11 +61,12 @@ def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, seg
     assert np.abs(np.diff(rate)).max() < 3e-5, "no jump of the angular speed"
 
 
-@pytest.mark.parametrize(("gait", "end"), SWINGS)
+@pytest.mark.parametrize("gait", DOGS)
+@pytest.mark.parametrize("end", ["hind", "fore"])
 def test_a_swing_covers_the_stride_as_measured(gait, end):
     swing = find_swing_curve(gait, end, 1.0)
     assert swing(np.array([0.0, 1.0])) == pytest.approx([0.0, 1.0])
-    np.testing.assert_allclose(swing(np.arange(13) / 12, 1), SWINGS[gait, end], atol=0.02)
+    np.testing.assert_allclose(swing(np.arange(13) / 12, 1), DOGS[gait]["swings"][end], atol=0.02)
 
 
 def test_other_gaits_take_the_gallop_to_where_their_feet_land():

@@ -1,0 +1,196 @@
+"""Mean curves of people and dogs over a cycle, measured on recordings (``curves.toml``).
+
+Curves of people describe trunk, ankle and foot as a function of speed. They are means of half of the recorded subjects
+(``studies/motion_curves.py`` tests them on the other half). Each value is linear in the inverse of the dimensionless
+speed V / sqrt(g l) with the leg length l (if linear in the speed, feet are a tenth too fast at 1 m/s), and constant
+outside the measured speeds. The foot lands at phase 0.
+
+Curves of body and limbs of a dog are means over the strides of one dog (``studies/dog_curves.py`` tests them on a
+second one). Curves of the trunk are from 45 strides in the pace, 5 in the walk, 4 in the trot and 6 in the gallop;
+curves of the limbs are from at least twice as many. Canter, transverse gallop and bound use the curves of the gallop,
+shifted to the phases of their footfalls.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.config import read_toml
+from doppelgait.motion.models.strides import Curve, fit_cubic_hermite
+
+FloatArray = npt.NDArray[np.float64]
+PersonCurve = Literal["pelvis_speed", "neck_speed", "ankle_speed", "ankle_height", "foot_pitch"]
+TrunkCurve = Literal["surge", "hind_heave", "fore_heave", "neck", "tail"]
+Segment = Literal["scapula", "manus", "metatarsus"]
+RecordedGait = Literal["walk", "pace", "trot", "gallop"]
+
+
+@cache
+def load_tables() -> dict[str, Any]:
+    """Return the measured samples of ``people`` and ``dogs`` by gait and curve."""
+    return read_toml(Path(__file__).with_name("curves.toml"))[0]
+
+
+@dataclass(frozen=True)
+class CycleCurve:
+    """Periodic curves of phase, as sums of harmonics.
+    Shapes: coefficients (K,).
+    """
+
+    coefficients: npt.NDArray[np.complex128]
+
+    def __call__(self, phase: FloatArray) -> FloatArray:
+        """Values at phases (n,), of the same shape or (curves, n)."""
+        angle = 2.0 * np.pi * phase
+        turn = np.empty(angle.shape, dtype=complex)
+        np.cos(angle, out=turn.real)  # the exponential of an imaginary number takes three times as long
+        np.sin(angle, out=turn.imag)
+        highest, *lower = self.coefficients.T[::-1, ..., None]
+        total = np.empty(self.coefficients.shape[:-1] + turn.shape, dtype=complex)
+        total[...] = highest
+        for coefficient in lower:
+            total *= turn
+            total += coefficient
+        return np.asarray(total.real)
+
+
+def join_curves(*curves: CycleCurve) -> CycleCurve:
+    """Join curves of equal numbers of harmonics, to save time."""
+    return CycleCurve(np.stack([curve.coefficients for curve in curves]))
+
+
+MEASURED_SPEEDS = {"walk": (0.18, 0.350, 0.59), "run": (0.93, 1.111, 1.22)}
+"""Minimum, harmonic mean and maximum dimensionless speed of the recordings."""
+DUTY = (0.571, 0.013)
+"""Share of a walker's cycle with a foot at rest or rolling, and its slope. Force plates measure the toe up to 0.62."""
+
+
+def make_measured_curve(
+    gait: str, name: PersonCurve, dimensionless_speed: float, *, integral: bool = False, asymmetry: float = 0.0
+) -> CycleCurve:
+    """Make a measured curve or its phase integral."""
+    mean, slope = _find_harmonics(gait, name)
+    harmonics = mean + slope * _compute_slowness(gait, dimensionless_speed)
+    if asymmetry:
+        beside = asymmetry / 4j * harmonics
+        harmonics = np.append(harmonics, 0.0)
+        harmonics[1:] += beside
+        harmonics[:-2] -= beside[1:]
+    if integral:
+        orders = np.arange(1, harmonics.size)
+        harmonics = np.concatenate([[0.0], harmonics[1:] / (2j * np.pi * orders)])
+    return CycleCurve(harmonics)
+
+
+def walk_duty(dimensionless_speed: float) -> float:
+    """Return the duty factor of a walker's foot."""
+    return DUTY[0] + DUTY[1] * _compute_slowness("walk", dimensionless_speed)
+
+
+def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
+    """Return the mean speed divided by this speed."""
+    low, middle, high = MEASURED_SPEEDS[gait]
+    return 1 / min(max(dimensionless_speed, low), high) - 1 / middle
+
+
+@cache
+def _find_harmonics(gait: str, name: PersonCurve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+    """Return harmonics of a table's mean and slope.
+    Harmonics at half the sampling rate are left out.
+    """
+    samples = load_tables()["people"][gait][name]
+    return _transform(samples["mean"], 10), _transform(samples["slope"], 10)
+
+
+def _transform(samples: list[float], count: int) -> npt.NDArray[np.complex128]:
+    """Return the first harmonics of 20 samples over a cycle, or of 10 over half of it."""
+    harmonics = np.fft.rfft(np.tile(samples, 20 // len(samples)))[:count] / 10
+    harmonics[0] /= 2
+    return harmonics
+
+
+MEASURED_DUTY = {"walk": (0.48, 0.575), "pace": (0.48, 0.535), "trot": (0.22, 0.375), "gallop": (0.18, 0.26)}
+"""Share of the stride in which hind and fore paws are at rest in the recordings."""
+MEASURED_LANDING = {"walk": (0.0, 0.12), "pace": (0.0, 0.02), "trot": (0.0, 0.40), "gallop": (-0.085, 0.23)}
+"""Phase at which the hind and the fore pair land, after the left hind foot: that of the left foot, or in the gallop the
+mean of both feet."""
+N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
+"""Number of harmonics by curve. Curves of the trunk have 4."""
+
+
+def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
+    """Return a trunk curve and its first phase.
+    The phases of neck and front heave are relative to the fore feet, the others to the hind feet.
+    """
+    end = "fore" if name in ("fore_heave", "neck") else "hind"
+    landing = touchdown[f"left_{end}"]
+    if gait == "gallop":
+        both = sum(cmath.exp(2j * math.pi * touchdown[f"{side}_{end}"]) for side in ("left", "right"))
+        landing = cmath.phase(both) / (2 * math.pi)
+    return _make_curve(gait, name), landing - MEASURED_LANDING[gait][end == "fore"]
+
+
+TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "neck", "tail")
+
+
+def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
+    """Join the trunk curves, each at its first phase.
+    The curves are those of :func:`find_trunk_curve` in the order of :data:`TRUNK_CURVES`.
+    """
+    terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
+    for row, name in enumerate(TRUNK_CURVES):
+        curve, begins[row] = find_trunk_curve(gait, name, touchdown)
+        terms[row, : curve.coefficients.size] = curve.coefficients
+    return CycleCurve(terms * np.exp(-2j * np.pi * begins * np.arange(5)))
+
+
+def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArray, duty: float) -> FloatArray:
+    """Return the measured elevation of a limb's segment.
+    Stance and swing of the recording are scaled to those of the duty factor.
+    """
+    of_recording = MEASURED_DUTY[gait][segment != "metatarsus"]
+    own = cycles - np.floor(cycles)
+    # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
+    stance, swing = of_recording / duty, (1 - of_recording) / (1 - duty)
+    slope = 2 * stance * swing / (stance + swing)
+    swings = own >= duty
+    width = np.where(swings, 1 - duty, duty)
+    share = np.where(swings, own - duty, own) / width
+    rise = np.where(swings, 1 - of_recording, of_recording)
+    eased = share * share * (3 - 2 * share)
+    bow = slope * width * share * (1 - share) * (1 - 2 * share)
+    at = np.where(swings, of_recording, 0.0) + rise * eased + bow
+    return np.radians(_make_curve(gait, segment)(at))
+
+
+@cache
+def find_swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
+    """Return the path of a swinging paw, 0 to 1.
+    The path is a function of the share of the swing.
+    """
+    speed = np.array(load_tables()["dogs"][gait]["swings"][end])
+    peaked = speed**2 / (speed**2).mean() * speed.mean()
+    speed = speed + (peak - 1) * speed.max() / (peaked.max() - speed.max()) * (peaked - speed)
+    step = 1 / (speed.size - 1)
+    ways = step / 2 * (speed[:-1] + speed[1:])
+    ways[1:-1] -= step**2 / 12 * np.diff(np.gradient(speed, step))[1:-1]  # for a smooth speed, except at the ends
+    way = np.concatenate([[0.0], np.cumsum(ways)])
+    return fit_cubic_hermite(np.linspace(0, 1, speed.size), way / way[-1], speed / way[-1])
+
+
+@cache
+def _make_curve(gait: str, name: str) -> CycleCurve:
+    count = N_HARMONICS.get(name, 4)
+    terms = _transform(load_tables()["dogs"][gait][name], count + 1)
+    if name == "surge":
+        terms = np.concatenate([[0.0], terms[1:] / (2j * np.pi * np.arange(1, count + 1))])
+    return CycleCurve(terms)
