@@ -44,18 +44,15 @@ _ROTATIONS = {
 
 
 def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
-    """Rotate positions so that ``up_axis`` becomes z.
-    Shapes: position (T, P, 3).
-    """
+    """Rotate positions so that ``up_axis`` becomes z. Shapes: position (T, P, 3)."""
     if up_axis not in _ROTATIONS:
         raise MotionError(f"up_axis={up_axis!r} is not allowed; use one of {', '.join(AXES)}")
     return np.asarray(position @ np.array(_ROTATIONS[up_axis], dtype=float).T)
 
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
-    """Find the upward axis of an upright body.
-    If feet, torso and head are known, the axis from the feet to the others is used. Shapes: position (T, P, 3).
-    """
+    """Find the upward axis of an upright body. Shapes: position (T, P, 3)."""
+    # if feet, torso and head are known, the axis from the feet to the others is used
     typical = _compute_median(position, axis=0)
     # from the feet to head and torso; the mean of all points replaces an unknown end
     feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
@@ -98,18 +95,17 @@ def _compute_median(values: FloatArray, axis: int) -> FloatArray:
 
 
 def measure_body_extent(position: FloatArray) -> FloatArray:
-    """Return the body's typical extent per axis.
-    It is the median over time of the distance between the outermost points, shape (3,). Shapes: position (T, P, 3).
-    """
+    """Return the body's typical extent per axis. Shapes: position (T, P, 3)."""
+    # it is the median over time of the distance between the outermost points, shape (3,)
     low = np.where(np.isnan(position), np.inf, position).min(axis=1)
     high = np.where(np.isnan(position), -np.inf, position).max(axis=1)
     return _compute_median(np.where(high >= low, high - low, np.nan), axis=0)
 
 
 def _find_height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
-    """Return +1 for an upward or unknown axis, else -1.
-    The floor of nearly every laboratory is at 0. Otherwise, points that come to rest at times are taken for feet.
-    """
+    """Return +1 for an upward or unknown axis, else -1."""
+    # the floor of nearly every laboratory is at 0. Otherwise, points that come to rest at times are
+    # taken for feet.
     height = typical[:, axis][np.isfinite(typical[:, axis])]
     if height.size < 3:
         return 1.0

@@ -28,9 +28,7 @@ explains."""
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
-    """Replace spikes of one or two frames by gaps.
-    Shapes: position (T, P, 3).
-    """
+    """Replace spikes of one or two frames by gaps. Shapes: position (T, P, 3)."""
     if position.shape[0] < 5:
         return 0
     limit = max(SPIKE_M, SPIKE_ACCELERATION_MPS2 / rate_hz**2)
@@ -44,9 +42,8 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
 
 
 def fill_linear(position: FloatArray) -> FloatArray:
-    """Fill every gap by linear interpolation.
-    At the ends, the nearest value is repeated. Points that are never seen stay NaN. Shapes: position (T, P, 3).
-    """
+    """Fill every gap by linear interpolation. Shapes: position (T, P, 3)."""
+    # at the ends, the nearest value is repeated. Points that are never seen stay NaN.
     filled = position.copy()
     frames = np.arange(position.shape[0])
     for p in range(position.shape[1]):
@@ -97,16 +94,15 @@ memory. The assumed noise keeps the prediction from growing."""
 
 
 def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
-    """Return True if the frame rate is high enough for the low-pass.
-    The filter needs three frames per period of the cutoff. A cutoff of None means no filter.
-    """
+    """Return True if the frame rate is high enough for the low-pass."""
+    # the filter needs three frames per period of the cutoff. A cutoff of None means no filter.
     return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
 
 
 def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
-    """Low-pass positions with zero phase (E-02).
-    The filter is a fourth-order Butterworth, forwards and backwards, with half power at the cutoff.
-    """
+    """Low-pass positions with zero phase (E-02)."""
+    # the filter is a fourth-order Butterworth, forwards and backwards, with half power at the
+    # cutoff
     from scipy.signal import butter, sosfiltfilt
 
     if cutoff_hz is None:
@@ -125,9 +121,8 @@ def filter_lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | N
 
 
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
-    """Continue columns by linear prediction about their trend.
-    A jump in the recent frames can make the prediction grow.
-    """
+    """Continue columns by linear prediction about their trend."""
+    # a jump in the recent frames can make the prediction grow
     steps = np.arange(len(recent) + n_frames) - (len(recent) - 1.0)
     trend = np.polynomial.polynomial.polyval(steps, np.polynomial.polynomial.polyfit(steps[: len(recent)], recent, 1)).T
     rest = recent - trend[: len(recent)]
@@ -163,9 +158,9 @@ def clean_motion(
     min_duration_s: float = MIN_DURATION_S,
     whole: Motion | None = None,
 ) -> Motion:
-    """Make a recording smooth, complete and on the floor.
-    1. Swapped names of points are corrected, and spikes become gaps. Longer jumps are only reported. 2 (E-02, E-01).
-    """
+    """Make a recording smooth, complete and on the floor."""
+    # swapped names are corrected and spikes become gaps, longer jumps are only reported; then gaps
+    # are filled, points dropped, positions low-passed (E-02) and put on the floor (E-01)
     if not gap_limit_s >= 0.0:
         raise MotionError(f"gap_limit_s={gap_limit_s!r} is not allowed; it must be 0 s or more")
     if lowpass_hz is not None and not lowpass_hz > 0.0:
@@ -238,9 +233,8 @@ def clean_motion(
 
 
 def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
-    """Measure the height in a recording after cleaning.
-    It is NaN if the recording cannot be cleaned.
-    """
+    """Measure the height in a recording after cleaning."""
+    # it is NaN if the recording cannot be cleaned
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # they are about the whole recording
         try:
@@ -251,9 +245,9 @@ def _measure_height(whole: Motion, gap_limit_s: float, lowpass_hz: float | None,
 
 
 def describe_known_parts(parts: Sequence[str]) -> str:
-    """Describe how many points have a known body part.
-    The text is "known", "k of n known" (with ": equal split" if no trunk is known) or "unknown: equal split".
-    """
+    """Describe how many points have a known body part."""
+    # the text is "known", "k of n known" (with ": equal split" if no trunk is known) or "unknown:
+    # equal split"
     known = sum(part in HUMAN_PARTS or part in DOG_PARTS for part in parts)
     if known == 0:
         return "unknown: equal split"
@@ -317,9 +311,8 @@ def _find_unmoved_points(position: FloatArray) -> dict[int, str]:
 
 
 def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
-    """Find the points that hardly move, shape (P,).
-    Their total excursion, the diagonal of the bounding box of the path, is below a limit. Shapes: position (T, P, 3).
-    """
+    """Find the points that hardly move, shape (P,). Shapes: position (T, P, 3)."""
+    # their total excursion, the diagonal of the bounding box of the path, is below a limit
     low = np.where(np.isnan(position), np.inf, position).min(axis=0, initial=np.inf)
     high = np.where(np.isnan(position), -np.inf, position).max(axis=0, initial=-np.inf)
     with np.errstate(invalid="ignore"):
@@ -328,9 +321,9 @@ def find_stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_
 
 
 def find_body_centre(position: FloatArray) -> FloatArray:
-    """Return the path of the body centre.
-    It is the mean of the points that move and are seen in at least 40 % of the frames, with gaps filled linearly.
-    """
+    """Return the path of the body centre."""
+    # it is the mean of the points that move and are seen in at least 40 % of the frames, with gaps
+    # filled linearly
     if not len(position):
         return np.empty((0, 3))
     missing = np.isnan(position).any(axis=2).mean(axis=0)
@@ -344,9 +337,7 @@ def find_body_centre(position: FloatArray) -> FloatArray:
 
 
 def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
-    """Find the gap-free segment and points with most samples.
-    Samples are frames times points.
-    """
+    """Find the gap-free segment and points with most samples. Samples are frames times points."""
     best, score = (0, 0), -1
     order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
     for n_dropped in range(max(1, len(order) - MIN_MARKERS + 1)):
@@ -361,9 +352,8 @@ def _find_best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int,
 
 
 def find_floor_height(position: FloatArray, parts: Sequence[str]) -> float:
-    """Return the height of the floor in m (E-01).
-    It is the 1st percentile of the feet's z, or of the z of the three lowest points. Shapes: position (T, P, 3).
-    """
+    """Return the height of the floor in m (E-01). Shapes: position (T, P, 3)."""
+    # it is the 1st percentile of the feet's z, or of the z of the three lowest points
     feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
     lowest = feet or list(np.argsort(position[:, :, 2].min(axis=0))[:3])
     height = float(np.percentile(position[:, lowest, 2], 1))

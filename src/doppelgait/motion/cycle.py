@@ -44,9 +44,9 @@ _fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictiona
 
 
 def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
-    """Fit an endless cycle of whole strides to a clip.
-    The function also returns the clip with its gait facts, and the median difference of neighbouring strides.
-    """
+    """Fit an endless cycle of whole strides to a clip."""
+    # the function also returns the clip with its gait facts, and the median difference of
+    # neighbouring strides
     if (before := _fitted.get(motion)) is not None:
         return before
     where = motion.label
@@ -74,9 +74,9 @@ def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
 
 
 def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
-    """Find the best seam, and the median seam after one stride.
-    The best seam has the largest number of strides with a mismatch no larger than that of the median seam.
-    """
+    """Find the best seam, and the median seam after one stride."""
+    # the best seam has the largest number of strides with a mismatch no larger than that of the
+    # median seam
     curve, rate = fit_spline(motion), motion.rate_hz
     step = max(1, round(period / GRID_PER_STRIDE))
     position = np.asarray(motion.position_m[::step], dtype=np.float64)
@@ -115,16 +115,15 @@ def _find_best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam
 
 
 def _combine_mismatch(seam: Seam, weight_s: float) -> float:
-    """Combine position and velocity mismatch in m.
-    A velocity has the weight of the position amplitude of a swing at the stride rate.
-    """
+    """Combine position and velocity mismatch in m."""
+    # a velocity has the weight of the position amplitude of a swing at the stride rate
     return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
 
 
 def _measure_mismatch(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
-    """Return rms mismatches of position and velocity per first frame.
-    The mean is over points and ``width`` frames, of displacements without the ground advance and of velocity changes.
-    """
+    """Return rms mismatches of position and velocity per first frame."""
+    # the mean is over points and width frames, of displacements without the ground advance and of
+    # velocity changes
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
     advance = _average_running(moved[..., :2].mean(axis=1), width)
     squared = _average_running((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
@@ -165,9 +164,7 @@ def _refine_seam(
 
 @dataclass(frozen=True)
 class Cycle:
-    """Endless cycle of a clip.
-    Times are in frames.
-    """
+    """Endless cycle of a clip. Times are in frames."""
 
     curve: Spline
     shape: tuple[int, ...]
@@ -180,9 +177,8 @@ class Cycle:
     travel: Spline
 
     def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
-        """Return positions at times in frames, shape (I, P, 3).
-        By default, all points are returned.
-        """
+        """Return positions at times in frames, shape (I, P, 3)."""
+        # by default, all points are returned
         chosen = list(range(self.shape[1])) if points is None else points
         numbers = np.array(chosen)
         curve = _select_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
@@ -207,9 +203,8 @@ class Cycle:
         return np.asarray(position)
 
     def count_strides(self, total: FloatArray, points: list[int]) -> FloatArray:
-        """Count strides since time 0, shape (I, P).
-        The counts of the points differ only slightly.
-        """
+        """Count strides since time 0, shape (I, P)."""
+        # the counts of the points differ only slightly
         turns = np.floor(total / self.seam.lag)
         travel = _select_columns(self.travel, np.array(points))
         share = travel.at(total - turns * self.seam.lag)[0] + 0.5

@@ -24,9 +24,8 @@ __all__ = ["describe_motion", "describe_recording", "smooth_path"]
 
 
 def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
-    """Return facts about a motion file, raw and cleaned.
-    Facts about the cleaned motion are under ``"cleaned"``. If cleaning fails, the reason is there.
-    """
+    """Return facts about a motion file, raw and cleaned."""
+    # facts about the cleaned motion are under "cleaned". If cleaning fails, the reason is there.
     if "clean" in options:
         raise MotionError("clean is not an option here: both the recorded and the cleaned motion are described")
     check_types(Path(path), options)
@@ -47,9 +46,7 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
 
 
 def describe_motion(motion: Motion) -> dict[str, Any]:
-    """Return facts about a motion as JSON values.
-    A value that cannot be measured is None.
-    """
+    """Return facts about a motion as JSON values. A value that cannot be measured is None."""
     position = motion.position_m
     rate = motion.rate_hz
     report: Mapping[str, Any] = motion.report
@@ -81,9 +78,8 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
 
 
 def _describe_segment(segment: Segment, starts_s: float) -> dict[str, Any]:
-    """Return plain facts about a segment.
-    Times are relative to the first frame of the file, like ``start_s`` and ``stop_s`` of ``read``.
-    """
+    """Return plain facts about a segment."""
+    # times are relative to the first frame of the file, like start_s and stop_s of read
     gait = segment.gait
     facts = {
         "start_s": starts_s + segment.start_s,

@@ -74,9 +74,8 @@ class Course:
     gait_speed_mps: float
 
     def phase_time_s(self, time_s: FloatArray) -> FloatArray:
-        """Return the straight-motion time of equal distance (E-02b).
-        The distance is that of the body, which may be offset from the path.
-        """
+        """Return the straight-motion time of equal distance (E-02b)."""
+        # the distance is that of the body, which may be offset from the path
         gone_m = distance_m(self.pace, time_s)
         if self.side_m == 0:
             return gone_m / self.gait_speed_mps
@@ -183,9 +182,8 @@ def follow(
 
 
 def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: FloatArray) -> None:
-    """Place the motion's points at some times on the path (E-02b).
-    The result is written into ``position``.
-    """
+    """Place the motion's points at some times on the path (E-02b)."""
+    # the result is written into position
     along_m = distance_m(course.pace, times_s) + course.ahead_m
     heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
     offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
@@ -205,16 +203,14 @@ def _place_points(course: Course, gait: Gait, times_s: FloatArray, position: Flo
 
 
 def steady_speed_mps(motion: Motion) -> float:
-    """Return the speed of a straight, steady motion.
-    The mean is over whole strides if they are known.
-    """
+    """Return the speed of a straight, steady motion."""
+    # the mean is over whole strides if they are known
     return _rotate_to_x(motion).speed_mps
 
 
 def _rotate_to_x(motion: Motion) -> Gait:
-    """Rotate a straight motion to +x through the origin.
-    A motion that is not straight raises :class:`MotionError`.
-    """
+    """Rotate a straight motion to +x through the origin."""
+    # a motion that is not straight raises MotionError
     lasts_s = motion.duration_s
     centre = fit_centre(motion)
     # over all whole strides, or over the whole motion if strides are unknown
@@ -278,9 +274,8 @@ def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
 
 
 def _stop_phase_s(gait: Gait, at_m: float) -> float:
-    """Find the time of the slowest feet near a distance.
-    At this time the body is at most a quarter stride from that distance.
-    """
+    """Find the time of the slowest feet near a distance."""
+    # at this time the body is at most a quarter stride from that distance
     source, facts = gait.motion.facts.source, gait.motion.facts
     feet = [n for n, part in enumerate(gait.motion.parts) if part in FOOT_PARTS]
     if not feet or not facts.step_frequency_hz > 0:
@@ -304,9 +299,8 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
 
 
 def _count_frames(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
-    """Return the number of frames for the wanted time.
-    The default is the time until the path or the motion ends.
-    """
+    """Return the number of frames for the wanted time."""
+    # the default is the time until the path or the motion ends
     slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps
     stops_s = sum(course.pace.ramp_s + stop.pause_s for stop in course.pace.stops)
     bound_s = gait.lasts_s * gait.speed_mps / slowest_mps + stops_s + 1.0

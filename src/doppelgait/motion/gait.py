@@ -25,9 +25,7 @@ STRIDE_BAND_HZ = (0.4, 6.0)
 
 
 def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SMOOTHING_S) -> FloatArray:
-    """Return the smoothed ground path of the body centre.
-    Shapes: position (T, P, 3).
-    """
+    """Return the smoothed ground path of the body centre. Shapes: position (T, P, 3)."""
     return _smooth(find_body_centre(position)[:, :2], rate_hz=rate_hz, smoothing_s=smoothing_s)
 
 
@@ -71,9 +69,9 @@ def measure_travel(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
 
 
 def _find_seen_path(position: FloatArray) -> FloatArray:
-    """Return the path of the body centre.
-    It is the sum of the mean steps of the seen points, so that points that appear or disappear cause no jump.
-    """
+    """Return the path of the body centre."""
+    # it is the sum of the mean steps of the seen points, so that points that appear or disappear
+    # cause no jump
     path = find_body_centre(position)[:, :2]
     if len(path) < 2 or not np.isfinite(path).all():
         return path
@@ -96,18 +94,16 @@ def _find_seen_frames(position: FloatArray) -> FloatArray:
 
 
 def find_principal_direction(path: FloatArray) -> FloatArray:
-    """Return the unit vector of a path's largest spread.
-    The vector points in the direction of travel.
-    """
+    """Return the unit vector of a path's largest spread."""
+    # the vector points in the direction of travel
     offset = path - path.mean(axis=0)
     along = np.linalg.svd(offset, full_matrices=False)[2][0]
     return np.asarray(-along if (path[-1] - path[0]) @ along < 0 else along)
 
 
 def measure_stride(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
-    """Measure stride and step frequency from the limbs' swing.
-    The spectra of the fore-aft motion of all points about the centre are summed. Shapes: position (T, P, 3).
-    """
+    """Measure stride and step frequency from the limbs' swing. Shapes: position (T, P, 3)."""
+    # the spectra of the fore-aft motion of all points about the centre are summed
     none = {"stride_hz": None, "step_hz": None}
     position = _find_seen_frames(position)
     if len(position) < rate_hz * 0.8:
@@ -164,9 +160,8 @@ def is_quadruped(motion: Motion) -> bool:
 
 
 def find_feet(motion: Motion) -> dict[str, list[int]]:
-    """Find each foot's point numbers by name.
-    Names are ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
-    """
+    """Find each foot's point numbers by name."""
+    # names are left_foot and right_foot, or left_hind, left_fore and so on
     feet: dict[str, list[int]] = {}
     for n, part in enumerate(motion.parts):
         if part in FOOT_PARTS:
@@ -192,9 +187,8 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
 
 
 def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
-    """Find touchdowns and duty factor of each foot.
-    In the swing, a foot is faster than the body; on the ground, it is nearly at rest.
-    """
+    """Find touchdowns and duty factor of each foot."""
+    # in the swing, a foot is faster than the body; on the ground, it is nearly at rest
     feet = find_feet(motion) if feet is None else feet
     position = motion.position_m
     rate, times = motion.rate_hz, motion.time_s
@@ -278,9 +272,7 @@ class GaitFacts:
 
 
 def measure_gait(motion: Motion) -> GaitFacts:
-    """Measure footfalls, stride frequency, phases and gait.
-    The speed should be about constant.
-    """
+    """Measure footfalls, stride frequency, phases and gait. The speed should be about constant."""
     require_motion(motion)
     steps = find_steps(motion)
     footfalls = {foot: [float(t) for t in step.touchdown_s] for foot, step in steps.items()}
@@ -306,9 +298,7 @@ def measure_gait(motion: Motion) -> GaitFacts:
 
 
 def _has_low_paws(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
-    """Return True if the paws land low.
-    In a leap, they stop in the air.
-    """
+    """Return True if the paws land low. In a leap, they stop in the air."""
     feet, heights = find_feet(motion), []
     for foot, touchdown_s in footfalls.items():
         z = fill_linear(motion.position_m[:, feet[foot]])[:, :, 2].min(axis=1)
@@ -357,19 +347,16 @@ def add_gait_facts(motion: Motion) -> Motion:
 
 
 def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[float, float]:
-    """Return step frequency and f_mu of a gait (E-07).
-    Undefined or unknown values are NaN.
-    """
+    """Return step frequency and f_mu of a gait (E-07). Undefined or unknown values are NaN."""
     if gait in SYMMETRICAL:
         return 2 * stride_frequency_hz, 2 * stride_frequency_hz
     return NAN, stride_frequency_hz if gait in ASYMMETRICAL else NAN
 
 
 def name_quadruped_gait(phases: Mapping[str, float]) -> str:
-    """Name the gait of a quadruped from footfall lags.
-    The rules follow Hildebrand (1965, 1977). A gait is symmetrical if the lags of the hind pair and of the fore pair
-    are both half a stride.
-    """
+    """Name the gait of a quadruped from footfall lags."""
+    # the rules follow Hildebrand (1965, 1977). A gait is symmetrical if the lags of the hind pair
+    # and of the fore pair are both half a stride.
     if not {"lh_lf", "lh_rh", "lf_rf"} <= set(phases):
         return ""
     hind, fore, side = (_wrap_about_zero(phases[name]) for name in ("lh_rh", "lf_rf", "lh_lf"))
@@ -393,9 +380,9 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
 
 
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
-    """Name a person's gait: walk, run or unknown.
-    In a run, each foot bears weight for less than half of the stride, and the body is in free fall between steps.
-    """
+    """Name a person's gait: walk, run or unknown."""
+    # in a run, each foot bears weight for less than half of the stride, and the body is in free
+    # fall between steps
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
         return ""
     # 2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s
@@ -409,9 +396,7 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
 
 
 def _fit_beat_hz(landings: list[FloatArray]) -> float:
-    """Fit an even beat to all footfalls, in Hz.
-    It is NaN if there is no even beat.
-    """
+    """Fit an even beat to all footfalls, in Hz. It is NaN if there is no even beat."""
     intervals = np.concatenate([np.diff(times) for times in landings] or [np.empty(0)])
     if intervals.size < min(2, len(landings)):
         return NAN

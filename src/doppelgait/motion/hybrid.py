@@ -395,9 +395,8 @@ def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, 
 
 
 def _find_common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
-    """Find the points that two motions share.
-    The function returns their numbers in both motions, their parts and their names.
-    """
+    """Find the points that two motions share."""
+    # the function returns their numbers in both motions, their parts and their names
     names = [[strip_subject(marker).upper() for marker in motion.markers] for motion in (one, other)]
     shared = [name for name in names[0] if name in names[1]]
     numbers = ([names[0].index(name) for name in shared], [names[1].index(name) for name in shared])
@@ -423,9 +422,8 @@ def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
 
 
 def _find_body_cycle(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
-    """Return mean stride and cycle, facing +x.
-    The stride does not include its advance. The cycle is a function of the phase in strides.
-    """
+    """Return mean stride and cycle, facing +x."""
+    # the stride does not include its advance. The cycle is a function of the phase in strides.
     stride, angle = cycle.seam.lag / cycle.seam.strides, -math.atan2(cycle.advance[1], cycle.advance[0])
 
     def at(phase: FloatArray) -> FloatArray:

@@ -36,9 +36,8 @@ angle of a joint between recordings of one gait and skeleton (7 degrees: root me
 
 
 def measure_foot_slide(motion: Motion) -> float:
-    """Measure the sliding speed of feet that bear weight.
-    It is the horizontal speed of the slowest point of a foot, relative to the body's speed.
-    """
+    """Measure the sliding speed of feet that bear weight."""
+    # it is the horizontal speed of the slowest point of a foot, relative to the body's speed
     rate, speed_mps = motion.rate_hz, travel_speed_mps(motion)
     found = []
     for points in find_feet(motion).values():
@@ -57,9 +56,8 @@ def check_hybrid(
     loose: FloatArray,
     entries: Mapping[str, Any],
 ) -> Motion:
-    """Check lengths, feet and joints of a hybrid.
-    The report is added to the motion. ``loose`` holds the positions before the lengths were restored.
-    """
+    """Check lengths, feet and joints of a hybrid."""
+    # the report is added to the motion. loose holds the positions before the lengths were restored.
     position = made.position_m
     error = np.abs(measure_pair_lengths(position, pairs) - wanted)
     beyond_m = error - np.maximum(LONGER_M, LONGER * wanted)
@@ -118,9 +116,8 @@ def check_hybrid(
 
 
 def _find_joints(pairs: IntArray, position: FloatArray) -> IntArray:
-    """Find the joints of a body, shape (J, 3).
-    A joint is three points a, b, c with bones a-b and b-c that are not in one rigid segment.
-    """
+    """Find the joints of a body, shape (J, 3)."""
+    # a joint is three points a, b, c with bones a-b and b-c that are not in one rigid segment
     bones = {(int(a), int(b)) for a, b in find_bones(position)}
     rigid = {(int(a), int(b)) for a, b in pairs}
     by_end: dict[int, list[int]] = {}

@@ -232,9 +232,9 @@ def weigh_feet(motion: Motion) -> FloatArray:
 
 
 def _find_limb(part: str) -> str:
-    """Return the limb of a body part or foot.
-    A limb is an arm, a leg, the head or the tail; the result is ``""`` for the trunk and unknown points.
-    """
+    """Return the limb of a body part or foot."""
+    # a limb is an arm, a leg, the head or the tail; the result is "" for the trunk and unknown
+    # points
     side, _, rest = part.partition("_")
     if side not in ("left", "right"):
         return {"neck": "head", "head": "head", "tail": "tail"}.get(part, "")

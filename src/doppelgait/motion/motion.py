@@ -320,9 +320,8 @@ def make_motion(
 def _make_labels(
     markers: tuple[str, ...], parts: tuple[str, ...], frames: int, rate_hz: float, start_s: float
 ) -> xr.DataArray:
-    """Make and cache the coordinates of a motion without values.
-    A model uses the same points and times repeatedly.
-    """
+    """Make and cache the coordinates of a motion without values."""
+    # a model uses the same points and times repeatedly
     time_s = start_s + np.arange(frames) / rate_hz
     coords = {"time": time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
     nothing = np.broadcast_to(0.0, (frames, len(markers), len(SPACE)))

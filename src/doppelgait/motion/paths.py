@@ -51,9 +51,8 @@ class Curve:
     length_m: float
 
     def locate_elements(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Return the element at each distance, and the remainder.
-        The first and the last element are extended without limit.
-        """
+        """Return the element at each distance, and the remainder."""
+        # the first and the last element are extended without limit
         number = np.clip(np.searchsorted(self.start_m, distance_m, side="right") - 1, 0, None)
         return number, distance_m - self.start_m[number]
 
@@ -78,9 +77,8 @@ def join(elements: Sequence[CurveElement], *, start_m: tuple[float, float], head
 
 
 def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_m: npt.ArrayLike) -> FloatArray:
-    """Return the vector from an arc's start to a point.
-    The point is at ``length_m`` on the arc, shape (..., 2); curvature 0 is a line.
-    """
+    """Return the vector from an arc's start to a point."""
+    # the point is at length_m on the arc, shape (..., 2); curvature 0 is a line
     half = np.asarray(length_m) * np.asarray(curvature_per_m) / 2
     chord = np.asarray(length_m) * np.sinc(half / np.pi)
     middle = np.asarray(heading_rad) + half
@@ -95,9 +93,8 @@ def find_points(curve: Curve, distance_m: FloatArray) -> FloatArray:
 
 
 def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
-    """Return the tangent averaged over :data:`HEADING_WINDOW_M`, shape (n,).
-    Turns on the spot are not included.
-    """
+    """Return the tangent averaged over :data:`HEADING_WINDOW_M`, shape (n,)."""
+    # turns on the spot are not included
     half_m = HEADING_WINDOW_M / 2
     whole = _integrate_heading(curve, distance_m + half_m) - _integrate_heading(curve, distance_m - half_m)
     return np.asarray(whole / HEADING_WINDOW_M)
@@ -142,9 +139,8 @@ class Pace:
 
 
 def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
-    """Return the distance travelled at each time.
-    The distance is v t less the loss at each stop. Speed and acceleration are continuous.
-    """
+    """Return the distance travelled at each time."""
+    # the distance is v t less the loss at each stop. Speed and acceleration are continuous.
     lost_s = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
         rest_s = pace.rest_s(number)
@@ -156,17 +152,15 @@ def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 
 def _integrate_ramp(time_s: FloatArray, ramp_s: float) -> FloatArray:
-    """Return the integral of a half-cosine ramp.
-    The ramp is (1 - cos(pi t / T)) / 2. After the ramp, the integral of the loss is constant.
-    """
+    """Return the integral of a half-cosine ramp."""
+    # the ramp is (1 - cos(pi t / T)) / 2. After the ramp, the integral of the loss is constant.
     t = np.clip(time_s, 0.0, ramp_s)
     return np.asarray(t / 2 - ramp_s / (2 * np.pi) * np.sin(np.pi * t / ramp_s))
 
 
 def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
-    """Return the sum of all turns on the spot.
-    A turn takes its whole pause, except the transitions to standing before and after it.
-    """
+    """Return the sum of all turns on the spot."""
+    # a turn takes its whole pause, except the transitions to standing before and after it
     turned = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
         transition_s = _get_transition_s(stop)
@@ -176,9 +170,8 @@ def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 
 def compute_stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
-    """Return the share of standing posture at a stop.
-    The share is 0 for the frozen stride and 1 for the standing body.
-    """
+    """Return the share of standing posture at a stop."""
+    # the share is 0 for the frozen stride and 1 for the standing body
     rest_s, stop = pace.rest_s(number), pace.stops[number]
     transition_s = _get_transition_s(stop)
     if transition_s <= 0:
@@ -197,9 +190,8 @@ def _ramp_half_cosine(share: FloatArray) -> FloatArray:
 
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
-    """Find the times at which a monotonic progress reaches values.
-    The method is bisection in [0, ``stop_s``]; the progress must not decrease.
-    """
+    """Find the times at which a monotonic progress reaches values."""
+    # the method is bisection in [0, stop_s]; the progress must not decrease
     goal = np.atleast_1d(np.asarray(wanted, dtype=float))
     low, high = np.zeros_like(goal), np.full_like(goal, stop_s)
     for _ in range(_HALVINGS):
@@ -393,9 +385,7 @@ def lay_out_stops(path: StopAndGoPath) -> Layout:
 
 @plugin("path", parameters=TurnAroundPath)
 def lay_out_turn(path: TurnAroundPath) -> Layout:
-    """Return a path out, a turn and the path back.
-    The turn is a U-turn or a turn on the spot.
-    """
+    """Return a path out, a turn and the path back. The turn is a U-turn or a turn on the spot."""
     if path.radius_m is not None:
         return Layout((CurveElement(path.out_m), make_arc(path.radius_m, math.pi), ENDLESS))
     stop = Stop(path.out_m, 2 * TRANSITION_S + (path.turn_s or TURN_S), math.pi)
@@ -404,9 +394,7 @@ def lay_out_turn(path: TurnAroundPath) -> Layout:
 
 @plugin("path", parameters=PolylinePath)
 def lay_out_polyline(path: PolylinePath) -> Layout:
-    """Return legs and corner arcs of a polyline.
-    If they do not fit, ValueError is raised.
-    """
+    """Return legs and corner arcs of a polyline. If they do not fit, ValueError is raised."""
     legs = np.diff(np.array(path.points_m), axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     if lengths.min() < _SHORTEST_M:
@@ -462,7 +450,5 @@ def make_path(table: Mapping[str, Any] | Path) -> Path:
 
 
 def lay_out(path: Path) -> Layout:
-    """Return the layout of a path.
-    Turns on the spot are only in its stops.
-    """
+    """Return the layout of a path. Turns on the spot are only in its stops."""
     return PATHS.of(path).run(path)

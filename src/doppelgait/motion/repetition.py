@@ -19,17 +19,15 @@ FIRST = 0.1
 
 
 def repetition_hz(swing: FloatArray, *, rate_hz: float) -> float:
-    r"""Measure the repetition frequency of a motion, Hz.
-    Shapes: swing (T, P, C).
-    """
+    r"""Measure the repetition frequency of a motion, Hz. Shapes: swing (T, P, C)."""
     velocity = np.gradient(swing, axis=0)
     return _first_peak_hz(velocity, velocity, rate_hz, PERIOD_S)
 
 
 def mirrored_repetition_hz(swing: FloatArray, parts: Sequence[str], *, rate_hz: float) -> float:
-    """Measure the stride frequency from mirrored half strides, Hz.
-    In a walk, run, pace or trot, each left part repeats the motion of the right part after half a stride.
-    """
+    """Measure the stride frequency from mirrored half strides, Hz."""
+    # in a walk, run, pace or trot, each left part repeats the motion of the right part after half a
+    # stride
     sides = []
     for part in dict.fromkeys(parts):
         other = part.replace("left_", "right_", 1)

@@ -21,9 +21,8 @@ STILL_BELOW_M = 0.2
 
 
 def body_centre_m(motion: Motion) -> FloatArray:
-    """Return the mean position of the torso or trunk.
-    Without a known torso or trunk, it is the mean of all points. Values are in m.
-    """
+    """Return the mean position of the torso or trunk."""
+    # without a known torso or trunk, it is the mean of all points. Values are in m.
     return _average_points(motion.position_m, _find_central_points(motion))
 
 
@@ -41,25 +40,22 @@ def _average_points(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> 
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
-    """Return the body's net ground displacement.
-    It is from the first frame to another one, by default the last.
-    """
+    """Return the body's net ground displacement."""
+    # it is from the first frame to another one, by default the last
     before, after = _average_points(motion.position_m[[0, last]], _find_central_points(motion))[:, :2]
     return np.asarray(after - before)
 
 
 def travel_heading_rad(motion: Motion) -> float:
-    """Return the ground direction of net travel.
-    The angle is from +x towards +y; it is 0 for a body that stays in place.
-    """
+    """Return the ground direction of net travel."""
+    # the angle is from +x towards +y; it is 0 for a body that stays in place
     net = _net_travel_m(motion)
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
 
 
 def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
-    """Return the net ground speed of the body centre.
-    It is over the first seconds of a motion, by default over the whole motion.
-    """
+    """Return the net ground speed of the body centre."""
+    # it is over the first seconds of a motion, by default over the whole motion
     times = motion.time_s
     last = int(np.searchsorted(times, times[0] + first_s, side="right")) - 1
     return float(math.hypot(*_net_travel_m(motion, last)) / (times[last] - times[0]))
@@ -156,9 +152,8 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
 
 
 def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
-    """Interpolate the body centre at a time, shape (3,).
-    The time is relative to the first frame; the interpolation is linear.
-    """
+    """Interpolate the body centre at a time, shape (3,)."""
+    # the time is relative to the first frame; the interpolation is linear
     times = motion.time_s
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
@@ -169,9 +164,8 @@ def _interpolate_centre(motion: Motion, at_s: float) -> FloatArray:
 
 
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Resample positions and velocities by a cubic spline (E-02).
-    The spline interpolates the frames and is C2; velocities are its slope.
-    """
+    """Resample positions and velocities by a cubic spline (E-02)."""
+    # the spline interpolates the frames and is C2; velocities are its slope
     spline = fit_spline(motion)
     position, velocity = spline.at(check_times(motion, time_s))
     shape = (position.shape[0], *motion.positions.shape[1:])
@@ -189,9 +183,7 @@ class Spline:
     step_s: float
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return values and slopes at times, both (I, C).
-        Times are relative to the first frame.
-        """
+        """Return values and slopes at times, both (I, C). Times are relative to the first frame."""
         from doppelgait.core.kernels.spline import positions_and_velocities
 
         value, slope = np.empty((2, times_s.size, self.values.shape[1]))
@@ -205,9 +197,8 @@ def fit_spline(motion: Motion) -> Spline:
 
 
 def fit_centre(motion: Motion) -> Spline:
-    """Fit a spline to the body centre; 3 columns.
-    It is like :func:`fit_spline`, for :func:`body_centre_m`.
-    """
+    """Fit a spline to the body centre; 3 columns."""
+    # it is like fit_spline, for body_centre_m
     return _fit_motion_spline(motion, body_centre_m(motion))
 
 
@@ -225,9 +216,8 @@ def _fit_motion_spline(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
 
 
 def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
-    """Return times as float64 and check their range.
-    They are relative to the first frame. A time outside the motion raises :class:`MotionError`.
-    """
+    """Return times as float64 and check their range."""
+    # they are relative to the first frame. A time outside the motion raises MotionError.
     wanted = np.ascontiguousarray(time_s, dtype=np.float64)
     lasts = motion.duration_s
     if wanted.size and (wanted.min() < 0 or wanted.max() > lasts + 1e-9):

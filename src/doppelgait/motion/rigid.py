@@ -26,9 +26,8 @@ MIN_TRAVEL_M = 1.0
 
 
 def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
-    """Group points with constant mutual distances.
-    The spread of a distance is 1.4826 times its median absolute deviation from its median.
-    """
+    """Group points with constant mutual distances."""
+    # the spread of a distance is 1.4826 times its median absolute deviation from its median
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
@@ -44,9 +43,7 @@ def find_rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) 
 
 
 def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
-    """Propose rigid segments and the two feet without names.
-    Shapes: position_m (T, P, 3).
-    """
+    """Propose rigid segments and the two feet without names. Shapes: position_m (T, P, 3)."""
     position = np.asarray(position_m, dtype=np.float64)
     groups = find_rigid_clusters(position)
     feet = _find_feet(position, groups, rate_hz)
@@ -61,9 +58,8 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
 
 
 def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
-    """Name the two groups that move like feet.
-    Keys are group indices. The result is empty unless exactly two groups move like feet.
-    """
+    """Name the two groups that move like feet."""
+    # keys are group indices. The result is empty unless exactly two groups move like feet.
     middle = np.median(position, axis=1)
     net = middle[-1, :2] - middle[0, :2]
     travel = float(np.linalg.norm(net))
@@ -90,9 +86,8 @@ def _find_feet(position: FloatArray, groups: list[list[int]], rate_hz: float) ->
 
 
 def measure_distance_spread(position: FloatArray) -> FloatArray:
-    """Return the robust spread of all point distances.
-    The spread is a robust standard deviation over time, in m. Shapes: position (T, P, 3).
-    """
+    """Return the robust spread of all point distances. Shapes: position (T, P, 3)."""
+    # the spread is a robust standard deviation over time, in m
     looks = np.unique(np.linspace(0, len(position) - 1, min(len(position), N_LOOKS)).round().astype(int))
     position = position[looks]
     n_points = position.shape[1]
@@ -116,10 +111,10 @@ TIES = 9
 
 
 def find_bones(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
-    """Return the bones of a moving body.
-    The bones are a tree through all points with short branches of constant length: the minimum spanning tree (Kruskal
-    1956) of ``mean(d) + 40 sd(d)``, where d is the distance of two points over time.
-    """
+    """Return the bones of a moving body."""
+    # the bones are a tree through all points with short branches of constant length: the minimum
+    # spanning tree (Kruskal 1956) of mean(d) + 40 sd(d), where d is the distance of two points over
+    # time
     from scipy.sparse.csgraph import minimum_spanning_tree
 
     points = np.asarray(position_m, dtype=np.float64)
@@ -143,9 +138,8 @@ NEAR_POINTS = 2
 
 
 def find_rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
-    """Return point pairs of constant distance.
-    They are bones and neighbouring points of one segment, shape (B, 2).
-    """
+    """Return point pairs of constant distance."""
+    # they are bones and neighbouring points of one segment, shape (B, 2)
     bones = find_bones(position)
     some = position[:: max(1, len(position) // MOST_FRAMES)]
     distance = np.linalg.norm(some[:, :, np.newaxis] - some[:, np.newaxis], axis=-1)
@@ -168,9 +162,8 @@ def restore_lengths(
     ridge: float,
     steps: int,
 ) -> FloatArray:
-    """Move points as little as possible to wanted pair distances.
-    Newton's method minimises the weighted sum of squared displacements in every frame.
-    """
+    """Move points as little as possible to wanted pair distances."""
+    # Newton's method minimises the weighted sum of squared displacements in every frame
     if not len(pairs):
         return position
     ends = np.zeros((len(pairs), len(weights)))

@@ -142,9 +142,8 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
 
 
 def crop(motion: Motion, segment: Segment) -> Motion:
-    """Extract one segment of a motion.
-    The result starts at time 0. Known facts are kept, and footfalls are shifted.
-    """
+    """Extract one segment of a motion."""
+    # the result starts at time 0. Known facts are kept, and footfalls are shifted.
     times, rate = motion.time_s, motion.rate_hz
     if segment.start_s < times[0] - 0.5 / rate or segment.stop_s > times[-1] + 0.5 / rate:
         raise MotionError(

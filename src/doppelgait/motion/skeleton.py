@@ -73,9 +73,8 @@ _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 
 
 def _list_words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
-    """Return body parts by plain word.
-    Each sided word is prefixed with all spellings of its side. The words of the midline follow.
-    """
+    """Return body parts by plain word."""
+    # each sided word is prefixed with all spellings of its side. The words of the midline follow.
     table: dict[str, str] = {}
     for part, names in sided.items():
         for side, letter in (("left", "l"), ("right", "r")):
@@ -97,9 +96,8 @@ _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 
 def reduce_word(name: str) -> str:
-    """Reduce a name to lower-case letters and digits.
-    The prefix of a rig is removed. ``"UpperLeg_L"`` becomes "lupperleg".
-    """
+    """Reduce a name to lower-case letters and digits."""
+    # the prefix of a rig is removed. "UpperLeg_L" becomes "lupperleg".
     name, is_end = _END.subn("", _RIG_PREFIX.sub("", name))
     behind = _SIDE_BEHIND.match(name)
     if behind:
@@ -109,9 +107,8 @@ def reduce_word(name: str) -> str:
 
 
 def look_up(word: str, table: Mapping[str, str]) -> str:
-    """Return the body part of a word, with or without a number.
-    An example is ``"lknee2"``. The result is ``""`` if the word is unknown.
-    """
+    """Return the body part of a word, with or without a number."""
+    # an example is "lknee2". The result is "" if the word is unknown.
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
 
 
@@ -121,9 +118,8 @@ def strip_end(word: str) -> str:
 
 
 def name_bones(words: set[str]) -> bool:
-    """Return True if joints have the names of bones.
-    That is so in BVH files, which have an upper leg.
-    """
+    """Return True if joints have the names of bones."""
+    # that is so in BVH files, which have an upper leg
     legs = {word for word in words if re.fullmatch(r"(l|r|left|right)(upleg|upperleg|legupper)\d*", word)}
     return bool(legs) or {"lthigh", "lcalf"} <= words
 
@@ -227,9 +223,8 @@ def strip_subject(marker: str) -> str:
 
 
 def find_part(name: str, species: Species = "human") -> str:
-    """Return the body part of a marker or joint name.
-    :func:`find_parts` resolves more names, because it uses the whole set.
-    """
+    """Return the body part of a marker or joint name."""
+    # find_parts resolves more names, because it uses the whole set
     return _find(reduce_word(strip_subject(name)), species, starts=False)
 
 
@@ -248,9 +243,7 @@ def guess_species(names: Iterable[str]) -> Species | Literal[""]:
 
 
 def find_parts(names: Iterable[str]) -> list[str]:
-    """Return the body parts of one body's names.
-    The part of an unknown name is ``""``.
-    """
+    """Return the body parts of one body's names. The part of an unknown name is ``""``."""
     names = list(names)
     return _find_species_parts(names, guess_species(names) or "human")
 
@@ -269,9 +262,8 @@ def _find_species_parts(names: Sequence[str], species: Species) -> list[str]:
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:
-    """Return the known marker set that the markers contain.
-    At least 90 % of the set must be present. The result is empty if there is no such set.
-    """
+    """Return the known marker set that the markers contain."""
+    # at least 90 % of the set must be present. The result is empty if there is no such set.
     names = {strip_subject(marker).upper() for marker in markers}
     found = [known for known in KNOWN_SETS.values() if len(known & names) >= 0.9 * len(known)]
     return max(found, key=lambda known: len(known & names), default=frozenset())

@@ -34,9 +34,8 @@ JOINTS_OF_BONES = ("upleg upperleg legupper thigh", "leg lowerleg calf shin", "f
 
 
 def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> tuple[float, str]:
-    """Measure the height of a body.
-    The height of a person with a head is that of its highest point. Shapes: position (T, P, 3).
-    """
+    """Measure the height of a body. Shapes: position (T, P, 3)."""
+    # the height of a person with a head is that of its highest point
     z = position[:, :, 2]
     if "trunk" in parts:
         return _measure_withers(z, names, parts), ""
@@ -61,9 +60,9 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
 
 
 def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
-    """Measure leg length and hip height, m.
-    The leg is from hip over knee to ankle. Values are means of both legs, or NaN if the names include no whole leg.
-    """
+    """Measure leg length and hip height, m."""
+    # the leg is from hip over knee to ankle. Values are means of both legs, or NaN if the names
+    # include no whole leg.
     words = [reduce_word(strip_subject(name)) for name in names]
     joints = JOINTS_OF_BONES if name_bones(set(words)) else MARKERS_OF_JOINTS
     words = [word.rstrip("0123456789") for word in words]
@@ -80,9 +79,8 @@ def measure_leg_length(position: FloatArray, names: Sequence[str]) -> tuple[floa
 
 
 def _measure_withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
-    """Return the withers height above the lower fore paw.
-    It is the median over the frames in which the animal stands.
-    """
+    """Return the withers height above the lower fore paw."""
+    # it is the median over the frames in which the animal stands
     trunk = [i for i, part in enumerate(parts) if part == "trunk"]
     named = [i for i in trunk if "withers" in reduce_word(strip_subject(names[i]))]
     fore = [i for i, part in enumerate(parts) if part.endswith("_fore_paw")]

@@ -31,9 +31,7 @@ N_LOOKS = 200
 
 
 def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Exchange the paths of swapped names, in place.
-    Shapes: position (T, P, 3).
-    """
+    """Exchange the paths of swapped names, in place. Shapes: position (T, P, 3)."""
     swaps: list[dict[str, Any]] = []
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3)
     frame = 0
@@ -52,9 +50,8 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
 def _find_next_swap(
     position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
 ) -> tuple[list[int], int]:
-    """Find the next swap and its frame.
-    If several pairs have swapped, those with the largest reduction are returned.
-    """
+    """Find the next swap and its frame."""
+    # if several pairs have swapped, those with the largest reduction are returned
     stepping = step[first:] > limit[first:]
     for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):
         points = np.flatnonzero(stepping[frame - first])
@@ -75,9 +72,7 @@ def _find_next_swap(
 
 
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Find steps off a smooth path.
-    The positions are not changed. Shapes: position (T, P, 3).
-    """
+    """Find steps off a smooth path. The positions are not changed. Shapes: position (T, P, 3)."""
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=JUMP_M, jerk_mps3=JUMP_JERK_MPS3)
     edge = np.full((1, step.shape[1]), -1.0)
     known = np.concatenate([edge, np.nan_to_num(step, nan=-1.0), edge])
@@ -90,18 +85,18 @@ def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) ->
 def find_steps(
     position: FloatArray, *, rate_hz: float, floor_m: float, jerk_mps3: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Measure every step against its prediction.
-    The prediction is the sample before, continued with the mean of the velocities before and after.
-    """
+    """Measure every step against its prediction."""
+    # the prediction is the sample before, continued with the mean of the velocities before and
+    # after
     last, before, after, gap = _find_paths(position, rate_hz)
     step = np.linalg.norm(position - last - gap[..., np.newaxis] * (before + after) / 2, axis=2)
     return step, np.maximum(floor_m, jerk_mps3 * (gap / rate_hz) ** 3 / 2)
 
 
 def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return each point's last sample, velocity and gap.
-    Velocities are per frame, at the last sample and from the current frame on. The gap is in frames.
-    """
+    """Return each point's last sample, velocity and gap."""
+    # velocities are per frame, at the last sample and from the current frame on. The gap is in
+    # frames.
     n_frames, n_points = position.shape[:2]
     seen, point = np.isfinite(position).all(axis=2), np.arange(n_points)
     frames = np.arange(n_frames)[:, np.newaxis]
@@ -115,9 +110,7 @@ def _find_paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, Float
 
 
 def find_useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
-    """Find short-lived, duplicate and distant points.
-    Shapes: position (T, P, 3).
-    """
+    """Find short-lived, duplicate and distant points. Shapes: position (T, P, 3)."""
     n_seen = np.isfinite(position).all(axis=2).sum(axis=0)
     usual = float(np.median(n_seen[n_seen > 0])) if (n_seen > 0).any() else 0.0
     reasons = {

@@ -24,9 +24,9 @@ DRIFT = 0.2
 
 
 def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
-    """Measure the velocity of a treadmill belt, shape (2,).
-    It is the median velocity of the feet while they are low, if all feet agree and the body stays in place.
-    """
+    """Measure the velocity of a treadmill belt, shape (2,)."""
+    # it is the median velocity of the feet while they are low, if all feet agree and the body stays
+    # in place
     feet: dict[str, list[int]] = {}
     for i, part in enumerate(parts):
         if part in FOOT_PARTS:
@@ -49,9 +49,8 @@ def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: fl
 
 
 def move_over_ground(motion: Motion) -> Motion:
-    """Return a treadmill motion as motion over the ground.
-    The measured velocity of the belt is subtracted from all points.
-    """
+    """Return a treadmill motion as motion over the ground."""
+    # the measured velocity of the belt is subtracted from all points
     position, rate = motion.position_m, motion.rate_hz
     belt = belt_velocity_mps(position, motion.parts, rate_hz=rate)
     if belt is None:

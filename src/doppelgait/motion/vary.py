@@ -150,9 +150,8 @@ def vary(motion: Motion, variation: Variation, rng: np.random.Generator) -> Moti
 def _make_clock(
     times_s: FloatArray, stride_hz: float, variation: Variation, turn: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return a clock of strides with timing and noise.
-    The timing varies within a stride, the noise from stride to stride.
-    """
+    """Return a clock of strides with timing and noise."""
+    # the timing varies within a stride, the noise from stride to stride
     strides = stride_hz * times_s
     deviations = variation.phase_noise * np.clip(rng.normal(size=math.ceil(strides[-1]) + 2), -2.0, 2.0)
     noise = np.interp(strides, np.arange(deviations.size), deviations)

@@ -40,9 +40,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Body:
-    """Segments and joints of a body.
-    Every joint is the mean of one or more points.
-    """
+    """Segments and joints of a body. Every joint is the mean of one or more points."""
 
     segments: tuple[Segment, ...]
     joints: Mapping[str, tuple[str, ...]]
@@ -144,9 +142,8 @@ def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _describe_marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
-    """Describe a person's joints as means of markers.
-    The markers are on the skin over the joints, that is, outside the true centre of rotation.
-    """
+    """Describe a person's joints as means of markers."""
+    # the markers are on the skin over the joints, that is, outside the true centre of rotation
     waist = (waist_front, waist_back, waist_front, waist_back, "KNE")
     middle = {
         "head": ("LFHD", "RFHD", "LBHD", "RBHD"),
@@ -183,9 +180,7 @@ BODIES: Mapping[str, Body] = {
 
 
 def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
-    """Find a motion's body and every joint's points.
-    A joint is the mean of its points.
-    """
+    """Find a motion's body and every joint's points. A joint is the mean of its points."""
     number = {strip_subject(marker).upper(): n for n, marker in enumerate(markers)}
     lacking: dict[str, list[str]] = {}
     for name, body in BODIES.items():
@@ -201,9 +196,8 @@ def find_body(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list
 
 
 def average_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
-    """Average groups of points.
-    The result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
-    """
+    """Average groups of points."""
+    # the result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
     values = motion.position_m
     means = np.empty((values.shape[0], len(groups), 3))
     for n, group in enumerate(groups):
@@ -273,9 +267,8 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
 
 
 def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
-    r"""Average :func:`ellipsoid_rcs_m2` over all horizontal directions.
-    The result has the shape (I, S), m^2.
-    """
+    r"""Average :func:`ellipsoid_rcs_m2` over all horizontal directions."""
+    # the result has the shape (I, S), m^2
     across, upright, along = body.semi_axes_m.T
     wide, long = across**2 - upright**2, along**2 - upright**2
     x, y = body.along[..., 0], body.along[..., 1]
@@ -306,9 +299,7 @@ def build_skeleton(motion: Motion) -> Skeleton:
 
 
 def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: npt.ArrayLike) -> Motion:
-    r"""Compute the motion of the reflecting points.
-    Shapes: radar_position_m (3,) (E-08f).
-    """
+    r"""Compute the motion of the reflecting points. Shapes: radar_position_m (3,) (E-08f)."""
     from doppelgait.core.kernels import occlusion as kernel
 
     points = np.empty(body.centre_m.shape)
@@ -319,9 +310,8 @@ def find_nearest_points(skeleton: Skeleton, body: Ellipsoids, radar_position_m: 
 
 
 def compute_ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
-    """Compute the ellipsoids at times after the first frame.
-    Positions are on the spline of E-02.
-    """
+    """Compute the ellipsoids at times after the first frame."""
+    # positions are on the spline of E-02
     return _compute_ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
 
 
@@ -354,16 +344,14 @@ def _multiply_dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def mean_rcs_m2(body: Ellipsoids) -> float:
-    """Compute the body's RCS averaged over times and horizontal directions.
-    The result is the sum over the ellipsoids, m^2.
-    """
+    """Compute the body's RCS averaged over times and horizontal directions."""
+    # the result is the sum over the ellipsoids, m^2
     return float(horizontal_mean_rcs_m2(body).mean(axis=0).sum())
 
 
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
-    """Compute every ellipsoid's RCS at its distance (E-08c, E-08g).
-    The result has the shape (I, S), m^2, and is not scaled to a total.
-    """
+    """Compute every ellipsoid's RCS at its distance (E-08c, E-08g)."""
+    # the result has the shape (I, S), m^2, and is not scaled to a total
     from doppelgait.core.kernels import occlusion as kernel
 
     rcs_m2, radar = np.empty(body.centre_m.shape[:2]), np.asarray(radar_position_m, dtype=np.float64)
@@ -389,9 +377,8 @@ def compute_visible_power(
     *,
     edge_m: float = EDGE_M,
 ) -> FloatArray:
-    r"""Compute the two-way gain past the body's ellipsoids (E-08e).
-    The gain is 1 for a visible point and 0 for a hidden point.
-    """
+    r"""Compute the two-way gain past the body's ellipsoids (E-08e)."""
+    # the gain is 1 for a visible point and 0 for a hidden point
     from doppelgait.core.kernels.occlusion import sight_amplitudes
 
     points = np.ascontiguousarray(point_m, dtype=np.float64)
@@ -411,9 +398,9 @@ def compute_visible_power(
 
 
 def find_own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
-    """Determine which ellipsoids contain which points.
-    An ellipsoid contains a point that is inside it (up to a tenth beyond its surface) at least half of the time.
-    """
+    """Determine which ellipsoids contain which points."""
+    # an ellipsoid contains a point that is inside it (up to a tenth beyond its surface) at least
+    # half of the time
     step = -(-point_m.shape[0] // 100)
     offset = point_m[::step, :, None] - body.centre_m[::step, None]
     across, upright, along = body.semi_axes_m.T

@@ -99,9 +99,9 @@ def bistatic_line_of_sight(
     transmitter_position_m: npt.ArrayLike,
     receiver_position_m: npt.ArrayLike,
 ) -> LineOfSight:
-    """Compute the bistatic geometry of moving points.
-    These are range, radial velocity and angles for a radar with separate transmitter and receiver positions.
-    """
+    """Compute the bistatic geometry of moving points."""
+    # these are range, radial velocity and angles for a radar with separate transmitter and receiver
+    # positions
     sight = line_of_sight(position_m, velocity_mps, transmitter_position_m)
     back = line_of_sight(position_m, velocity_mps, receiver_position_m)
     return replace(
@@ -184,18 +184,16 @@ def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Gener
 
 
 def tabulate(placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]) -> xr.Dataset:
-    """Observe scatterers at some times as a table.
-    It is the table of :func:`assemble` with the ``wanted`` angles.
-    """
+    """Observe scatterers at some times as a table."""
+    # it is the table of assemble with the wanted angles
     return _label(placed, bodies, times, _look(placed.scene, bodies, _fit_splines(bodies), times, wanted))
 
 
 def tabulate_later(
     placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
 ) -> xr.Dataset:
-    """Observe scatterers as :func:`tabulate`, partly on demand.
-    Ranges, velocities and angles are computed when they are read.
-    """
+    """Observe scatterers as :func:`tabulate`, partly on demand."""
+    # ranges, velocities and angles are computed when they are read
     splines, count = _fit_splines(bodies), sum(len(body.motion.markers) for body in bodies)
     alike = [replace(body, rcs_m2=np.ones(1), path_gain=np.ones(1)) for body in bodies]  # gains are not needed here
 
@@ -308,9 +306,8 @@ def _observe(
 def _make_scatterers(
     target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None
 ) -> Scatterers:
-    """Compute a target's scatterers with occlusion.
-    Occlusion applies to the path from the transmitter and to the path to the receiver.
-    """
+    """Compute a target's scatterers with occlusion."""
+    # occlusion applies to the path from the transmitter and to the path to the receiver
     motion, rcs = target.motion, target.target.rcs
     if scene.receiver_position_m is None:
         return compute_scatterers(motion, rcs, times, scene.radar_position_m, rng=rng)
@@ -330,9 +327,8 @@ def _make_scatterers(
 def compute_ranges_and_velocities(
     motion: Motion, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute ranges and radial velocities of all points (E-03, E-04).
-    Both have the shape (I, P); the velocity is positive when approaching.
-    """
+    """Compute ranges and radial velocities of all points (E-03, E-04)."""
+    # both have the shape (I, P); the velocity is positive when approaching
     return _compute_ranges(fit_spline(motion), check_times(motion, time_s), radar_position_m)
 
 

@@ -168,9 +168,8 @@ def make_scaled_motion(target: Target) -> Motion:
 
 
 def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
-    """Scale a motion to the target's height, on its path.
-    A motion on a path is then in the frame of the scene.
-    """
+    """Scale a motion to the target's height, on its path."""
+    # a motion on a path is then in the frame of the scene
     if target.height_m is not None:
         motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
     if target.path is None or target.start_position_m is None or target.heading_deg is None:
@@ -187,9 +186,8 @@ def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
 
 
 def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -> Motion:
-    """Rotate and translate a scaled motion to its position.
-    A motion on a path is already in position.
-    """
+    """Rotate and translate a scaled motion to its position."""
+    # a motion on a path is already in position
     if target.path is not None:
         return motion
     if target.start_position_m is not None and target.heading_deg is not None:
@@ -205,9 +203,8 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
 
 
 def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> list[Motion]:
-    """Make the motions of all targets.
-    Files are read first, because the shortest one determines the duration of the models' motions.
-    """
+    """Make the motions of all targets."""
+    # files are read first, because the shortest one determines the duration of the models' motions
     models = None if streams is None else streams.generator("motion")
 
     def make(number: int, table: Mapping[str, Any], seconds: float) -> Motion:
@@ -252,16 +249,15 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
 
 
 def _choose_range_m(motion: Motion, observation_s: float) -> float:
-    """Return the range at mid-observation of a target without one.
-    It is 5 m, or more where the closest approach would be below 2 m.
-    """
+    """Return the range at mid-observation of a target without one."""
+    # it is 5 m, or more where the closest approach would be below 2 m
     return max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
 
 
 def state_ranges(scene: Scene) -> Scene:
-    """Return a scene that states where :func:`place` puts its targets.
-    Variations of the motion are left out: they need random numbers. The scene is unchanged if it cannot be placed.
-    """
+    """Return a scene that states where :func:`place` puts its targets."""
+    # variations of the motion are left out: they need random numbers. The scene is unchanged if it
+    # cannot be placed.
     if all(target.range_m is not None or target.start_position_m is not None for target in scene.targets):
         return scene
     plain = tuple(target.model_copy(update={"vary": None}) for target in scene.targets)
@@ -282,9 +278,9 @@ def state_ranges(scene: Scene) -> Scene:
 def build_motion(
     table: Mapping[str, Any], *, duration_s: float, folder: Path | None = None, rng: np.random.Generator | None = None
 ) -> Motion:
-    """Make a motion from a ``{ kind = ... }`` table.
-    The table is a model with ``duration_s``, or a file that is read, cleaned, combined to a hybrid and looped.
-    """
+    """Make a motion from a ``{ kind = ... }`` table."""
+    # the table is a model with duration_s, or a file that is read, cleaned, combined to a hybrid
+    # and looped
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
     if kind != "file":
@@ -328,9 +324,8 @@ def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:
 
 
 def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
-    """Read a motion file, cached while it is unchanged.
-    The examples of a dataset use the same segments of the same files repeatedly.
-    """
+    """Read a motion file, cached while it is unchanged."""
+    # the examples of a dataset use the same segments of the same files repeatedly
     from doppelgait.motion.readers import read
 
     key = (file, stamp, options)

@@ -209,16 +209,13 @@ def compute_part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
 
 
 def is_split_by_part(parts: Sequence[str]) -> bool:
-    """Return True if ``auto`` splits by body part.
-    This is the case if the trunk is known, or the part of every point.
-    """
+    """Return True if ``auto`` splits by body part."""
+    # this is the case if the trunk is known, or the part of every point
     return any(part in BODY_CENTRE_PARTS for part in parts) or all(part in PART_WEIGHTS for part in parts)
 
 
 def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
-    """Warn of points without a known body part.
-    The message states their cross sections.
-    """
+    """Warn of points without a known body part. The message states their cross sections."""
     unknown = [name for name, part in zip(motion.markers, motion.parts, strict=True) if part not in PART_WEIGHTS]
     is_body = motion.facts.kind == "recording" or len(unknown) < len(motion.parts)
     if spec.kind == "equal" or not unknown or not is_body:
@@ -237,9 +234,8 @@ def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
 
 
 def total_rcs_m2(spec: RcsSpec, mass_kg: float) -> float:
-    """Compute the mean total sigma, m^2.
-    It is the stated total, or 0.01 m^2 per kilogram (E-08b); an unknown mass is replaced by 80 kg.
-    """
+    """Compute the mean total sigma, m^2."""
+    # it is the stated total, or 0.01 m^2 per kilogram (E-08b); an unknown mass is replaced by 80 kg
     mass = mass_kg if mass_kg > 0 else ASSUMED_MASS_KG
     return RCS_PER_MASS_M2_PER_KG * mass if spec.total_m2 is None else spec.total_m2
 
@@ -273,9 +269,8 @@ def sample_fluctuation(
     correlation_s: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    r"""Draw slowly fluctuating factors of mean 1 (E-08d).
-    They are independent from scatterer to scatterer. Shapes: time_s (I,); returns (I, n_scatterers).
-    """
+    r"""Draw slowly fluctuating factors of mean 1 (E-08d). Shapes: time_s (I,); returns (I, n_scatterers)."""
+    # they are independent from scatterer to scatterer
     from doppelgait.core.kernels.fluctuation import smoothed_chi_square
 
     times = np.ascontiguousarray(time_s, dtype=np.float64)
@@ -289,8 +284,7 @@ def sample_fluctuation(
 
 
 def sample_spread(spread_db: float, rng: np.random.Generator) -> float:
-    """Draw a log-normal factor of mean 1 (E-08b).
-    Its decibels have the standard deviation ``spread_db``.
-    """
+    """Draw a log-normal factor of mean 1 (E-08b)."""
+    # its decibels have the standard deviation spread_db
     deviation = spread_db * np.log(10.0) / 10.0
     return float(np.exp(deviation * rng.standard_normal() - deviation**2 / 2.0))

@@ -73,9 +73,7 @@ class Scatterers:
 
 @dataclass(frozen=True)
 class View:
-    """Arguments of a radar cross section.
-    Shapes: time_s (I,); radar_position_m (3,).
-    """
+    """Arguments of a radar cross section. Shapes: time_s (I,); radar_position_m (3,)."""
 
     motion: Motion
     time_s: FloatArray
@@ -83,9 +81,8 @@ class View:
 
     @cached_property
     def skeleton(self) -> Skeleton:
-        """Joints and ellipsoids of the body.
-        A :class:`ConfigError` is raised if its joints or height are unknown.
-        """
+        """Joints and ellipsoids of the body."""
+        # A ConfigError is raised if its joints or height are unknown
         return build_skeleton(self.motion)
 
     @cached_property
@@ -184,9 +181,8 @@ def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Return the ellipsoid points facing the radar (E-08c, E-08f, E-08g).
-    Far from the radar, the mean sum of their cross sections (I, S) is the stated total.
-    """
+    """Return the ellipsoid points facing the radar (E-08c, E-08f, E-08g)."""
+    # far from the radar, the mean sum of their cross sections (I, S) is the stated total
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
     seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
     points = find_nearest_points(view.skeleton, view.frames, view.radar_position_m)
@@ -238,9 +234,9 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 
 
 def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
-    """Group points with median distances below the limit.
-    All pairs within a group are below the limit; the groups are in the order of their first points.
-    """
+    """Group points with median distances below the limit."""
+    # all pairs within a group are below the limit; the groups are in the order of their first
+    # points
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
@@ -258,9 +254,7 @@ def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
 
 
 def median_distances_m(motion: Motion) -> FloatArray:
-    """Compute median distances over time between all points.
-    The result has the shape (P, P), m.
-    """
+    """Compute median distances over time between all points. The result has the shape (P, P), m."""
     step = -(-motion.n_frames // MAX_FRAMES)
     frames = motion.position_m[::step]
     result = np.zeros((len(motion.markers), len(motion.markers)))

@@ -24,9 +24,8 @@ DEFAULT_DURATION_S = 5.0
 
 
 def _parse_motion(value: Any) -> Any:
-    """Parse a motion: an object, a table, or model parameters.
-    An object is a motion in memory; a table has a ``kind``.
-    """
+    """Parse a motion: an object, a table, or model parameters."""
+    # an object is a motion in memory; a table has a kind
     if isinstance(value, Motion):
         return value
     if isinstance(value, str | FilePath):
@@ -309,9 +308,7 @@ class Scene(FrozenModel):
         }
 
     def _describe_duration(self) -> str:
-        """Return the observation time in words.
-        No motion is made or read for it.
-        """
+        """Return the observation time in words. No motion is made or read for it."""
         if self.duration_s is not None:
             return f"{self.duration_s:g} s"
         if any(

@@ -47,9 +47,8 @@ SAME_KNOT = 1e-6
 
 
 def check_relative_speed(relative_speed: float) -> float:
-    """Return the relative speed if the model is valid for it.
-    The valid range is 0 < q = V/L <= 3. Other values raise :class:`ConfigError`.
-    """
+    """Return the relative speed if the model is valid for it."""
+    # the valid range is 0 < q = V/L <= 3. Other values raise ConfigError.
     if not 0 < relative_speed <= TOP_RELATIVE_SPEED * (1 + 1e-9):
         raise ConfigError(
             f"relative speed (speed / leg length): {relative_speed:.4g} per second is not allowed: "
@@ -77,16 +76,14 @@ def _cosine(cycles: FloatArray) -> FloatArray:
 
 
 def _share(phase: FloatArray) -> FloatArray:
-    """Return the phase within its cycle.
-    The result is exactly equal to NumPy's remainder, which takes many times as long.
-    """
+    """Return the phase within its cycle."""
+    # the result is exactly equal to NumPy's remainder, which takes many times as long
     return np.asarray(phase - np.floor(phase))
 
 
 def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
-    """Return the offset of the body from uniform motion.
-    It is in units of the offset scale k. Shapes: phase (n,); returns (n, 3).
-    """
+    """Return the offset of the body from uniform motion. Shapes: phase (n,); returns (n, 3)."""
+    # it is in units of the offset scale k
     q = relative_speed
     slow = q < 0.5
     lateral = -0.128 * (q - q * q) if slow else -0.032
@@ -107,9 +104,7 @@ def compute_body_offset(phase: FloatArray, relative_speed: float, *, signs: Offs
 
 
 def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
-    """Return the pelvic list l(p), negative with the left side lower.
-    It is 0 at p = 0 and 0.5.
-    """
+    """Return the pelvic list l(p), negative with the left side lower. It is 0 at p = 0 and 0.5."""
     p = _share(phase)
     first = p < 0.5
     half = np.where(first, p, p - 0.5)
@@ -125,9 +120,8 @@ def lean_deg(relative_speed: float) -> float:
 
 
 def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Return pelvis and trunk angles by name, degrees.
-    They are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,).
-    """
+    """Return pelvis and trunk angles by name, degrees."""
+    # they are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,)
     q, pitch = relative_speed, lean_deg(relative_speed)
     return {
         "trunk_pitch": -pitch + pitch * _sine(2 * phase - 0.1),
@@ -149,9 +143,8 @@ def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Return the joint flexion of one side by name, degrees.
-    The joints are hip, knee, ankle, shoulder and elbow. The arrays have the shape of ``phase``.
-    """
+    """Return the joint flexion of one side by name, degrees."""
+    # the joints are hip, knee, ankle, shoulder and elbow. The arrays have the shape of phase.
     q = relative_speed
     knots = find_joint_knots(q)
     return {joint: interpolate_periodic(knots[joint], phase) for joint in ("hip", "knee", "ankle")} | arm_angles_deg(
@@ -167,9 +160,8 @@ def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatA
 
 
 def find_joint_knots(relative_speed: float) -> dict[str, Knots]:
-    """Return the joint curves' control points (phase, degrees).
-    The joints are hip, knee, ankle and elbow.
-    """
+    """Return the joint curves' control points (phase, degrees)."""
+    # the joints are hip, knee, ankle and elbow
     q, s = relative_speed, compute_support_fraction(relative_speed)
     if q < 0.5:
         return {
@@ -213,9 +205,8 @@ def interpolate_periodic(knots: Knots, phase: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def _fit_pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
-    """Compute the shape-preserving periodic cubic through knots.
-    Results are cached, since a motion uses the same few curves repeatedly.
-    """
+    """Compute the shape-preserving periodic cubic through knots."""
+    # results are cached, since a motion uses the same few curves repeatedly
     one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)
     kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
     if kept[0][0] + 1 - kept[-1][0] <= SAME_KNOT:

@@ -162,18 +162,16 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
 
 
 def place_limb(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Return advance and lift of a stepping limb.
-    The advance is in strides, the lift from 0 to 1, and ``cycles`` are counted from touchdown.
-    """
+    """Return advance and lift of a stepping limb."""
+    # the advance is in strides, the lift from 0 to 1, and cycles are counted from touchdown
     number = np.floor(cycles)
     share = np.clip((cycles - number - duty) / (1 - duty), 0.0, 1.0)
     return number + share**3 * (10 - 15 * share + 6 * share**2), np.sin(np.pi * share) ** 2
 
 
 def compute_crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
-    """Return the crawler's points by name, in statures.
-    The pelvis is at ``stride`` times the phase. Shapes: phase (n,).
-    """
+    """Return the crawler's points by name, in statures. Shapes: phase (n,)."""
+    # the pelvis is at stride times the phase
     size, x = LENGTHS, stride * phase
     reach = ARM_REACH * (size["upper_arm"] + size["forearm"])
     rise = math.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]

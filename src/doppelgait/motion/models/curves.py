@@ -42,9 +42,7 @@ def load_tables() -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CycleCurve:
-    """Periodic curves of phase, as sums of harmonics.
-    Shapes: coefficients (K,).
-    """
+    """Periodic curves of phase, as sums of harmonics. Shapes: coefficients (K,)."""
 
     coefficients: npt.NDArray[np.complex128]
 
@@ -104,9 +102,8 @@ def _compute_slowness(gait: str, dimensionless_speed: float) -> float:
 
 @cache
 def _find_harmonics(gait: str, name: PersonCurve) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
-    """Return harmonics of a table's mean and slope.
-    Harmonics at half the sampling rate are left out.
-    """
+    """Return harmonics of a table's mean and slope."""
+    # harmonics at half the sampling rate are left out
     samples = load_tables()["people"][gait][name]
     return _transform(samples["mean"], 10), _transform(samples["slope"], 10)
 
@@ -128,9 +125,8 @@ N_HARMONICS = {"scapula": 6, "manus": 6, "metatarsus": 6, "neck": 2, "tail": 2}
 
 
 def find_trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
-    """Return a trunk curve and its first phase.
-    The phases of neck and front heave are relative to the fore feet, the others to the hind feet.
-    """
+    """Return a trunk curve and its first phase."""
+    # the phases of neck and front heave are relative to the fore feet, the others to the hind feet
     end = "fore" if name in ("fore_heave", "neck") else "hind"
     landing = touchdown[f"left_{end}"]
     if gait == "gallop":
@@ -143,9 +139,8 @@ TRUNK_CURVES: tuple[TrunkCurve, ...] = ("surge", "hind_heave", "fore_heave", "ne
 
 
 def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> CycleCurve:
-    """Join the trunk curves, each at its first phase.
-    The curves are those of :func:`find_trunk_curve` in the order of :data:`TRUNK_CURVES`.
-    """
+    """Join the trunk curves, each at its first phase."""
+    # the curves are those of find_trunk_curve in the order of TRUNK_CURVES
     terms, begins = np.zeros((len(TRUNK_CURVES), 5), dtype=complex), np.empty((len(TRUNK_CURVES), 1))
     for row, name in enumerate(TRUNK_CURVES):
         curve, begins[row] = find_trunk_curve(gait, name, touchdown)
@@ -154,9 +149,8 @@ def join_trunk_curves(gait: RecordedGait, touchdown: Mapping[str, float]) -> Cyc
 
 
 def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArray, duty: float) -> FloatArray:
-    """Return the measured elevation of a limb's segment.
-    Stance and swing of the recording are scaled to those of the duty factor.
-    """
+    """Return the measured elevation of a limb's segment."""
+    # stance and swing of the recording are scaled to those of the duty factor
     of_recording = MEASURED_DUTY[gait][segment != "metatarsus"]
     own = cycles - np.floor(cycles)
     # a cubic on both sides of lift-off with the same slope at all three knots, so that the speed is continuous
@@ -174,9 +168,8 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
 
 @cache
 def find_swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
-    """Return the path of a swinging paw, 0 to 1.
-    The path is a function of the share of the swing.
-    """
+    """Return the path of a swinging paw, 0 to 1."""
+    # the path is a function of the share of the swing
     speed = np.array(load_tables()["dogs"][gait]["swings"][end])
     peaked = speed**2 / (speed**2).mean() * speed.mean()
     speed = speed + (peak - 1) * speed.max() / (peaked.max() - speed.max()) * (peaked - speed)

@@ -75,16 +75,14 @@ _ARM_SWING = ((2.2, 9.0), (12.5, 30.0))
 
 
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
-    """Return the dynamically similar speed of a 1.75 m adult.
-    The Froude numbers are equal.
-    """
+    """Return the dynamically similar speed of a 1.75 m adult. The Froude numbers are equal."""
     return speed_mps * math.sqrt(ADULT_M / height_m)
 
 
 def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
-    """Return the steps per second of a runner.
-    The step frequency is a table of speed. Below 2.2 m/s (at 1.75 m), the first slope is extrapolated.
-    """
+    """Return the steps per second of a runner."""
+    # the step frequency is a table of speed. Below 2.2 m/s (at 1.75 m), the first slope is
+    # extrapolated.
     return _interpolate_table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
 
 
@@ -101,10 +99,10 @@ def _interpolate_table(table: tuple[tuple[float, ...], tuple[float, ...]], at: f
 
 
 def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArray:
-    """Return the height of a runner's body relative to touchdown.
-    It follows from the half-sine ground force (Morin et al. 2005). In stance z'' = A sin(pi t/t_c) - g with A = pi g
-    t_step/(2 t_c), which supports the weight over a step; in flight z'' = -g.
-    """
+    """Return the height of a runner's body relative to touchdown."""
+    # it follows from the half-sine ground force (Morin et al. 2005). In stance z'' = A sin(pi
+    # t/t_c) - g with A = pi g t_step/(2 t_c), which supports the weight over a step; in flight z''
+    # = -g.
     half = np.mod(np.asarray(phase, dtype=float), 0.5)
     contact_s, step_s = duty * stride_s, stride_s / 2
     force = math.pi * G_MPS2 * step_s / (2 * contact_s)
@@ -115,32 +113,29 @@ def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArr
 
 
 def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) -> FloatArray:
-    """Return a runner's offset from uniform motion.
-    The offset is lateral, over the standing leg (assumed), and vertical.
-    """
+    """Return a runner's offset from uniform motion."""
+    # the offset is lateral, over the standing leg (assumed), and vertical
     sway = -0.012 * leg_m * np.sin(2 * np.pi * (phase - 0.1))
     return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)], axis=-1)
 
 
 def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
-    """Return a runner's assumed pelvic torsion and list.
-    Signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`.
-    """
+    """Return a runner's assumed pelvic torsion and list."""
+    # signs are those of doppelgait.motion.models.boulic.trunk_angles_deg
     return {"pelvic_torsion": -8.0 * np.cos(2 * np.pi * phase), "pelvic_list": -3.0 * np.sin(2 * np.pi * phase)}
 
 
 def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArray]:
-    """Return a runner's upper-body pitch and torsion.
-    The lean is 5 to 10 degrees; the torsion is assumed.
-    """
+    """Return a runner's upper-body pitch and torsion."""
+    # the lean is 5 to 10 degrees; the torsion is assumed
     lean = float(np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)))
     return -lean, 12.0 * np.cos(2 * np.pi * phase)
 
 
 def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
-    """Return flexion of shoulder and elbow of one side.
-    The arrays have the shape of ``phase``; phase 0 is the touchdown of that side. The elbow is at 80 to 100 degrees.
-    """
+    """Return flexion of shoulder and elbow of one side."""
+    # the arrays have the shape of phase; phase 0 is the touchdown of that side. The elbow is at 80
+    # to 100 degrees.
     back = np.cos(2 * np.pi * (phase + 0.13))
     return {"shoulder": -12.0 - _interpolate_table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
 
@@ -396,9 +391,8 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
 
 
 def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
-    """Return leg length and tempo relative to Boulic's.
-    The tempo is 1 for an adult; for a child, it follows from the Froude number.
-    """
+    """Return leg length and tempo relative to Boulic's."""
+    # the tempo is 1 for an adult; for a child, it follows from the Froude number
     lengths = find_segment_lengths(config.body, config.height_m)
     leg_m = (lengths["thigh"] + lengths["shank"]) * config.height_m
     adult = find_segment_lengths("adult", ADULT_M)
@@ -407,9 +401,7 @@ def _find_leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
 
 
 def _make_boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> GaitStyle:
-    """Make the walk of Boulic et al. 1990.
-    Its feet slide.
-    """
+    """Make the walk of Boulic et al. 1990. Its feet slide."""
     leg_m, stride_m, period_s, q = _walk_timing(config)
     limbs = _add_arms(config, lambda phase: limb_angles_deg(phase, q))
 
@@ -422,9 +414,8 @@ def _make_boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Gait
 
 
 def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
-    """Return leg, stride, stride time and relative speed.
-    Lengths in m, the time in s; the speed is Boulic's q.
-    """
+    """Return leg, stride, stride time and relative speed."""
+    # lengths in m, the time in s; the speed is Boulic's q
     leg_m, tempo = _find_leg_and_tempo(config)
     q = config.speed_mps / leg_m / tempo
     longer = math.sqrt(config.walk_ratio)
@@ -478,9 +469,8 @@ def _make_measured_motion(
     thorax: Callable[[FloatArray], tuple[float, FloatArray]],
     arms: Curves,
 ) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:
-    """Make foot, pose and hips from measured curves.
-    The measured ripple and feet are added to the gait's own trunk and arms.
-    """
+    """Make foot, pose and hips from measured curves."""
+    # the measured ripple and feet are added to the gait's own trunk and arms
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
     pelvis_way, neck_way = (

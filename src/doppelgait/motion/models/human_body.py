@@ -124,9 +124,8 @@ def _place_upper_body(
 
 
 def place_left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
-    """Return the left hip relative to the spine's base.
-    The right hip is opposite. Angles are those of :func:`compute_figure_points`.
-    """
+    """Return the left hip relative to the spine's base."""
+    # the right hip is opposite. Angles are those of compute_figure_points.
     tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
     aside = size_m["half_hip"] * np.cos(tilt)
     return stack_columns(np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt))
@@ -139,9 +138,8 @@ def place_legless_points(
     arms_rad: Mapping[str, FloatArray],
     size_m: Mapping[str, float],
 ) -> FloatArray:
-    """Return a figure without knees, ankles and toes.
-    The shape is (n, 17, 3); each coordinate of a point is contiguous in memory.
-    """
+    """Return a figure without knees, ankles and toes."""
+    # the shape is (n, 17, 3); each coordinate of a point is contiguous in memory
     found = np.zeros((3, len(POINTS), base_m.shape[0]))
     found[:, _UPPER] = _place_upper_body(trunk_rad, arms_rad, size_m)
     found[:, POINTS.index("left_hip")], found[:, POINTS.index("right_hip")] = left_m.T, -left_m.T
@@ -150,9 +148,7 @@ def place_legless_points(
 
 
 def _stack_columns(points: Sequence[Place], count: int) -> FloatArray:
-    """Stack the coordinates of points as (3, k, n).
-    Rotations are applied to whole columns.
-    """
+    """Stack the coordinates of points as (3, k, n). Rotations are applied to whole columns."""
     found = np.empty((3, len(points), count))
     for number, point in enumerate(points):
         for row, part in zip(found[:, number], point, strict=True):
@@ -163,9 +159,8 @@ def _stack_columns(points: Sequence[Place], count: int) -> FloatArray:
 def _place_hanging_links(
     start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the ends (x, z) of linked rods.
-    Links hang straight down at angle 0; a positive angle is forward.
-    """
+    """Return the ends (x, z) of linked rods."""
+    # links hang straight down at angle 0; a positive angle is forward
     ends_x, ends_z = [], []
     x, z = (np.asarray(part) for part in start)
     for angle_rad, length in links:
@@ -176,9 +171,8 @@ def _place_hanging_links(
 
 
 def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
-    """Rotate points about a coordinate axis, in place.
-    The rotation is right-handed, through the origin, by n angles.
-    """
+    """Rotate points about a coordinate axis, in place."""
+    # the rotation is right-handed, through the origin, by n angles
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     turned = cosine * xyz[first] - sine * xyz[second]
@@ -281,9 +275,9 @@ class Person:
 
 
 def find_segment_lengths(body: Body, height_m: float) -> dict[str, float]:
-    """Return segment lengths as fractions of the stature.
-    A child has shorter legs and a larger head. The ratios are linear in the stature from 1.6 m down to 0.9 m.
-    """
+    """Return segment lengths as fractions of the stature."""
+    # a child has shorter legs and a larger head. The ratios are linear in the stature from 1.6 m
+    # down to 0.9 m.
     if body == "adult":
         return dict(LENGTHS)
     young = (CHILD_M[1] - height_m) / (CHILD_M[1] - CHILD_M[0])

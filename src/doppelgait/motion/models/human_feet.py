@@ -78,9 +78,8 @@ def place_feet(
     size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
 ) -> None:
-    """Place a figure on feet that do not slide.
-    Segment lengths are kept. A flat sole is at z = 0. Shapes: points_m (n, 17, 3); phase (n,).
-    """
+    """Place a figure on feet that do not slide. Shapes: points_m (n, 17, 3); phase (n,)."""
+    # segment lengths are kept. A flat sole is at z = 0.
     cycle, leg = np.floor(phase[0]) + _GRID, _sample_leg_phases(style.duty)
     in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]]))
     of_legs = {"left": in_place["left"][cycle.size : -leg.size], "right": in_place["right"][-leg.size :]}
@@ -138,17 +137,15 @@ class Foot:
 
 
 def _sample_leg_phases(duty: float) -> FloatArray:
-    """Return sample phases of stance, touchdown and lift-off.
-    Stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
-    """
+    """Return sample phases of stance, touchdown and lift-off."""
+    # stance has a hundred steps. Touchdown and lift-off have a neighbour on both sides.
     around = np.array([0.0, -_NUDGE, _NUDGE])
     return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
 
 
 def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
-    """Make a gait's feet and place their footprints.
-    ``hips`` are those at :func:`_sample_leg_phases`.
-    """
+    """Make a gait's feet and place their footprints."""
+    # hips are those at _sample_leg_phases
     cycles, reach_m = _sample_leg_phases(style.duty), MAX_EXTENSION * (size_m["thigh"] + size_m["shank"])
     own = style.foot(cycles)
     roll, way_m = _roll_sole(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]
@@ -164,9 +161,8 @@ def make_feet(style: GaitStyle, hips: Hips, size_m: Mapping[str, float], left_ah
 
 
 def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
-    """Find the footprint with the highest hip.
-    The leg must reach the footprint during the whole stance.
-    """
+    """Find the footprint with the highest hip."""
+    # the leg must reach the footprint during the whole stance
     places = _PRINTS * reach_m
     room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
 
@@ -184,9 +180,8 @@ def _find_best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: 
 
 
 def _roll_sole(sole: FloatArray, foot_m: float) -> FloatArray:
-    """Return ankle and pitch relative to the footprint, (n, 4).
-    They follow from the slope of the sole in stance.
-    """
+    """Return ankle and pitch relative to the footprint, (n, 4)."""
+    # they follow from the slope of the sole in stance
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth when the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
@@ -202,9 +197,9 @@ def _roll_sole(sole: FloatArray, foot_m: float) -> FloatArray:
 def compute_foot_path(
     foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Return the path of a foot over the floor.
-    In swing, the gait's own path is corrected by a cubic that matches value and slope of the adjacent stances.
-    """
+    """Return the path of a foot over the floor."""
+    # in swing, the gait's own path is corrected by a cubic that matches value and slope of the
+    # adjacent stances
     number = np.floor(phase + foot.offset)
     cycles, first = phase + foot.offset - number, number.min()
     # values of each step are computed once; frames select their columns

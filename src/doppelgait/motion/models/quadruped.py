@@ -49,7 +49,7 @@ from doppelgait.motion.motion import NAN, Motion, MotionFacts, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 
-# A joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
+# a joint belongs to the bone that ends there. The shoulder is the lower end of the scapula; the hip is on the trunk.
 PART_OF_POINT = {
     "nose": "head",
     "head": "head",
@@ -316,9 +316,8 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
 def _make_course(
     config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
 ) -> FootfallCourse:
-    """Return the positions and times of the footfalls.
-    Half strides and landings vary as first-order autoregressive sequences.
-    """
+    """Return the positions and times of the footfalls."""
+    # half strides and landings vary as first-order autoregressive sequences
     regular = make_regular_course(phase, gait, stride)
     length_sd, landing_sd = config.step_length_sd, config.footfall_sd
     if length_sd == landing_sd == config.length_asymmetry == 0.0:

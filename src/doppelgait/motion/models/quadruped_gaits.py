@@ -69,9 +69,8 @@ GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
 
 
 def pick_gait(froude: float) -> GaitName:
-    """Return a dog's gait at a Froude number.
-    It is a walk up to 0.5, a trot up to 2.5, and a gallop above.
-    """
+    """Return a dog's gait at a Froude number."""
+    # it is a walk up to 0.5, a trot up to 2.5, and a gallop above
     fits = (name for name in GAITS_BY_SPEED if froude <= GAITS[name].froude[1] * (1 + 1e-9))
     return next(fits, GAITS_BY_SPEED[-1])
 
@@ -143,32 +142,27 @@ def froude_number(speed_mps: float, hip_m: float) -> float:
 
 
 def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
-    """Return the stride length L = c h Fr^p.
-    By dynamic similarity, p = 0.3 (Alexander and Jayes 1983); in the pace and the walk it is smaller (measured).
-    """
+    """Return the stride length L = c h Fr^p."""
+    # by dynamic similarity, p = 0.3 (Alexander and Jayes 1983); in the pace and the walk it is
+    # smaller (measured)
     return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), gait.stride_power)
 
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
-    """Return a paw's duty factor, 1 - t_swing f.
-    The girdle adds an offset; the result stays within limits.
-    """
+    """Return a paw's duty factor, 1 - t_swing f."""
+    # the girdle adds an offset; the result stays within limits
     swing_s = SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
     duty = 1 - swing_s * stride_frequency_hz + girdle.duty_offset
     return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])
 
 
 def mass_kg(build: Build, withers_m: float) -> float:
-    """Return the body mass at another height.
-    Geometric similarity is assumed, M ~ withers^3.
-    """
+    """Return the body mass at another height. Geometric similarity is assumed, M ~ withers^3."""
     return build.mass_kg * (withers_m / build.withers_m) ** 3
 
 
 def fit_gait_to_build(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
-    """Return a gait adapted to a build.
-    Its right feet are ``asymmetry`` strides late.
-    """
+    """Return a gait adapted to a build. Its right feet are ``asymmetry`` strides late."""
     gait = GAITS[name]
     touchdown = dict(gait.touchdown)
     if name == "walk":
@@ -315,9 +309,7 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
 
 
 def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
-    """Return the gaits that a dog may have.
-    A Froude number without a gait is refused.
-    """
+    """Return the gaits that a dog may have. A Froude number without a gait is refused."""
     if gait is not None:
         check_choice(gait, GAITS, "gait")
     named: list[GaitName] = [*GAIT_SHARES] if gait is None else [gait]
@@ -336,9 +328,8 @@ def _list_possible_gaits(gait: GaitName | None, froude: float | None) -> list[Ga
 
 
 def _withers_m(build: Build, size: float) -> float:
-    """Return a breed's withers height from a normal number.
-    The distribution is truncated at the limits by rank, so that heights do not accumulate there.
-    """
+    """Return a breed's withers height from a normal number."""
+    # the distribution is truncated at the limits by rank, so that heights do not accumulate there
     normal, spread_m = NormalDist(), 0.08 * build.withers_m
     low, high = (
         normal.cdf(min(max((limit_m - build.withers_m) / spread_m, -2.5), 2.5)) for limit_m in build.withers_range_m

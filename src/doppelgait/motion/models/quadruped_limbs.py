@@ -73,9 +73,8 @@ _WHOLE_CYCLE = np.arange(120) / 120
 
 
 def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
-    """Return the middle joint of two links.
-    The links connect ``start`` and ``end``. Shapes: start, end (..., 3).
-    """
+    """Return the middle joint of two links. Shapes: start, end (..., 3)."""
+    # the links connect start and end
     line = end - start
     x, y, z = line[..., 0], line[..., 1], line[..., 2]
     level = x * x + z * z
@@ -87,9 +86,7 @@ def solve_two_links(start: FloatArray, end: FloatArray, first: float, second: fl
 
 
 def point_down(angle_rad: FloatArray) -> FloatArray:
-    """Return unit vectors that point down at angle 0.
-    A positive angle is forward.
-    """
+    """Return unit vectors that point down at angle 0. A positive angle is forward."""
     return stack_columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
 
 
@@ -131,9 +128,9 @@ Trunk = tuple[FloatArray, FloatArray, FloatArray]
 def compute_trunk_motion(
     phase: FloatArray, distance: FloatArray, gait: Gait, build: Build, stride: float
 ) -> tuple[Trunk, FloatArray, FloatArray]:
-    """Return the path of the trunk at standing height.
-    The surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows from the two heaves.
-    """
+    """Return the path of the trunk at standing height."""
+    # the surge of the trunk and the heaves of its girdles are the recorded ones. The pitch follows
+    # from the two heaves.
     surge, hind, fore, neck, tail = join_trunk_curves(gait.curves, gait.touchdown)(phase)
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
     sine = (fore - hind) / (2 * GIRDLE_X * build.trunk)
@@ -144,9 +141,8 @@ def compute_trunk_motion(
 def place_on_trunk(
     x: FloatArray | float, y: FloatArray | float, height: FloatArray | float, trunk: Trunk
 ) -> FloatArray:
-    """Return the path of a point on the trunk.
-    The point is defined by its position when the dog stands with the middle of its trunk at x = 0.
-    """
+    """Return the path of a point on the trunk."""
+    # the point is defined by its position when the dog stands with the middle of its trunk at x = 0
     z = height - TRUNK_Z
     centre, cosine, sine = trunk
     return np.asarray(centre + stack_columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
@@ -159,9 +155,8 @@ Ride = tuple[FloatArray, FootfallCourse]
 def compute_paws(
     rides: Sequence[Ride], gait: Gait, build: Build, end: str, duty: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the paths of both paws of one girdle.
-    In the middle of its stance, a paw is below its girdle, shifted by the reach of the gait.
-    """
+    """Return the paths of both paws of one girdle."""
+    # in the middle of its stance, a paw is below its girdle, shifted by the reach of the gait
     girdle: Girdle = getattr(gait, end)
     parts = []
     for phase, course in rides:
@@ -187,9 +182,8 @@ def compute_paws(
 
 
 def compute_limb_ends(rides: Sequence[Ride], gait: Gait, build: Build, duty: dict[str, float], trunk: Trunk) -> Points:
-    """Return paw, carpus or hock, and trunk joint.
-    The trunk is at standing height. Each array is (2, n, 3), left and right.
-    """
+    """Return paw, carpus or hock, and trunk joint."""
+    # the trunk is at standing height. Each array is (2, n, 3), left and right.
     cycles, paw = compute_paws(rides, gait, build, "hind", duty["hind"])
     along = point_down(segment_elevation_rad(gait.curves, "metatarsus", cycles, duty["hind"]))
     result = {"hind_paw": paw, "hock": paw - METATARSUS * build.limbs * along}
@@ -208,9 +202,8 @@ CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM
 
 
 def compute_crouch(ends: Points, limbs: float) -> float:
-    """Return the lowering of the trunk for the limbs.
-    Every limb then reaches its paw at all positions of ``ends``.
-    """
+    """Return the lowering of the trunk for the limbs."""
+    # every limb then reaches its paw at all positions of ends
     lower = 0.0
     for top, bottom, first, second in CHAINS:
         line = ends[top] - ends[bottom]
@@ -220,9 +213,9 @@ def compute_crouch(ends: Points, limbs: float) -> float:
 
 
 def move_along_limb(top: FloatArray, bottom: FloatArray, length: float) -> None:
-    """Move a trunk joint along its limb, in place.
-    It moves if the limb is nearly straight or folded, since a scapula glides over the ribs and a back bends.
-    """
+    """Move a trunk joint along its limb, in place."""
+    # it moves if the limb is nearly straight or folded, since a scapula glides over the ribs and a
+    # back bends
     line = top - bottom
     share = np.sqrt((line * line).sum(axis=-1)) / length
     far, near = share > STRAIGHT[0], share < FOLDED[0]
@@ -238,9 +231,8 @@ TAIL_YIELD_RAD = 0.25
 
 
 def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
-    """Lift a rod smoothly off the floor.
-    ``height`` is that of its upper end relative to its length.
-    """
+    """Lift a rod smoothly off the floor."""
+    # height is that of its upper end relative to its length
     free = TAIL_YIELD_RAD - height
     yielding = free - TAIL_YIELD_RAD * np.tanh((free - elevation_rad) / TAIL_YIELD_RAD)
     return np.where(elevation_rad < free, yielding, elevation_rad)
@@ -249,9 +241,8 @@ def lift_above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArra
 def compute_all_points(
     phase: FloatArray, gait: Gait, build: Build, course: FootfallCourse, duty: dict[str, float], carriage: Carriage
 ) -> Points:
-    """Return the dog's points by name, (n, 3).
-    They are in units of h. The trunk is lowered until all limbs reach their paws.
-    """
+    """Return the dog's points by name, (n, 3)."""
+    # they are in units of h. The trunk is lowered until all limbs reach their paws.
     # frames and a whole cycle of equal strides in one call: in the cycle, all limbs must reach their paws
     count, even = phase.size, FootfallCourse(course.stride, course.landings)
     distance = np.concatenate([course.distance(phase), even.distance(_WHOLE_CYCLE)])

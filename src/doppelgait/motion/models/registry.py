@@ -36,9 +36,8 @@ def get_parameters(kind: str) -> type[FrozenModel]:
 
 
 def parse_parameters(model: type[Parameters], parameters: Mapping[str, Any], *, where: str) -> Parameters:
-    """Check the keyword arguments of a model's function.
-    Unlike a scene file, the function has a duration and no ``kind``.
-    """
+    """Check the keyword arguments of a model's function."""
+    # unlike a scene file, the function has a duration and no kind
     for name in parameters:
         if name not in model.model_fields:
             allowed = sorted({*model.model_fields, "duration_s", "rng"} - {"kind"})

@@ -20,9 +20,9 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
-    """Stack columns to shape (n, number of columns).
-    A number is a constant column. First columns of shape (k, n) result in (k, n, number of columns).
-    """
+    """Stack columns to shape (n, number of columns)."""
+    # a number is a constant column. First columns of shape (k, n) result in (k, n, number of
+    # columns).
     found = np.empty((1 + len(others), *first.shape))
     found[0] = first
     for number, other in enumerate(others, 1):
@@ -31,9 +31,7 @@ def stack_columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
 
 
 def stack_xyz(x: FloatArray, y: FloatArray | float, z: FloatArray | float) -> FloatArray:
-    """Stack coordinates to points, shape (n, 3).
-    A number is a constant coordinate.
-    """
+    """Stack coordinates to points, shape (n, 3). A number is a constant coordinate."""
     return np.stack([np.broadcast_to(part, x.shape) for part in (x, y, z)], axis=1)
 
 
@@ -63,9 +61,8 @@ class Curve:
         return np.asarray(c_0 + u * (c_1 + u * (c_2 + u * c_3)))
 
     def where(self, values: npt.ArrayLike) -> FloatArray:
-        """Invert a curve with rising knots.
-        The values must be between those of its first and its last knot.
-        """
+        """Invert a curve with rising knots."""
+        # the values must be between those of its first and its last knot
         wanted = np.asarray(values, dtype=float)
         heights = np.append(self.coefficients[0], self(self.knots[-1]))
         place = np.clip(heights.searchsorted(wanted, side="right") - 1, 0, self.knots.size - 2)
@@ -96,9 +93,7 @@ def fit_cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray
 
 
 def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    r"""Return a C2 cubic spline with not-a-knot ends.
-    Shapes: knots (K,); heights (K,).
-    """
+    r"""Return a C2 cubic spline with not-a-knot ends. Shapes: knots (K,); heights (K,)."""
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     h = x[1:] - x[:-1]
     m = (y[1:] - y[:-1]) / h
@@ -123,10 +118,10 @@ def fit_cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 
 def fit_periodic_pchip(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    """Return a shape-preserving cubic through periodic knots.
-    The phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides differ in sign or
-    one is level, otherwise it is their weighted harmonic mean (Fritsch and Butland 1984).
-    """
+    """Return a shape-preserving cubic through periodic knots."""
+    # the phase is from 0 to 1 (Fritsch and Carlson 1980). A slope is 0 if the chords on both sides
+    # differ in sign or one is level, otherwise it is their weighted harmonic mean (Fritsch and
+    # Butland 1984).
     around = np.arange(-2, np.size(knots) + 2)  # slopes depend only on the neighbours
     x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
     x, y = x[around % x.size] + around // x.size, y[around % y.size]
@@ -167,9 +162,8 @@ def make_stride_clock(
     variation: float = 0.0,
     rng: RandomSource | None = None,
 ) -> Curve:
-    """Return the stride clock: phase in cycles as function of time.
-    It is a cubic spline, so that the rate is continuous.
-    """
+    """Return the stride clock: phase in cycles as function of time."""
+    # it is a cubic spline, so that the rate is continuous
     ahead = math.ceil(duration_s / (period_s * (1 - LARGEST_DEVIATION * variation))) + _MARGIN
     deviation = np.zeros(_MARGIN + ahead)
     if variation > 0:
@@ -193,9 +187,8 @@ def sample_autoregressive(count: int, rng: np.random.Generator, correlation: flo
 
 
 def footfall_times_s(clock: Curve, touchdown_phase: Mapping[str, float], end_s: float) -> dict[str, list[float]]:
-    """Return each foot's landing times before ``end_s``.
-    ``touchdown_phase`` is in cycles, by name of the foot.
-    """
+    """Return each foot's landing times before ``end_s``."""
+    # touchdown_phase is in cycles, by name of the foot
     first, last = (float(p) for p in clock([0.0, end_s]))
     phases = [
         offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
@@ -230,9 +223,8 @@ def step_series(
     time_asymmetry: float = 0.0,
     rng: RandomSource | None = None,
 ) -> Steps:
-    """Sample the touchdowns of both feet.
-    They start well before time 0 and end well after ``duration_s``.
-    """
+    """Sample the touchdowns of both feet."""
+    # they start well before time 0 and end well after duration_s
     if rng is None and (time_sd > 0 or length_sd > 0 or pace_sd > 0):
         raise ConfigError(
             f"step_time_sd = {time_sd:g}, step_length_sd = {length_sd:g}, pace_sd = {pace_sd:g} need a random "

@@ -38,9 +38,7 @@ MAX_BONES = 1000
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone; its point is its far end.
-    Shapes: vector (3,); axes (3, 3).
-    """
+    """A bone; its point is its far end. Shapes: vector (3,); axes (3, 3)."""
 
     name: str
     parent: int
@@ -52,9 +50,7 @@ class Bone:
 
 @dataclass(frozen=True)
 class Skeleton:
-    """An ASF skeleton.
-    Shapes: origin (3,).
-    """
+    """An ASF skeleton. Shapes: origin (3,)."""
 
     bones: tuple[Bone, ...]
     origin: FloatArray
@@ -132,9 +128,8 @@ def _check_order(path: Path, line: int, order: str) -> None:
 
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
-    """Return the rotation by x, then y, then z.
-    The rotation of the first letter is applied first.
-    """
+    """Return the rotation by x, then y, then z."""
+    # the rotation of the first letter is applied first
     radians = np.radians(angles) if degrees else np.asarray(angles)
     return make_euler_rotations(order[::-1], radians[["xyz".index(axis) for axis in order[::-1]]])
 
@@ -230,9 +225,8 @@ class AmcContent:
 
 
 def sniff_amc(path: Path, head: bytes) -> bool:
-    """Return True if a file starts like an AMC motion.
-    Such a file has a line ``:FULLY-SPECIFIED``, ``:DEGREES`` or ``:RADIANS``, and no skeleton.
-    """
+    """Return True if a file starts like an AMC motion."""
+    # such a file has a line :FULLY-SPECIFIED, :DEGREES or :RADIANS, and no skeleton
     return _KEYWORD.search(head) is not None and b":bonedata" not in head.lower()
 
 
@@ -245,9 +239,9 @@ def read_amc(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read root and bone ends of an AMC motion.
-    The motion is not cleaned. A point has the name of the bone that ends there: ``ltibia`` is the left ankle.
-    """
+    """Read root and bone ends of an AMC motion."""
+    # the motion is not cleaned. A point has the name of the bone that ends there: ltibia is the
+    # left ankle.
     text = read_text(path)
     start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
     if start is None:
@@ -282,9 +276,8 @@ def read_amc(
 
 
 def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
-    """Parse the values of every bone.
-    All frames have the same words in the same positions, so that they form one table.
-    """
+    """Parse the values of every bone."""
+    # all frames have the same words in the same positions, so that they form one table
     second = re.compile(r"(?m)^[ \t]*\d+[ \t]*$").search(text, text.index("\n", at) if "\n" in text[at:] else len(text))
     lines = [line.split() for line in text[at : second.start() if second else len(text)].split("\n")[1:]]
     lines = [words for words in lines if words]
@@ -332,9 +325,8 @@ def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[s
 
 
 def _compute_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
-    """Compute the positions of root and bone ends.
-    Positions are in the unit and the axes of the skeleton.
-    """
+    """Compute the positions of root and bone ends."""
+    # positions are in the unit and the axes of the skeleton
     degrees = skeleton.degrees if content.degrees is None else content.degrees
     freedoms = {bone.name: bone.freedoms for bone in skeleton.bones}
     for name, values in content.values.items():

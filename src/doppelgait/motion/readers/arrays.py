@@ -64,9 +64,8 @@ SMPL_COUNTS = (22, 24)
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
-    """Return True if a file looks like npz or motion JSON.
-    An npz file is a zip archive with a ``.npy`` file as its first member.
-    """
+    """Return True if a file looks like npz or motion JSON."""
+    # an npz file is a zip archive with a .npy file as its first member
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     keys = (*POSITION_KEYS, *RATE_KEYS)
     return is_npz(head) or (text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in keys))

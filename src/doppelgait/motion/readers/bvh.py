@@ -46,9 +46,7 @@ class Node:
 
 @dataclass(frozen=True)
 class BvhContent:
-    """A BVH file as written.
-    Shapes: values (T, C).
-    """
+    """A BVH file as written. Shapes: values (T, C)."""
 
     nodes: tuple[Node, ...]
     frame_time_s: float
@@ -80,9 +78,8 @@ def read_bvh_content(path: Path) -> BvhContent:
 
 
 def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
-    """Execute one statement of the hierarchy.
-    Statements declare, open, describe and close nodes.
-    """
+    """Execute one statement of the hierarchy."""
+    # statements declare, open, describe and close nodes
     word = words[0].upper()
     if word in ("ROOT", "JOINT", "END"):
         if word == "ROOT" and nodes:
@@ -172,9 +169,8 @@ def sniff_bvh(path: Path, head: bytes) -> bool:
 def read_bvh(
     path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
 ) -> Motion:
-    """Read the body's joints of a BVH file, uncleaned.
-    Rotations are applied in the order of their channels.
-    """
+    """Read the body's joints of a BVH file, uncleaned."""
+    # rotations are applied in the order of their channels
     content = read_bvh_content(path)
     if rate_hz is None and not 0.0 < content.frame_time_s < float("inf"):
         raise MotionError(
@@ -200,9 +196,8 @@ def read_bvh(
 
 
 def compute_bvh_positions(content: BvhContent) -> FloatArray:
-    """Compute the positions (T, J, 3) of all nodes.
-    Positions are in the unit and the axes of the file.
-    """
+    """Compute the positions (T, J, 3) of all nodes."""
+    # positions are in the unit and the axes of the file
     n_frames, n_nodes = len(content.values), len(content.nodes)
     translation = np.empty((n_nodes, n_frames, 3))
     rotation = np.empty((n_nodes, n_frames, 3, 3))

@@ -18,9 +18,8 @@ from doppelgait.motion.readers.points import LengthUnit, check_rate, find_unit, 
 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
-    """Return True if a file starts like C3D.
-    The first bytes are the block number of the parameters and 0x50, and the rest is not text.
-    """
+    """Return True if a file starts like C3D."""
+    # the first bytes are the block number of the parameters and 0x50, and the rest is not text
     return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
 
 

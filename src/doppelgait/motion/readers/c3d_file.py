@@ -121,9 +121,7 @@ class Layout:
         return round((self.number(group, "RATE") or 0.0) / point_rate) if point_rate > 1e-3 else 0.0
 
     def count_declared_analog(self) -> float:
-        """Return the declared analog words per frame.
-        They are channels times samples per frame.
-        """
+        """Return the declared analog words per frame. They are channels times samples per frame."""
         return (self.number("ANALOG", "USED") or 0.0) * self._count_per_frame("ANALOG")
 
     def count_declared_rotations(self) -> float:
@@ -139,17 +137,15 @@ class Layout:
         return (self.size - self.data_at) / stride if stride else math.inf
 
     def is_tight(self, frames: int, points: int, analog: int) -> bool:
-        """Return True if a number of frames fills the data section.
-        Padding of the last block is allowed.
-        """
+        """Return True if a number of frames fills the data section."""
+        # padding of the last block is allowed
         stride = (4 * points + analog) * (4 if self.is_float else 2)
         return 0 <= self.size - self.data_at - frames * stride <= BLOCK
 
 
 def decode_float32(raw: bytes, processor: int) -> float:
-    """Decode one 32-bit float.
-    DEC swaps the two words, and its exponent is two higher than that of IEEE.
-    """
+    """Decode one 32-bit float."""
+    # DEC swaps the two words, and its exponent is two higher than that of IEEE
     if processor == DEC:
         return float(struct.unpack("<f", raw[2:4] + raw[0:2])[0]) / 4.0
     return float(struct.unpack(">f" if processor == SGI else "<f", raw[:4])[0])
@@ -219,9 +215,8 @@ def read_layout(path: Path) -> Layout:
 def _walk_records(
     path: Path, section: bytes, section_at: int, processor: int
 ) -> tuple[dict[tuple[str, str], Record], tuple[Span, ...]]:
-    """Return all parameters by (group, name) and all records.
-    Names are in upper case. A record that does not fit raises an error.
-    """
+    """Return all parameters by (group, name) and all records."""
+    # names are in upper case. A record that does not fit raises an error.
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Record]] = []
     spans: list[Span] = []
@@ -279,9 +274,7 @@ def _read_record(
 
 @dataclass(frozen=True)
 class C3dContent:
-    """3D content of a C3D file, in its units.
-    Shapes: position (T, P, 3).
-    """
+    """3D content of a C3D file, in its units. Shapes: position (T, P, 3)."""
 
     position: FloatArray
     labels: tuple[str, ...]
@@ -332,9 +325,7 @@ def read_content(path: Path) -> C3dContent:
 
 
 def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
-    """Find analog words per frame and number of frames.
-    Together they fill the data section.
-    """
+    """Find analog words per frame and number of frames. Together they fill the data section."""
     frames, points = layout.header_frames, layout.header_points
     if frames < 1:
         raise MotionError(f"{path}: its header declares {frames} frames. {RESAVE}.")
@@ -353,9 +344,7 @@ def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
 
 
 def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
-    """Decode the positions (T, P, 3), NaN for gaps.
-    They are in the units of the file.
-    """
+    """Decode the positions (T, P, 3), NaN for gaps. They are in the units of the file."""
     width = 4 * layout.header_points + analog
     order, scale = ">" if layout.processor == SGI else "<", 1.0
     if not layout.is_float:

@@ -35,9 +35,7 @@ SKELETON = "skeleton.json"
 
 @dataclass(frozen=True)
 class ExpmapSkeleton:
-    """Skeleton that defines the meaning of a file's numbers.
-    Shapes: offsets (J, 3).
-    """
+    """Skeleton that defines the meaning of a file's numbers. Shapes: offsets (J, 3)."""
 
     joint_names: tuple[str, ...]
     parents: tuple[int, ...]
@@ -65,9 +63,8 @@ def read_expmap(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read the joints of an exponential-map recording, not cleaned.
-    A rest pose before the recording is left out.
-    """
+    """Read the joints of an exponential-map recording, not cleaned."""
+    # a rest pose before the recording is left out
     file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
     if not file.is_file():
         raise MotionError(

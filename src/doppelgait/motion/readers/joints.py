@@ -35,9 +35,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Joints:
-    """Nodes of one hierarchy: names, parents and positions.
-    Shapes: position (T, J, 3).
-    """
+    """Nodes of one hierarchy: names, parents and positions. Shapes: position (T, J, 3)."""
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
@@ -85,9 +83,8 @@ def make_vector_rotations(vector_rad: FloatArray) -> FloatArray:
 
 
 def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Compute the positions of all nodes of a hierarchy.
-    ``p_j = p_parent + G_parent @ t_j``, ``G_j = G_parent @ R_j``.
-    """
+    """Compute the positions of all nodes of a hierarchy."""
+    # p_j = p_parent + G_parent @ t_j, G_j = G_parent @ R_j
     position = np.array(translation)
     frame = np.array(rotation)
     with np.errstate(over="ignore", invalid="ignore"):  # invalid values of a damaged file; its reader checks the result
@@ -103,16 +100,14 @@ POSE_BYTES = 240
 
 
 def check_skeleton_cost(path: Path, n_joints: int, n_frames: int) -> None:
-    """Refuse a hierarchy with poses that take too much memory.
-    Joints without values take no space in the file.
-    """
+    """Refuse a hierarchy with poses that take too much memory."""
+    # joints without values take no space in the file
     check_cost(path, POSE_BYTES * n_joints * n_frames, MotionError, what=f"{n_joints:,} joints in {n_frames:,} frames")
 
 
 def has_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
-    """Return True if the first frame is a rest pose.
-    Conversions of the CMU database have one. Shapes: root_rotation (T, k); position (T, J, 3).
-    """
+    """Return True if the first frame is a rest pose. Shapes: root_rotation (T, k); position (T, J, 3)."""
+    # conversions of the CMU database have one
     if len(position) < 3 or root_rotation[0].any() or not root_rotation[1].any():
         return False
     step = np.linalg.norm(np.diff(position, axis=0), axis=2).max(axis=1)
@@ -216,18 +211,16 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
 
 
 def _measure_bone_lengths(joints: Joints) -> FloatArray:
-    """Return each node's median distance from its parent.
-    The distance is in the unit of the file; it is 0 for the root.
-    """
+    """Return each node's median distance from its parent."""
+    # the distance is in the unit of the file; it is 0 for the root
     parents = np.array([max(parent, 0) for parent in joints.parents])
     lengths = np.median(np.linalg.norm(joints.position - joints.position[:, parents], axis=2), axis=0)
     return np.where(np.array(joints.parents) < 0, 0.0, lengths)
 
 
 def measure_skeleton(parents: Sequence[int], lengths: FloatArray) -> float:
-    """Return the longest path along the bones.
-    The path is from one end to another and does not depend on the pose. Shapes: lengths (J,).
-    """
+    """Return the longest path along the bones. Shapes: lengths (J,)."""
+    # the path is from one end to another and does not depend on the pose
     depth = np.zeros(len(parents))
     size = 0.0
     for j in range(len(parents) - 1, -1, -1):

@@ -176,9 +176,7 @@ def pick_markers(
 
 @dataclass(frozen=True)
 class LengthUnit:
-    """Length unit of the points of a file.
-    Shapes: each (K, 1).
-    """
+    """Length unit of the points of a file. Shapes: each (K, 1)."""
 
     name: str
     metres: float
@@ -217,9 +215,7 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
 
 
 def find_unit(path: Path, name: str, position: FloatArray) -> str:
-    """Return the named unit, or guess mm or m.
-    Shapes: position (T, P, 3).
-    """
+    """Return the named unit, or guess mm or m. Shapes: position (T, P, 3)."""
     if name:
         return name
     span = float(np.nan_to_num(measure_body_extent(position)).max())
@@ -242,9 +238,7 @@ BODY_M = (0.05, 15.0)
 
 
 def remove_implausible(path: Path, position_m: FloatArray) -> list[str]:
-    """Remove implausible positions and check the body's size.
-    Shapes: position_m (T, P, 3).
-    """
+    """Remove implausible positions and check the body's size. Shapes: position_m (T, P, 3)."""
     with np.errstate(invalid="ignore"):
         far = ~(np.abs(position_m) <= FARTHEST_M) & ~np.isnan(position_m)
     seen = int(np.count_nonzero(~np.isnan(position_m).any(axis=2)))
@@ -289,9 +283,8 @@ def make_point_motion(
     report: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Motion:
-    """Make the motion of one body's points, not cleaned.
-    This is the last step of every reader. Shapes: position (T, P, 3).
-    """
+    """Make the motion of one body's points, not cleaned. Shapes: position (T, P, 3)."""
+    # this is the last step of every reader
     check_amount(path, len(position))
     position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
     notes = [*notes, *remove_implausible(path, position_m)]

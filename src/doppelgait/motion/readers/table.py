@@ -77,16 +77,13 @@ class Header:
 
 
 def _list_content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
-    """Return numbered lines without blanks and comments.
-    A comment starts with ``# ``.
-    """
+    """Return numbered lines without blanks and comments. A comment starts with ``# ``."""
     return [(i + 1, line) for i, line in enumerate(lines) if line.strip(' \t,;"') and not line.startswith("# ")]
 
 
 def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
-    """Split the content lines into numbered rows of cells.
-    The function also returns the delimiter: the most frequent of tab, ``;`` and ``,`` in the first line.
-    """
+    """Split the content lines into numbered rows of cells."""
+    # the function also returns the delimiter: the most frequent of tab, ; and , in the first line
     numbered = _list_content_lines(lines)
     if not numbered:
         return [], ","
@@ -164,9 +161,8 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
 
 
 def _split_triples(titles: Sequence[str]) -> list[str]:
-    """Rename triples of columns to ``NAME x (UNIT)``.
-    Triples are ``HeadX, HeadY, HeadZ``, ``X1, Y1, Z1`` or ``X, Y, Z``. Other titles are kept.
-    """
+    """Rename triples of columns to ``NAME x (UNIT)``."""
+    # triples are HeadX, HeadY, HeadZ, X1, Y1, Z1 or X, Y, Z. Other titles are kept.
     spelled, n_points, i = list(titles), 0, 0
     while i + 2 < len(titles):
         for form in _GLUED:
@@ -192,9 +188,8 @@ def _has_axis_row(rows: Sequence[Row]) -> bool:
 
 
 def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
-    """Join rows of names and axes into titles.
-    A name is above its first coordinate or above all three.
-    """
+    """Join rows of names and axes into titles."""
+    # a name is above its first coordinate or above all three
     axes = trim_cells(rows[1][1])
     names = rows[0][1] + [""] * (len(axes) - len(rows[0][1]))
     titles, name = [], ""
@@ -245,9 +240,8 @@ def read_table(
     rate_hz: float | None = None,
     missing: float | None = None,
 ) -> Motion:
-    """Read the points of a delimited table, not cleaned.
-    The column of times is ``time_s``, ``time_ms`` or ``Time``; without a unit, times are in s.
-    """
+    """Read the points of a delimited table, not cleaned."""
+    # the column of times is time_s, time_ms or Time; without a unit, times are in s
     rows, delimiter = _split_rows(path, read_lines(path))
     if not rows:
         raise MotionError(f"{path}: holds no rows")

@@ -24,9 +24,7 @@ def read_text(path: Path) -> str:
 def parse_rows(
     path: Path, text: str, at: int, *, n_columns: int, n_rows: int | None = None, separator: str = " "
 ) -> FloatArray:
-    """Parse a table of numbers up to the end.
-    Shapes: returns (T, n_columns).
-    """
+    """Parse a table of numbers up to the end. Shapes: returns (T, n_columns)."""
     lines = [text[at:]] if separator == " " else [line for line in text[at:].split("\n") if line.strip()]
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # raised for values that cannot be parsed
@@ -78,9 +76,8 @@ _BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 
 def decode(raw: bytes) -> str:
-    """Decode a table's text as UTF-8 or, if that fails, as Latin-1.
-    A byte-order mark is removed.
-    """
+    """Decode a table's text as UTF-8 or, if that fails, as Latin-1."""
+    # a byte-order mark is removed
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -106,9 +103,8 @@ def trim_cells(cells: Sequence[str]) -> list[str]:
 def to_numbers(
     path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str], *, decimal_comma: bool = False
 ) -> FloatArray:
-    """Convert cells to numbers, shape (rows, columns).
-    Blank cells, ``na``, ``n/a``, ``null``, ``none`` and ``-`` become NaN.
-    """
+    """Convert cells to numbers, shape (rows, columns)."""
+    # blank cells, na, n/a, null, none and - become NaN
     values = np.empty((len(rows), len(columns)))
     for k, (line, cells) in enumerate(rows):
         wanted = [cells[i] for i in columns]
@@ -140,9 +136,8 @@ INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
 def find_frame_rate(
     path: Path, time_s: FloatArray, lines: Sequence[int], *, digit_s: float, declared_hz: float | None = None
 ) -> float:
-    """Determine the frame rate from frame times.
-    It is the declared rate if the times agree with it. Shapes: time_s (T,).
-    """
+    """Determine the frame rate from frame times. Shapes: time_s (T,)."""
+    # it is the declared rate if the times agree with it
     step = np.diff(time_s)
     if np.isnan(time_s).any():
         raise MotionError(f"{path}: line {lines[int(np.isnan(time_s).argmax())]} has no time. Add it, {INSTEAD}.")
@@ -171,9 +166,8 @@ def find_frame_rate(
 
 
 def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
-    """Return the largest deviation from even times.
-    The even times are fitted for the smallest maximum deviation.
-    """
+    """Return the largest deviation from even times."""
+    # the even times are fitted for the smallest maximum deviation
     return float(np.ptp(time_s - np.arange(len(time_s)) / rate_hz)) / 2.0
 
 
@@ -183,9 +177,8 @@ def _rounding_s(digit_s: float, rate_hz: float) -> float:
 
 
 def find_last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
-    """Return the unit of a time column's last printed digit, s.
-    It is at least 1e-8 of the largest time.
-    """
+    """Return the unit of a time column's last printed digit, s."""
+    # it is at least 1e-8 of the largest time
     decimals = max((len(cell.strip().partition(".")[2]) for cell in cells if "e" not in cell.lower()), default=15)
     # large numbers printed to nine significant digits have fewer decimals
     return max(10.0**-decimals * factor, 1e-8 * float(np.abs(np.nan_to_num(time_s)).max()))

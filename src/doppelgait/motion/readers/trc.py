@@ -61,9 +61,8 @@ def read_trc(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Read the markers of a TRC file, not cleaned.
-    Blank cells and points at exactly 0, 0, 0 are gaps.
-    """
+    """Read the markers of a TRC file, not cleaned."""
+    # blank cells and points at exactly 0, 0, 0 are gaps
     content = _parse_trc(path)
     check_amount(path, len(content.rows), len(content.labels))
     notes, n_frames = [], len(content.rows)
@@ -171,7 +170,5 @@ def _find_rate(path: Path, content: _Content, notes: list[str]) -> float:
 
 
 def _is_other(declared: str, count: int) -> bool:
-    """Return True if a header states another number.
-    Numbers may have thousands of digits.
-    """
+    """Return True if a header states another number. Numbers may have thousands of digits."""
     return declared.isdecimal() and (len(declared) > LONGEST_NUMBER or int(declared) != count)

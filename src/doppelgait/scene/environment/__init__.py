@@ -102,9 +102,8 @@ def needs_angles(effects: Sequence[FrozenModel]) -> bool:
 
 
 def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
-    """Check and return the effects in their order.
-    A :class:`ConfigError` is raised if a reflection follows an effect that changes ranges or levels.
-    """
+    """Check and return the effects in their order."""
+    # A ConfigError is raised if a reflection follows an effect that changes ranges or levels
     floors = [spec for spec in effects if isinstance(spec, GroundBounce)]
     if len(floors) > 1:
         raise ConfigError("environment: 'ground_bounce' is listed twice, but there is one floor; remove one entry")

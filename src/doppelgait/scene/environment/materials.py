@@ -88,9 +88,8 @@ class Dielectric(FrozenModel):
 
 
 def _check_material(material: Any) -> Any:
-    """Reject an invalid material with a single message.
-    The union type would give one message per alternative.
-    """
+    """Reject an invalid material with a single message."""
+    # the union type would give one message per alternative
     if isinstance(material, Dielectric) or material in get_args(MaterialName):
         return material
     if not isinstance(material, Mapping):
@@ -165,10 +164,9 @@ GRAZING_COSINE = 1e-6
 
 
 def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex, mode: Mode) -> ComplexArray:
-    """Compute Fresnel's reflection coefficient of a half space in air (ITU-R P.2040).
-    te: (c - s) / (c + s); tm, of the vertical field over a floor: (eps c - s) / (eps c + s); c the cosine,
-    s = sqrt(eps - 1 + c^2).
-    """
+    """Compute Fresnel's reflection coefficient of a half space in air (ITU-R P.2040)."""
+    # te: (c - s) / (c + s); tm, of the vertical field over a floor: (eps c - s) / (eps c + s); c
+    # the cosine, s = sqrt(eps - 1 + c^2).
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     inside = _refract(cosine, permittivity)
     outside = cosine if mode == "te" else permittivity * cosine
@@ -178,10 +176,9 @@ def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex,
 def slab_reflection(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the reflection coefficient of a slab in air (ITU-R P.2040).
-    r (1 - exp(-2jq)) / (1 - r^2 exp(-2jq)), with r of :func:`interface_reflection` and
-    q = 2 pi d sqrt(eps - sin^2) / lambda; all internal reflections are included.
-    """
+    """Compute the reflection coefficient of a slab in air (ITU-R P.2040)."""
+    # r (1 - exp(-2jq)) / (1 - r^2 exp(-2jq)), with r of interface_reflection and q = 2 pi d
+    # sqrt(eps - sin^2) / lambda; all internal reflections are included
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r = interface_reflection(cosine, permittivity=permittivity, mode=mode)
     back = np.exp(-2j * _compute_slab_phase(cosine, permittivity, thickness_m, wavelength_m))
@@ -191,9 +188,9 @@ def slab_reflection(
 def slab_transmission(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Compute the transmission coefficient of a slab in air, with all internal reflections (ITU-R P.2040).
-    (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite on the front face.
-    """
+    """Compute the transmission coefficient of a slab in air, with all internal reflections (ITU-R P.2040)."""
+    # (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)): field at the back face to that opposite on the front
+    # face
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
     once = np.exp(-1j * _compute_slab_phase(cosine, permittivity, thickness_m, wavelength_m))
@@ -217,9 +214,9 @@ def insertion_coefficient(
 
 
 def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float) -> FloatArray:
-    """Compute how much a slab lengthens a path.
-    The one-way excess length is (sqrt(eps' - sin^2) - cos) d; at normal incidence it is (sqrt(eps') - 1) d.
-    """
+    """Compute how much a slab lengthens a path."""
+    # the one-way excess length is (sqrt(eps' - sin^2) - cos) d; at normal incidence it is
+    # (sqrt(eps') - 1) d
     cosine = np.asarray(cos_incidence, dtype=float)
     return np.asarray((np.sqrt(permittivity.real - 1.0 + cosine**2) - cosine) * thickness_m)
 
@@ -246,9 +243,7 @@ def interpolate_coefficient(
     thickness_m: float = 0.0,
     wavelength_m: float = 1.0,
 ) -> ComplexArray:
-    """Interpolate a coefficient for many rays from fewer values.
-    The interpolation is linear.
-    """
+    """Interpolate a coefficient for many rays from fewer values. The interpolation is linear."""
     step = min(1e-3, 1e-2 * wavelength_m / (2.0 * np.pi * thickness_m)) if thickness_m else 1e-3
     if not cos_incidence.size:
         return coefficient(cos_incidence)
@@ -262,9 +257,8 @@ def interpolate_coefficient(
 
 
 def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
-    """Compute the TE share at an upright wall.
-    It is the share of the power of a vertically polarised wave that is in TE mode.
-    """
+    """Compute the TE share at an upright wall."""
+    # it is the share of the power of a vertically polarised wave that is in TE mode
     level, across = along**2 + aside**2, aside**2 + up**2
     product = level * across
     share = np.ones(np.shape(product))
@@ -273,9 +267,9 @@ def compute_te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> Fl
 
 
 def _refract(cosine: FloatArray, permittivity: complex) -> ComplexArray:
-    """Compute sqrt(eps - sin^2).
-    It is the ratio of the normal component of the wave vector in the medium to that in air at normal incidence.
-    """
+    """Compute sqrt(eps - sin^2)."""
+    # it is the ratio of the normal component of the wave vector in the medium to that in air at
+    # normal incidence
     square = permittivity.real - 1.0 + cosine**2
     out = np.empty(square.shape, dtype=np.complex128)
     # from real and imaginary part: ten times as fast as a complex root

@@ -100,9 +100,8 @@ def apply_screen(scatterers: xr.Dataset, spec: Screen, setting: Setting) -> xr.D
 
 
 def knife_edge_db(v: FloatArray) -> FloatArray:
-    """Compute the loss over a knife edge, dB (ITU-R P.526-15, equation 31).
-    v is the depth h of the straight line in the shadow times sqrt(2 / lambda (1/d1 + 1/d2)). For v >= 0 the loss is
-    within 0.7 dB of Fresnel's integral.
-    """
+    """Compute the loss over a knife edge, dB (ITU-R P.526-15, equation 31)."""
+    # v is the depth h of the straight line in the shadow times sqrt(2 / lambda (1/d1 + 1/d2)). For
+    # v >= 0 the loss is within 0.7 dB of Fresnel's integral.
     deep = np.maximum(v, -0.78) - 0.1
     return np.where(v > -0.78, 6.9 + 20.0 * np.log10(np.sqrt(deep * deep + 1.0) + deep), 0.0)

@@ -80,9 +80,8 @@ class Wall(FrozenModel):
 
 
 def wall_needs_angles(spec: Wall) -> bool:
-    """Return True if the direction of a scatterer is needed.
-    It is not needed for a measured wall in front of all scatterers.
-    """
+    """Return True if the direction of a scatterer is needed."""
+    # it is not needed for a measured wall in front of all scatterers
     return spec.range_m is not None or spec.material is not None
 
 
@@ -157,9 +156,8 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
 def compute_wall_insertion(
     cos_incidence: FloatArray, *, vertical_te: FloatArray, permittivity: complex, spec: Wall, wavelength_m: float
 ) -> ComplexArray:
-    """Compute the co-polar insertion coefficient of a vertical slab.
-    It is T_te w + T_tm (1 - w), with w = ``vertical_te`` from :func:`compute_te_share`.
-    """
+    """Compute the co-polar insertion coefficient of a vertical slab."""
+    # it is T_te w + T_tm (1 - w), with w = vertical_te from compute_te_share
     slab = {"thickness_m": spec.thickness_m or 0.0, "wavelength_m": wavelength_m}
     te = interpolate_coefficient(
         lambda c: insertion_coefficient(c, permittivity=permittivity, mode="te", **slab), cos_incidence, **slab
