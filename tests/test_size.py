@@ -108,13 +108,14 @@ def measure() -> dict[str, dict[str, int]]:
     words = {page: count for page, count in words.items() if page == "newest release" or count > 2500}
     code = [path.read_text(encoding="utf-8") for path in list_sources(PACKAGE, ".py")]
     public = list_public_names()
+    commands = re.findall(r"\.command\(.*?\)\(\w+\.(\w+)\)", "\n".join(code))  # their docstrings are the help
     style = {
         "fmt skips": sum(text.count("# fmt: skip") for text in code),
         "lines over 100 characters per 10 000": round(
             1e4 * sum(len(line) > 100 for text in code for line in text.split("\n")) / lines["package"]
         ),
         "docstring lines that nothing exports": sum(
-            count_internal_docstrings(path, public) for path in list_sources(PACKAGE, ".py")
+            count_internal_docstrings(path, public | set(commands)) for path in list_sources(PACKAGE, ".py")
         ),
         "exported names": len(public),
         "lines per comment": round(lines["package"] / sum(count_comments(text) for text in code)),

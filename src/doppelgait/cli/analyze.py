@@ -72,7 +72,15 @@ def analyze(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Analyse a recording: signature, cadence-velocity diagram, features.
-    The six gait features of every target are printed, or all results written with -o.
+
+    The six gait features of every target are printed, or all results written with -o. With --window-s or --hop-s there
+    is one row per window and target.
+
+    Example: doppelgait analyze walk.h5 -o result.h5 --figures figures
+
+    Example: doppelgait analyze xethru_recording_20170913_150437_x --gate 0.4:1.0
+
+    Example: doppelgait analyze evening.h5 --window-s 4 --hop-s 1
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import ConfigError

@@ -50,7 +50,13 @@ def classify(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Classify a recording's targets with calibrated probabilities.
-    Where the model does not decide, the reason is printed.
+
+    Where the model does not decide, the reason is printed. With --window-s or --hop-s the recording is classified in
+    windows: a table of tracks, and a timeline of the decisions about them.
+
+    Example: doppelgait classify walk.h5
+
+    Example: doppelgait classify evening.h5 --model home-alarm-model.npz --window-s 4 --hop-s 1
     """
     from doppelgait.classify.decide import choose_model
     from doppelgait.classify.decide import classify as run_classification
@@ -292,7 +298,11 @@ def evaluate(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Train classifiers on a dataset and write a report.
+
     The report has scores, figures and the plan of the data.
+
+    Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz;
+    or doppelgait evaluate home-alarm --test glasgow --names glasgow --label walking=human --label '*=' -o report
     """
     from doppelgait.classify.alarm import format_day, format_episodes, read_day
     from doppelgait.classify.evaluation import evaluate as run_evaluation

@@ -227,7 +227,10 @@ SHOWN_FAILURES = 10
 
 def card(directory: Directory) -> None:
     """Print the card of a dataset.
+
     The card of an incomplete dataset describes the shards that exist.
+
+    Example: doppelgait dataset card home-alarm
     """
     from doppelgait.dataset.finish import make_card
 
@@ -240,7 +243,10 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Report a dataset's progress and damaged shards.
+
     Leftovers of builds that were killed are removed.
+
+    Example: doppelgait dataset status home-alarm
     """
     from doppelgait.dataset.status import read_dataset_status
 
@@ -291,7 +297,11 @@ def verify(
     as_json: AsJson = False,
 ) -> None:
     """Verify a dataset: hashes, repeated simulation, truth, and leaks.
-    A share of the examples is simulated again and compared. Features are compared with the truth.
+
+    A share of the examples is simulated again and compared. Features are compared with the truth. Leaks between splits
+    and leaks through nuisance parameters are searched.
+
+    Example: doppelgait dataset verify home-alarm --figures pages
     """
     import numpy as np
 
@@ -342,7 +352,10 @@ def export(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a dataset in another form."""
+    """Write a dataset in another form.
+
+    Example: doppelgait dataset export home-alarm -o tars --form webdataset --select "split == 'train'"
+    """
     from doppelgait.core.config import apply_overrides
     from doppelgait.dataset import open_dataset
     from doppelgait.dataset.export import export_dataset
@@ -360,7 +373,10 @@ def export(
 
 
 def forms(as_json: AsJson = False) -> None:
-    """List the export formats with their parameters."""
+    """List the export formats with their parameters.
+
+    Example: doppelgait dataset forms
+    """
     from doppelgait.dataset.export import EXPORTERS
 
     rows = []
@@ -414,7 +430,11 @@ def import_recordings(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a dataset of your own radar recordings."""
+    """Make a dataset of your own radar recordings.
+
+    Example: doppelgait dataset import recordings --labels labels.csv -o garden-test;
+    or doppelgait dataset import glasgow --names glasgow --label walking=human --label '*=' -o glasgow-test
+    """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.dataset.importing import ImportConfig, import_dataset
     from doppelgait.dataset.names import label_entries

@@ -38,7 +38,10 @@ def run_demo(
     ] = Path("demo"),
     figure_format: FigureOption = FigureFormat.png,
 ) -> None:
-    """Simulate a person and a dog, analyse and plot both."""
+    """Simulate a person and a dog, analyse and plot both.
+
+    Example: doppelgait demo -o demo
+    """
     from doppelgait.cli.analyze import print_features
     from doppelgait.cli.figures import save_figures
     from doppelgait.core.errors import OutputError

@@ -19,7 +19,14 @@ def keys(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Print the keys of configuration files.
+
     Without a topic, the topics are listed.
+
+    Example: doppelgait keys motion.human
+
+    Example: doppelgait keys radar.prf_hz
+
+    Example: doppelgait keys radar --json
     """
     from doppelgait.core.keys import Key, summary_of
     from doppelgait.core.keys import list_keys as list_all

@@ -59,7 +59,13 @@ def listen(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Make the Doppler signal of one target audible.
-    The stereo WAV file is as long as the recording.
+
+    The stereo WAV file is as long as the recording. Static clutter is removed first for every gate, as in 'analyze
+    --gate track'; --set clutter=none keeps it.
+
+    Example: doppelgait listen walk.h5 -o walk.wav
+
+    Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.errors import AnalysisError

@@ -130,7 +130,17 @@ def live(
         bool, typer.Option("--no-browser", help="With --view: print the address without opening the browser.")
     ] = False,
 ) -> None:
-    """Classify targets while the frames of a radar arrive."""
+    """Classify targets while the frames of a radar arrive.
+
+    Every line on standard output is one JSON document: a start, a decision about a track at the end of a window, the
+    state of the stream, the end. Sockets accept connections from this machine only, unless a host is named.
+
+    Example: doppelgait live tcp://:7290 --log decisions.jsonl
+
+    Example: doppelgait live frames.dgf --model home-alarm-model.npz --window-s 4 --hop-s 1
+
+    Example: doppelgait live tcp://:7290 --view
+    """
     from doppelgait.classify.live import live as run_live
     from doppelgait.classify.shipped import load_model_for_radar, open_model
     from doppelgait.core.config import apply_overrides, convert_to_json

@@ -27,7 +27,12 @@ def reproduce(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Reproduce the figures and tables of Liland (2018).
+
     Every value is shown next to the value of the report.
+
+    Example: doppelgait reproduce report --motion-folder MOCAP
+
+    Example: doppelgait reproduce some --only fig-4.13 --only table-3.2
     """
     from doppelgait.reproduce.run import reproduce as make_all
 

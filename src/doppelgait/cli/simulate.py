@@ -133,7 +133,14 @@ def simulate(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Simulate the radar recording of a scene."""
+    """Simulate the radar recording of a scene.
+
+    Example: doppelgait simulate walk.toml -o walk.h5 --set radar.prf_hz=900
+
+    Example: doppelgait simulate --motion 07_01.c3d --label human --aspect 20 -o walk.h5
+
+    Example: doppelgait simulate walk.toml -o recordings --data-type datafloat
+    """
     from doppelgait.core.config import apply_overrides, read_toml
     from doppelgait.core.errors import ConfigError
     from doppelgait.pipeline import parse_run, run_simulation

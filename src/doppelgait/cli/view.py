@@ -49,7 +49,14 @@ def view(
     ] = False,
 ) -> None:
     """View a recording, result or dataset in the browser.
+
     Ctrl-C ends the server. The page is accessible from this computer only, under the printed address.
+
+    Example: doppelgait view walk.h5
+
+    Example: doppelgait view measured.h5 simulated.h5
+
+    Example: doppelgait view home-alarm --no-browser
     """
     from doppelgait.viewer.server import check_installed, open_in_browser, serve
     from doppelgait.viewer.settings import parse_settings
