@@ -69,9 +69,8 @@ def run(*arguments, cwd=None, code=0):
         patched.chdir(cwd or Path.cwd())
         with redirect_stdout(out), redirect_stderr(err):
             status = _exit_status()
-    done = subprocess.CompletedProcess(argv, status, out.getvalue(), err.getvalue())
-    assert done.returncode == code, done.stderr + done.stdout
-    return done
+    assert status == code, err.getvalue() + out.getvalue()
+    return subprocess.CompletedProcess(argv, status, out.getvalue(), err.getvalue())
 
 
 def _exit_status():
