@@ -22,9 +22,8 @@ import pandas as pd
 from classification import CLASSES, SOURCES, with_half
 
 from doppelgait.classify.data import collect_inputs, collect_rows
-from doppelgait.classify.model import Model
-from doppelgait.classify.open_set import blocked_rows
-from doppelgait.classify.shipped import FOLDER, load_shipped_model, read_model_cards
+from doppelgait.classify.model import Model, blocked_rows
+from doppelgait.classify.model_file import FOLDER, load_shipped_model, read_model_cards
 from doppelgait.core.config import validate
 from doppelgait.dataset import build_dataset, open_dataset
 from doppelgait.dataset.config import PlanConfig

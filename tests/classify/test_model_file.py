@@ -7,8 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from doppelgait.classify.model_file import load_model
-from doppelgait.classify.shipped import FOLDER
+from doppelgait.classify.model_file import FOLDER, load_model
 from doppelgait.core.errors import DatasetError
 
 SHIPPED = FOLDER / "x4.npz"

@@ -10,8 +10,7 @@ import numpy as np
 from datasets import Target
 
 from doppelgait.classify.learned import Constant, Ensemble, Network, join_inputs
-from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.shipped import load_shipped_model
+from doppelgait.classify.model_file import load_model, load_shipped_model, save_model
 
 LARGEST_PICTURE = 128 * 128
 

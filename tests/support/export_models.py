@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.export.device import Device
-from doppelgait.classify.export.examples import convert_samples, walk_samples
+from doppelgait.classify.export.write import convert_samples, walk_samples
 from doppelgait.classify.learned import Ensemble, LabelledRows, Network, join_inputs
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.training import train_boosting, train_logistic, train_svm

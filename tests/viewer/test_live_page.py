@@ -14,7 +14,7 @@ pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
 
 from doppelgait.classify.live import live
-from doppelgait.classify.shipped import load_shipped_model
+from doppelgait.classify.model_file import load_shipped_model
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import simulate

@@ -17,8 +17,7 @@ import numpy.typing as npt
 
 from doppelgait.classify.data import Rows, take_rows
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray, log_softmax
-from doppelgait.classify.model import Calibration, Model, conditions_of_rows, mark_outside, row_weights
-from doppelgait.classify.open_set import blocked_rows
+from doppelgait.classify.model import Calibration, Model, blocked_rows, conditions_of_rows, mark_outside, row_weights
 from doppelgait.classify.scores import balanced_accuracy, bin_reliability, expected_calibration_error
 from doppelgait.core.errors import DatasetError
 

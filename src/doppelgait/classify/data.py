@@ -108,6 +108,30 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
     )
 
 
+def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
+    """Collect the rows of classes outside the training data.
+    Their class numbers have no meaning.
+    """
+    index = dataset.index[~dataset.index["label"].isin(known.classes)]
+    if index.empty:
+        raise DatasetError(
+            f"--unknown {dataset.directory}: has only the classes {', '.join(known.classes)}, "
+            "which the models are trained on"
+        )
+    count, place = len(index), index.index.to_numpy(dtype=np.int64)
+    group = "group" if "group" in index else "subject"
+    nothing = np.zeros(count, dtype=np.int64)
+    return Rows(
+        (dataset,),
+        index.reset_index(drop=True),
+        nothing,
+        place,
+        known.classes,
+        nothing,
+        index[group].to_numpy(dtype=str),
+    )
+
+
 def collect_inputs(
     rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None
 ) -> Table:

@@ -21,7 +21,7 @@ from doppelgait.classify.model import (
     read_prf_hz,
     read_wavelength_m,
 )
-from doppelgait.classify.shipped import find_shipped_model, load_model_for_radar, load_shipped_model
+from doppelgait.classify.model_file import find_shipped_model, load_model_for_radar, load_shipped_model
 from doppelgait.core.config import format_canonical_json, validate
 from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -133,7 +133,7 @@ def classify(
         A recording, or its results of :func:`doppelgait.analyze`, also as a file (``analyze -o``).
     model : Model, optional
         Model; by default the shipped model that fits the radar
-        (:func:`doppelgait.classify.shipped.find_shipped_model`).
+        (:func:`doppelgait.classify.model_file.find_shipped_model`).
     gate, analysis, tracking
         As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training data.
 

@@ -13,8 +13,8 @@ import pandas as pd
 from doppelgait import __version__
 from doppelgait.classify.adapt import adapt_to_nameless_rows, adapt_to_rows
 from doppelgait.classify.alarm import Day, run_day, score_day
-from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, take_rows
-from doppelgait.classify.learned import join_inputs
+from doppelgait.classify.data import Rows, Table, collect_inputs, collect_rows, take_rows, unknown_rows
+from doppelgait.classify.learned import LEAST_FAR, join_inputs
 from doppelgait.classify.model import (
     LEAST_ROWS,
     Model,
@@ -23,9 +23,16 @@ from doppelgait.classify.model import (
     format_span,
     summarise_outside_conditions,
 )
-from doppelgait.classify.novelty import LEAST_FAR
-from doppelgait.classify.open_set import open_set_scores, unknown_rows
-from doppelgait.classify.runs import Run, run_all
+from doppelgait.classify.runs import (
+    Fold,
+    Run,
+    hold_back,
+    leave_out,
+    refuse_shared,
+    run_all,
+    split_into_folds,
+    use_own_splits,
+)
 from doppelgait.classify.scores import (
     BREAKDOWNS,
     CONDITIONS,
@@ -35,11 +42,11 @@ from doppelgait.classify.scores import (
     compute_scores,
     find_condition_values,
     make_bin_edges,
+    open_set_scores,
     score_bins,
     score_groups,
 )
 from doppelgait.classify.training import BASELINES, DEFAULT, MEMBERS, find_kind
-from doppelgait.classify.validate import Fold, hold_back, leave_out, refuse_shared, split_into_folds, use_own_splits
 from doppelgait.core.config import convert_to_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.open import Dataset

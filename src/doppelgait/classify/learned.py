@@ -7,7 +7,7 @@ other library versions.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,14 @@ PICTURES_AT_A_TIME = 32
 ROWS_AT_A_TIME = 64
 """Number of rows in a block of a kernel, so that the distances to a thousand support vectors fit the processor
 cache."""
+
+
+NOVEL_BELOW = 0.02
+"""Rank below which no decision is made. The value was set in advance, so that one in fifty targets of the known kinds
+is rejected."""
+LEAST_FAR = 49
+"""Minimum number of held-out rows. With fewer rows the minimum rank, 1 / (n + 1), exceeds :data:`NOVEL_BELOW` and no
+target is rejected."""
 
 
 class LabelledRows(NamedTuple):
@@ -45,30 +53,6 @@ def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
         return np.asarray(values, dtype=np.float64)
     raised = np.maximum(values, np.where(floor > 0, floor, -np.inf))  # NaN stays
     return np.where(floor > 0, np.log(np.where(floor > 0, raised, 1.0)), raised)
-
-
-class Columns(Protocol):
-    """Parameters of standardised columns: see :class:`Linear`."""
-
-    @property
-    def median(self) -> FloatArray:
-        """Values in place of unknown ones, (d,)."""
-
-    @property
-    def told(self) -> IntArray:
-        """Features with a column that marks them as unknown, (m,)."""
-
-    @property
-    def mean(self) -> FloatArray:
-        """Of the columns, (d + m,)."""
-
-    @property
-    def scale(self) -> FloatArray:
-        """Of the columns, (d + m,)."""
-
-    @property
-    def floor(self) -> FloatArray:
-        """Floors of logarithms, (d,) or (0,)."""
 
 
 def standardise(values: Inputs, learned: Columns) -> FloatArray:
@@ -95,27 +79,14 @@ class Constant:
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Logistic regression on standardised features.
-
-    An unknown feature is replaced by its median; some have a further column that marks them as unknown.
-
-    Parameters
-    ----------
-    median : ndarray, shape (d,)
-        Of the logarithm where there is a floor.
-    told : ndarray of int, shape (m,)
-        Features with a further column that marks them as unknown.
-    mean, scale : ndarray, shape (d + m,)
-    weight : ndarray, shape (n_classes, d + m)
-    bias : ndarray, shape (n_classes,)
-    floor : ndarray, shape (d,) or (0,)
-        A feature with a floor above 0 is replaced by its logarithm, limited at the floor; empty if no feature is.
+    An unknown feature is replaced by its median. A feature with a floor above 0 is replaced by its logarithm.
     """
 
-    median: FloatArray
-    told: IntArray
-    mean: FloatArray
+    median: FloatArray  # (d,), of the logarithm where there is a floor
+    told: IntArray  # (m,), features with a further column that marks them as unknown
+    mean: FloatArray  # (d + m,)
     scale: FloatArray
-    weight: FloatArray
+    weight: FloatArray  # (n_classes, d + m)
     bias: FloatArray
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -267,4 +238,34 @@ def select_levels(values: Inputs) -> Inputs:
     return values[:, -1]
 
 
+@dataclass(frozen=True, eq=False)
+class Novelty:
+    """Distance of features from the nearest class, and its ranks.
+    Mahalanobis: d² = min_k (x - m_k)' C⁻¹ (x - m_k) with the class means m_k and the covariance C about them (Lee et
+    al. 2018), of the columns of :class:`Linear`.
+    """
+
+    median: FloatArray
+    told: IntArray
+    mean: FloatArray
+    scale: FloatArray
+    floor: FloatArray
+    centre: FloatArray
+    whitening: FloatArray
+    held: FloatArray
+
+    def distance(self, values: Inputs) -> FloatArray:
+        """Return every row's distance from the nearest class."""
+        columns = standardise(select_features(values), self) @ self.whitening
+        apart = columns[:, None, :] - self.centre @ self.whitening
+        return np.asarray(np.sqrt((apart**2).sum(axis=2).min(axis=1)))
+
+    def rank(self, values: Inputs) -> FloatArray:
+        """Return the share of held-out rows at least as far."""
+        farther = self.held.size - np.searchsorted(self.held, self.distance(values), side="left")
+        return np.asarray((farther + 1.0) / (self.held.size + 1.0))
+
+
 Learned = Constant | Linear | Kernel | Trees | Network | Ensemble
+Columns = Linear | Kernel | Novelty
+"""Models of standardised columns."""

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from doppelgait.classify.decide import read_training_analysis
 from doppelgait.classify.model import Model
-from doppelgait.classify.shipped import load_model_for_radar
+from doppelgait.classify.model_file import load_model_for_radar
 from doppelgait.classify.timeline import TrackDecision, Tracks, Window, analyze_window, check_window
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.interrupt import raise_if_stopped

@@ -15,8 +15,16 @@ import xarray as xr
 from pydantic import Field
 
 from doppelgait.classify.data import Rows, wavelengths_m
-from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, log_softmax, select_features
-from doppelgait.classify.novelty import NOVEL_BELOW, Novelty
+from doppelgait.classify.learned import (
+    NOVEL_BELOW,
+    FloatArray,
+    Inputs,
+    IntArray,
+    Learned,
+    Novelty,
+    log_softmax,
+    select_features,
+)
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.notebook import show_html, show_text
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -401,3 +409,16 @@ def describe_alarm_data(facts: Facts) -> str:
 def find_blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:
     """Return the first flag that matches a pattern, or None."""
     return next((flag for flag in flags if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)
+
+
+def blocked_rows(rows: Rows, part: npt.NDArray[np.int64], values: Any, model: Model) -> npt.NDArray[np.bool_]:
+    """Mark rows without a decision whatever the probability, shape (n,).
+    The cause is a blocking flag, or features, conditions or a distance outside the training data.
+    """
+    texts = rows.index["quality_flags"].iloc[part].fillna("").tolist()
+    flagged = [find_blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
+    blocked = np.array(flagged, dtype=bool) | model.mark_outside(values).any(axis=1)
+    blocked |= model.rank(values) < model.facts.novel_below
+    for condition, found in conditions_of_rows(rows).items():
+        blocked |= mark_outside(found[part], condition, model.facts.conditions)
+    return np.asarray(blocked)

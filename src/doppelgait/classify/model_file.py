@@ -1,4 +1,7 @@
-"""Model files: plain arrays and JSON, no code."""
+"""Model files: plain arrays and JSON, no code; shipped models.
+
+``tools/train_models.py`` trains the shipped models, on synthetic recordings alone. The card of each is next to it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import json
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +19,17 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, ENVELOPE_WIDTH, SPEED, VELOCITY, WIDTH
-from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Trees
-from doppelgait.classify.model import Calibration, Facts, Model
-from doppelgait.classify.novelty import Novelty
+from doppelgait.classify.learned import Constant, Ensemble, Kernel, Learned, Linear, Network, Novelty, Trees
+from doppelgait.classify.model import Calibration, Facts, Model, mark_outside
 from doppelgait.core.config import validate
 from doppelgait.core.documents import parse_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import open_atomically
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing.patches import Patch
+from doppelgait.radar import Radar
 
+FOLDER = Path(str(resources.files("doppelgait.classify") / "models"))
 FORMAT = "doppelgait-model"
 FORMAT_VERSION = 3
 """Version of the format. 2: linear models have floors of logarithms; support vector machines exist. 3: ensembles
@@ -362,3 +368,96 @@ def _check_network(learned: Any, n_classes: int, n_features: int) -> None:
         raise ValueError("its numbers are too large")
     if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
         raise ValueError("its pictures cannot be halved as often as it has layers")
+
+
+def read_model_cards() -> dict[str, dict[str, Any]]:
+    """Read the cards of the shipped models, by name.
+
+    Returns
+    -------
+    dict
+        By name of the model: what it was trained on, its classes, ``conditions`` (lowest and highest carrier, pulse
+        rate and observation time), scores on synthetic test data, size and times.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import read_model_cards
+    >>> read_model_cards()["x4"]["classes"]
+    ['human', 'animal']
+    """
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("*.json"))}
+
+
+@cache
+def load_shipped_model(name: str) -> Model:
+    """Load a model that comes with the package."""
+    if name not in read_model_cards():
+        raise ConfigError(
+            f"model {name!r} is not shipped with doppelgait; shipped models are {', '.join(read_model_cards())}"
+        )
+    return load_model(FOLDER / f"{name}.npz")
+
+
+def load_model_for_radar(radar: Radar) -> Model:
+    """Load the shipped model that fits a radar."""
+    return load_shipped_model(find_shipped_model(radar.carrier_hz, radar.prf_hz))
+
+
+def open_model(name: str | Path) -> Model:
+    """Load a model by shipped name or from a file.
+
+    Raises
+    ------
+    DatasetError
+        As :func:`doppelgait.classify.load_model`.
+
+    See Also
+    --------
+    find_shipped_model : find the included model for a radar.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import open_model
+    >>> open_model("x4").facts.alarm
+    'human'
+    """
+    return load_shipped_model(str(name)) if str(name) in read_model_cards() else load_model(name)
+
+
+def find_shipped_model(carrier_hz: float, prf_hz: float) -> str:
+    """Return the name of the shipped model for a radar.
+
+    Parameters
+    ----------
+    carrier_hz, prf_hz : float
+        Of the radar; within 10 % of those that a model was trained on.
+
+    Raises
+    ------
+    ConfigError
+        If none fits.
+
+    See Also
+    --------
+    load_shipped_model : load the model by its name.
+
+    Examples
+    --------
+    >>> from doppelgait.classify import find_shipped_model
+    >>> find_shipped_model(carrier_hz=7.29e9, prf_hz=1000)
+    'x4'
+    """
+    asked, cards = {"carrier_hz": carrier_hz, "prf_hz": prf_hz}, read_model_cards()
+    for name, card in cards.items():
+        if not any(mark_outside(np.array([value]), key, card["conditions"])[0] for key, value in asked.items()):
+            return name
+    said = []
+    for name, card in cards.items():
+        low, high = (value / 1e9 for value in card["conditions"]["carrier_hz"])
+        rates = card["conditions"]["prf_hz"]
+        said.append(f"{name} ({(low + high) / 2:.4g} GHz, {rates[0]:g} to {rates[1]:g} Hz)")
+    raise ConfigError(
+        f"no shipped model is for a carrier of {carrier_hz / 1e9:.4g} GHz and {prf_hz:g} pulses a "
+        f"second; there are {', '.join(said)}. Train one on a plan of your radar "
+        "(doppelgait evaluate DATASET -o REPORT --save model.npz) and name it (--model)"
+    )

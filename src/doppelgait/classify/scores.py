@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.classify.data import ALARM_CLASS
+from doppelgait.classify.data import ALARM_CLASS, Rows, collect_inputs
 from doppelgait.classify.learned import FloatArray, IntArray
-from doppelgait.classify.model import row_weights
+from doppelgait.classify.model import Model, blocked_rows, find_detection_threshold, row_weights
 
 Groups = npt.NDArray[np.str_]
 Bools = npt.NDArray[np.bool_]
@@ -297,8 +297,6 @@ def find_alarm_point(answers: Answers) -> dict[str, Any] | None:
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return None
-    from doppelgait.classify.model import find_detection_threshold
-
     own = find_detection_threshold(probability, positive, DETECTED_SHARE)
     found: dict[str, Any] = {
         "detected_share": DETECTED_SHARE,
@@ -411,3 +409,34 @@ def score_groups(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str
         if (member := (texts == value) & (answers.labels == number)).any()
         for shares in (_score_share(answers, member),)
     ]
+
+
+def open_set_scores(model: Model, tested: Any, unknown: Rows) -> dict[str, Any]:
+    """Score the abstention from every unknown kind."""
+    table = collect_inputs(unknown, model.facts.features)
+    known_rank, known_sure = _score_novelty(model, tested)
+    rank, sure = _score_novelty(model, table.values)
+    blocked = blocked_rows(unknown, np.arange(len(unknown)), table.values, model)
+    decided = ~blocked & (sure >= model.facts.abstain_below)
+    guesses = model.probability(table.values).argmax(axis=1)
+    found: dict[str, Any] = {}
+    labels = unknown.index["label"].to_numpy(dtype=str)
+    for label in np.unique(labels):
+        own = labels == label
+        novel = np.concatenate([np.zeros(len(known_sure), dtype=bool), np.ones(int(own.sum()), dtype=bool)])
+        shares = {
+            name: float((decided & (guesses == number))[own].mean()) for number, name in enumerate(unknown.classes)
+        }
+        found[str(label)] = {
+            "n": int(own.sum()),
+            "auc": None if rank is None or known_rank is None else auc(np.concatenate([known_rank, rank[own]]), novel),
+            "auc_of_probability": auc(-np.concatenate([known_sure, sure[own]]), novel),
+            "decided": shares,
+        }
+    return found
+
+
+def _score_novelty(model: Model, values: Any) -> tuple[FloatArray | None, FloatArray]:
+    """Return distance if measured, and highest probability."""
+    far = None if model.novelty is None else model.novelty.distance(values)
+    return far, np.asarray(model.probability(values).max(axis=1))

@@ -60,7 +60,7 @@ def classify(
     """
     from doppelgait.classify.decide import choose_model
     from doppelgait.classify.decide import classify as run_classification
-    from doppelgait.classify.shipped import open_model
+    from doppelgait.classify.model_file import open_model
     from doppelgait.pipeline.result_files import is_result_file, read_results
 
     loaded = None if model is None else open_model(model)

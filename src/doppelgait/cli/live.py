@@ -142,7 +142,7 @@ def live(
     Example: doppelgait live tcp://:7290 --view
     """
     from doppelgait.classify.live import live as run_live
-    from doppelgait.classify.shipped import load_model_for_radar, open_model
+    from doppelgait.classify.model_file import load_model_for_radar, open_model
     from doppelgait.core.config import apply_overrides, convert_to_json
     from doppelgait.core.errors import ConfigError
     from doppelgait.core.interrupt import raise_if_stopped, stop_in_order

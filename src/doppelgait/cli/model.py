@@ -60,7 +60,7 @@ def export(
     or doppelgait model export x4 --form c --int8 --prf-hz 500 -o firmware/model
     """
     from doppelgait.classify.export.write import CSettings, export_model
-    from doppelgait.classify.shipped import open_model
+    from doppelgait.classify.model_file import open_model
 
     settings = CSettings(
         integers=integers,
@@ -104,7 +104,7 @@ def alarm(
     Example: doppelgait model alarm x4 --repeats 50
     """
     from doppelgait.classify.alarm import format_day, format_episodes, read_day, run_day, score_day
-    from doppelgait.classify.shipped import open_model
+    from doppelgait.classify.model_file import open_model
 
     chosen = read_day(day)
     if repeats is not None:

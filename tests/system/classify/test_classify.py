@@ -28,9 +28,8 @@ from doppelgait.classify.learned import LabelledRows
 from doppelgait.classify.model import row_weights
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import format_adaptation_table, format_unknown_table, make_figures, write_report
-from doppelgait.classify.runs import learn
+from doppelgait.classify.runs import learn, leave_out, refuse_shared, split_into_folds, use_own_splits
 from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
-from doppelgait.classify.validate import leave_out, refuse_shared, split_into_folds, use_own_splits
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.open import Dataset

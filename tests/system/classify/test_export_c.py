@@ -10,13 +10,14 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.classify.export.device import list_parts, plan_device, select_networks
-from doppelgait.classify.export.examples import (
+from doppelgait.classify.export.write import (
+    CSettings,
     collect_levels,
     convert_samples,
+    export_model,
     predict_network_probability,
     walk_samples,
 )
-from doppelgait.classify.export.write import CSettings, export_model
 from doppelgait.classify.learned import Constant, Network, join_inputs
 from doppelgait.core.errors import ConfigError
 from doppelgait.processing import patches

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.classify.export.device import Device, count_work, list_parts
-from doppelgait.classify.export.examples import compute_mean_weight
-from doppelgait.classify.export.integers import IntegerNetwork
+from doppelgait.classify.export.device import Device, IntegerNetwork, count_work, list_parts
 from doppelgait.classify.export.onnx_graph import round_threshold
 from doppelgait.classify.learned import Constant, Kernel, Linear, Network, Trees
 from doppelgait.classify.model import Model
@@ -123,7 +121,7 @@ class Sources:
             "RANGE_DB": _format_float(device.patch.range_db),
             "LOWEST_SHARE": _format_float(10.0 ** (-device.patch.range_db / 10.0)),
             "REMOVE_STILL": int(device.still_time_s is not None),
-            "STILL_SHARE": _format_float(compute_mean_weight(device)),
+            "STILL_SHARE": _format_float(device.mean_weight),
             "NETWORK_SHARE": _format_float(1.0 / shares),
             "SAMPLES_TOLERANCE": _format_float(SAMPLES_TOLERANCE[self.integers]),
         }

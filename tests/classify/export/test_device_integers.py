@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from doppelgait.classify.export.integers import quantise
+from doppelgait.classify.export.device import quantise
 from doppelgait.classify.learned import log_softmax
 from doppelgait.processing.patches import Patch, cut_pictures
 from export_models import random_levels, random_network

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.export.device import plan_device
-from doppelgait.classify.export.examples import convert_samples, feature_rows, remove_running_mean, walk_samples
+from doppelgait.classify.export.write import convert_samples, feature_rows, remove_running_mean, walk_samples
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, Gate, patches, signature
 from doppelgait.processing.patches import Patch, cut_pictures

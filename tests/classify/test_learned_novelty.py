@@ -7,8 +7,7 @@ from scipy.spatial.distance import mahalanobis
 from doppelgait.classify.learned import Constant, LabelledRows
 from doppelgait.classify.model import Facts, Model, calibrate
 from doppelgait.classify.model_file import load_model, save_model
-from doppelgait.classify.novelty import LEVELS, SHRINKAGE, learn_novelty
-from doppelgait.classify.training import standardise_columns, train_logistic
+from doppelgait.classify.training import LEVELS, SHRINKAGE, learn_novelty, standardise_columns, train_logistic
 from doppelgait.core.errors import DatasetError
 
 NAMES = ("gait_frequency_hz", "step_length_m", "limb_torso_ratio")
