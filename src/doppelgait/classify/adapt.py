@@ -92,9 +92,7 @@ def _weight_recordings(recordings: npt.NDArray[np.str_]) -> FloatArray:
 
 
 def _shift_calibration(model: Model, slope: float, shift: FloatArray, n_own: int) -> Model:
-    """Apply slope and shift after a model's calibration.
-    The alarm threshold is adjusted, so that the same targets trigger.
-    """
+    """Apply slope and shift after a model's calibration."""
     before, facts = model.calibration, model.facts
     moved = slope * before.shift + np.concatenate([[0.0], shift])
     calibration = Calibration(slope * before.slope, moved - moved[0], before.n_rows)
@@ -148,9 +146,7 @@ def score_adaptation(
     *,
     counts: Sequence[int] = COUNTS,
 ) -> list[dict[str, Any]]:
-    """Score a model against the number of own recordings.
-    Every count is sampled :data:`REPEATS` times.
-    """
+    """Score a model against the number of own recordings."""
     curve, recordings, count = [], list_row_recordings(rows), len(rows.classes)
     for n in counts:
         found = [sample_own_rows(rows, n, rng) for _ in range(REPEATS if n else 1)]
@@ -192,9 +188,7 @@ def score_adaptation(
 def adapt_to_rows(
     model: Model, rows: Rows, values: Inputs, rng: np.random.Generator
 ) -> tuple[Model, list[dict[str, Any]], list[str]]:
-    """Adapt a model to labelled rows.
-    The function also returns the learning curve and remarks.
-    """
+    """Adapt a model to labelled rows."""
     used, notes = _select_decidable(model, rows, values)
     part, inputs = take_rows(rows, used), values[used]
     if np.unique(part.labels).size < len(rows.classes):
@@ -226,9 +220,7 @@ def adapt_to_nameless_rows(
 
 
 def _select_decidable(model: Model, rows: Rows, values: Inputs) -> tuple[IntArray, list[str]]:
-    """Return the rows that the model decides on.
-    A remark describes the others.
-    """
+    """Return the rows that the model decides on."""
     blocked = blocked_rows(rows, np.arange(len(rows)), values, model)
     if not blocked.any():
         return np.arange(len(rows)), []

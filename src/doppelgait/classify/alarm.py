@@ -91,9 +91,7 @@ class Day(FrozenModel):
 
 @dataclass(frozen=True)
 class Episode:
-    """Scores and triggers of the alarm in one recording.
-    Shapes: times_s, scores (n,).
-    """
+    """Scores and triggers of the alarm in one recording."""
 
     label: str
     times_s: FloatArray
@@ -106,9 +104,7 @@ class Episode:
 
 
 def read_day(path: str | Path | None = None) -> Day:
-    """Read a day from a TOML file.
-    By default it is the built-in ``home-alarm-day``.
-    """
+    """Read a day from a TOML file."""
     file = BUILT_IN if path is None else Path(path)
     table, text = read_toml(file)
     return validate(Day, table, where=file.name, text=text)
@@ -167,9 +163,7 @@ def sample_scene(day: Day, section: EpisodeSection, example: int) -> Run:
 
 
 def score_alarm(windows: Iterable[tuple[float, Sequence[TrackDecision]]], alarm: str) -> tuple[FloatArray, FloatArray]:
-    """Return window end times and the alarm's scores.
-    A score is the maximum over the tracks, or 0 without a track.
-    """
+    """Return window end times and the alarm's scores."""
     kept: dict[int, float] = {}
     times, scores = [], []
     for stop_s, decisions in windows:
@@ -284,9 +278,7 @@ def format_day(found: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def format_episodes(found: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Format recordings that triggered,, by kind.
-    There is a column per threshold.
-    """
+    """Format recordings that triggered,, by kind."""
     rows = []
     for number, kind in enumerate(found["thresholds"][0]["by_episode"]):
         row = {

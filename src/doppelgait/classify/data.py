@@ -43,9 +43,7 @@ ALARM_CLASS = "human"
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows for training and testing.
-    Shapes: origin, place (n,); labels (n,); groups (n,).
-    """
+    """Rows for training and testing."""
 
     datasets: tuple[Dataset, ...]
     index: pd.DataFrame
@@ -62,9 +60,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Inputs of a model, one row each.
-    Shapes: values (n, d).
-    """
+    """Inputs of a model, one row each."""
 
     values: Inputs
     names: tuple[str, ...]
@@ -72,9 +68,7 @@ class Table:
 
 
 def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
-    """Collect dataset rows for training and testing.
-    The test rows may be from another dataset.
-    """
+    """Collect dataset rows for training and testing."""
     datasets = (dataset,) if other is None else (dataset, other)
     if other is not None and other.description.get("id") == dataset.description.get("id"):
         raise DatasetError(f"{other.directory}: is the training dataset; name another dataset to test on")
@@ -109,9 +103,7 @@ def collect_rows(dataset: Dataset, other: Dataset | None = None) -> Rows:
 
 
 def unknown_rows(dataset: Dataset, known: Rows) -> Rows:
-    """Collect the rows of classes outside the training data.
-    Their class numbers have no meaning.
-    """
+    """Collect the rows of classes outside the training data."""
     index = dataset.index[~dataset.index["label"].isin(known.classes)]
     if index.empty:
         raise DatasetError(
@@ -170,9 +162,7 @@ def collect_inputs(
 
 
 def convert_features(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
-    """Convert feature values to the inputs of a model.
-    Shapes: wavelength_m (n,).
-    """
+    """Convert feature values to the inputs of a model."""
     found = {}
     for name, column in columns.items():
         values = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
@@ -201,9 +191,7 @@ def wavelengths_m(rows: Rows) -> FloatArray:
 
 
 def collect_nuisances(rows: Rows, motion_folder: Path) -> Table:
-    """Collect the nuisance parameters of all rows.
-    The parameters are the sampled values of the plan and the values of the index.
-    """
+    """Collect the nuisance parameters of all rows."""
     parts, notes = [], []
     for dataset in rows.datasets:
         plan, reason = read_plan(dataset.description, motion_folder)

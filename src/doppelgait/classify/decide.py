@@ -185,9 +185,7 @@ def classify(
 
 
 def choose_model(source: Recording | Sequence[Result]) -> Model:
-    """Return the shipped model for a recording's radar.
-    Results are accepted instead of a recording.
-    """
+    """Return the shipped model for a recording's radar."""
     if isinstance(source, Recording):
         return load_model_for_radar(source.radar)
     signature = source[0].signature
@@ -269,9 +267,7 @@ SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_
 
 
 def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
-    """Warn where the analysis differs from the training data's.
-    Clutter removal may differ: it depends on the room.
-    """
+    """Warn where the analysis differs from the training data's."""
     expected = read_training_analysis(model).model_dump(mode="json")
     ignored = ("clutter", "clutter_time_s", "hop")
     other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]

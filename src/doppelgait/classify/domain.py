@@ -51,9 +51,7 @@ def simulate_like(
     folder: Path | None = None,
     seed: int = 0,
 ) -> list[Recording]:
-    """Simulate a recording like each real one.
-    It has the same pulses and range bins.
-    """
+    """Simulate a recording like each real one."""
     found = []
     for number, real in enumerate(recordings):
         times_s = real.slow_time_s - real.slow_time_s[0]
@@ -85,9 +83,7 @@ def simulate_like(
 
 
 def split_windows(recording: Recording, *, most: int = WINDOW) -> npt.NDArray[np.complex128]:
-    """Split a recording into windows of pulses.
-    Shapes: returns (window, pulse, range).
-    """
+    """Split a recording into windows of pulses."""
     pulses = recording.n_pulses
     window = int(recording.facts.get("burst_pulses", min(most, pulses // 4)))
     if window < 8 or pulses < 2 * window:
@@ -161,9 +157,7 @@ class Comparison:
 
 
 def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording], *, seed: int = 0) -> Comparison:
-    """Separate real from simulated windows by a trained classifier.
-    The test uses unseen recordings or unseen parts of recordings (:attr:`Comparison.held_out`).
-    """
+    """Separate real from simulated windows by a trained classifier."""
     from scipy.stats import wasserstein_distance
 
     rows: list[Statistics] = []
@@ -229,9 +223,7 @@ def _score_held_out(
 
 
 def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
-    """Return a picture of a recording for display.
-    Level over time and range, dB without the mean echo; over time and Doppler for fewer than eight bins.
-    """
+    """Return a picture of a recording for display."""
     if recording.n_range_bins >= 8 and "burst_pulses" not in recording.facts:
         samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
         return (
@@ -246,9 +238,7 @@ def plot_recording(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 
 
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
-    """Tabulate AUC, what was held out, and distances.
-    The first row is the statistic with the maximum distance in the last model.
-    """
+    """Tabulate AUC, what was held out, and distances."""
     last = list(found.values())[-1]
     first_rows = [
         {

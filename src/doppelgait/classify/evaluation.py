@@ -160,25 +160,10 @@ class Evaluation:
 
     Examples
     --------
-    >>> import doppelgait as dg
-    >>> from doppelgait.dataset import PlanConfig
-    >>> plan = PlanConfig.model_validate(
-    ...     {
-    ...         "dataset": {"name": "tiny", "examples_per_class": 6, "fractions": {"train": 0.5, "test": 0.5}},
-    ...         "scene": {"duration_s": 1.0},
-    ...         "target": {"range_m": 3.0},
-    ...         "classes": [
-    ...             {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}},
-    ...             {"label": "dog", "motion": {"kind": "quadruped", "froude": {"uniform": [0.4, 1.0]}}},
-    ...         ],
-    ...     }
-    ... )
-    >>> report = dg.dataset.build_dataset(plan, "tiny", executor="serial")
-    >>> found = dg.classify.evaluate(dg.open_dataset("tiny"), models=["six-logistic"])
-    >>> found.answers[["id", "label", "six-logistic:class"]].head(2)
-                 id  label six-logistic:class
-    0  human-000000  human              human
-    1  human-000001  human              human
+    >>> import pandas as pd
+    >>> from doppelgait.classify import Evaluation
+    >>> Evaluation({"seed": 0}, pd.DataFrame(), best="ensemble", models={}).best
+    'ensemble'
     """
 
     document: dict[str, Any]
@@ -386,9 +371,7 @@ def _collect_test_rows(
 
 
 def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) -> str:
-    """Return the class of the alarm, if named or needed.
-    A class that is named or needed must exist.
-    """
+    """Return the class of the alarm, if named or needed."""
     if alarm_class is not None and alarm_class not in rows.classes:
         raise ConfigError(f"--alarm-class {alarm_class}: is no class; there are {', '.join(rows.classes)}")
     alarm = alarm_class or rows.alarm
@@ -398,9 +381,7 @@ def _choose_alarm_class(rows: Rows, alarm_class: str | None, *, needed: bool) ->
 
 
 def _describe_missing_safeguards(rows: Rows, folds: Sequence[Fold]) -> list[str]:
-    """Describe model functions that lack a class or rows.
-    The rows are the held-out rows.
-    """
+    """Describe model functions that lack a class or rows."""
     said, fewest = [], min(fold.held.size for fold in folds)
     if rows.alarm not in rows.classes:
         said.append(f"no class {rows.alarm}, so that no model has an alarm; name its class by --alarm-class")
@@ -432,9 +413,7 @@ def _score_further(
     adapted: bool,
     shares: Mapping[str, float] | None,
 ) -> tuple[dict[str, Any], Model, list[str]]:
-    """Score adaptation, then abstention on unknown kinds, with remarks.
-    The returned model is adapted to all tested rows, or to the rows without labels.
-    """
+    """Score adaptation, then abstention on unknown kinds, with remarks."""
     found: dict[str, Any] = {}
     notes: list[str] = []
     if adapted and nameless is None:
@@ -482,9 +461,7 @@ def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: i
 def _load_tables(
     rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
 ) -> tuple[dict[str, Table], list[str]]:
-    """Load the inputs of the baselines and of every model.
-    Unavailable ones are skipped unless they are named in ``models``.
-    """
+    """Load the inputs of the baselines and of every model."""
     from doppelgait.classify.network import NO_TORCH, is_torch_installed
 
     made: dict[str, Table] = {}

@@ -65,9 +65,7 @@ def standardise(values: Inputs, learned: Columns) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """Constant probabilities.
-    Shapes: log_share (n_classes,).
-    """
+    """Constant probabilities."""
 
     log_share: FloatArray
 
@@ -97,9 +95,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Support vector machines with the kernel exp(-distance²).
-    Unknown features are treated as in :class:`Linear`.
-    """
+    """Support vector machines with the kernel exp(-distance²)."""
 
     median: FloatArray
     told: IntArray
@@ -126,9 +122,7 @@ class Kernel:
 
 @dataclass(frozen=True, eq=False)
 class Trees:
-    """Boosted decision trees, all nodes in one list.
-    Children follow their parent.
-    """
+    """Boosted decision trees, all nodes in one list."""
 
     feature: IntArray
     threshold: FloatArray
@@ -167,9 +161,7 @@ class Network:
     patch: Patch
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Return log-probabilities, shape (n, n_classes).
-        All classes are equal where there is no signature.
-        """
+        """Return log-probabilities, shape (n, n_classes)."""
         n_classes = self.bias.size
         pictures = [cut_pictures(whole, self.patch) for whole in values if whole is not None]
         answers = np.zeros((len(values), n_classes))
@@ -201,9 +193,7 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Weighted mean of models' calibrated log-odds.
-    Averaging reduces the errors of models that err for different reasons.
-    """
+    """Weighted mean of models' calibrated log-odds."""
 
     members: tuple[Learned, ...]
     weights: FloatArray

@@ -189,9 +189,7 @@ class Live:
             yield from decisions
 
     def windows(self) -> Iterator[tuple[Window, list[TrackDecision], list[Result]]]:
-        """Yield every window with decisions and results.
-        There is one of each per target, and windows without targets are included.
-        """
+        """Yield every window with decisions and results."""
         try:
             while not self._closed.is_set():
                 raise_if_stopped()

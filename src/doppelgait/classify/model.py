@@ -37,9 +37,7 @@ STEEPEST = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Calibration p = softmax(slope log q + shift).
-    Shapes: shift (n_classes,).
-    """
+    """Calibration p = softmax(slope log q + shift)."""
 
     slope: float
     shift: FloatArray
@@ -83,9 +81,7 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
 
 
 def find_detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
-    """Return the highest threshold for a share of positive rows.
-    NaN without positive rows.
-    """
+    """Return the highest threshold for a share of positive rows."""
     found = np.sort(probability[positive])[::-1]
     if not found.size:
         return float("nan")
@@ -131,9 +127,7 @@ def collect_conditions(columns: Mapping[str, Any], signature: xr.DataArray) -> d
 
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
-    """Return every row's conditions, NaN for unknown.
-    The observation time is that of the analysis.
-    """
+    """Return every row's conditions, NaN for unknown."""
     observed_s = _read_column(rows.index, "quality_observation_s")
     return {
         "carrier_hz": SPEED_OF_LIGHT_MPS / wavelengths_m(rows),
@@ -193,9 +187,7 @@ def format_span(low: float, high: float) -> str:
 def summarise_outside_conditions(
     found: Mapping[str, FloatArray], train: IntArray, test: IntArray
 ) -> dict[str, dict[str, Any]]:
-    """Summarise the tested rows outside the training range by condition.
-    Number of rows, training span and their own span.
-    """
+    """Summarise the tested rows outside the training range by condition."""
     trained, said = find_training_conditions(found, train), {}
     for name, values in found.items():
         far = mark_outside(values[test], name, trained)
@@ -234,45 +226,10 @@ RARELY = 0.01
 
 
 class Facts(FrozenModel):
-    """Description of a model and of its valid inputs.
-
-    Parameters
-    ----------
-    name : str
-        ``six-logistic`` and so on.
-    features : str
-        Its inputs: ``six``, ``extended``, ``speed``, ``signature`` or ``extended+signature``.
-    names : tuple of str
-        Features in their order; none for signatures.
-    classes : tuple of str
-    dataset_id, dataset_name, version : str
-        The training data, and the version of doppelgait.
-    n_train, n_held : int
-        Rows for training, and held out for calibration.
-    n_own : int
-        Rows of own recordings that the probabilities were adapted to.
-    seed : int
-    analysis : dict
-        Parameters of the analysis that made the features.
-    conditions : dict
-        Lowest and highest value of the training conditions: carrier, pulse rate, observation time.
-    abstain_below : float
-        No decision where the most likely class is less likely than this.
-    novel_below : float
-        No decision if less than this share of the held-out rows has the same or a larger distance from the training
-        data.
-    alarm : str or None
-        The class to detect, where there is one.
-    alarm_threshold : float or None
-        Probability of that class above which 95 % of its held-out rows are detected.
-    alarm_people : int or None
-        Number of held-out targets of that class behind the threshold; None if unknown.
-    blocking : tuple of str
-        Flags that prevent a decision.
-    """
+    """Description of a model and of its valid inputs."""
 
     name: str
-    features: str
+    features: str  # ``six``, ``extended``, ``speed``, ``signature`` or ``extended+signature``
     names: tuple[str, ...]
     classes: tuple[str, ...] = Field(min_length=2)
     dataset_id: str
@@ -280,13 +237,15 @@ class Facts(FrozenModel):
     version: str
     n_train: int = Field(ge=0)
     n_held: int = Field(ge=0)
-    n_own: int = Field(default=0, ge=0)
+    n_own: int = Field(default=0, ge=0)  # rows of own recordings that the probabilities were adapted to
     seed: int
-    analysis: dict[str, Any]
+    analysis: dict[str, Any]  # parameters of the analysis that made the features
     conditions: dict[str, tuple[float, float]]
+    # No decision below this probability, or if a smaller share of the held-out rows is as far from the training data.
     abstain_below: float = Field(default=ABSTAIN_BELOW, ge=0, le=1)
     novel_below: float = Field(default=NOVEL_BELOW, ge=0, le=1)
     alarm: str | None = None
+    # Probability of the alarm class that 95 % of its held-out rows reach, and their number of targets.
     alarm_threshold: float | None = Field(default=None, ge=0, le=1)
     alarm_people: int | None = Field(default=None, ge=0)
     blocking: tuple[str, ...] = BLOCKING
@@ -355,23 +314,11 @@ class Model:
         return self.calibration(self.learned.log_probability(values))
 
     def rank(self, values: Inputs) -> FloatArray:
-        """Return the share of held-out rows at the same distance, (n,).
-
-        1 for models of signatures alone.
-        """
+        """Return the share of held-out rows at the same distance, (n,); 1 for signatures alone."""
         return np.ones(len(values)) if self.novelty is None else self.novelty.rank(values)
 
     def mark_outside(self, values: Inputs) -> npt.NDArray[np.bool_]:
-        """Mark features outside the training range.
-
-        A feature is outside if it exceeds its span by a quarter of the span, or is unknown although it was known in
-        training.
-
-        Returns
-        -------
-        ndarray of bool, shape (n, d)
-            No columns for signatures.
-        """
+        """Mark features outside the training range, or unknown unlike in training, (n, d)."""
         if not self.facts.names:
             return np.zeros((len(values), 0), dtype=bool)
         values = select_features(values)

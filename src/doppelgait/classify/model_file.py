@@ -210,9 +210,7 @@ def load_model(path: str | Path) -> Model:
 
 
 def _read_arrays(path: Path) -> tuple[str, Arrays]:
-    """Read the text and all arrays of a file.
-    Objects are refused, and so are arrays that would fill the memory.
-    """
+    """Read the text and all arrays of a file."""
     with zipfile.ZipFile(path) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MOST_BYTES:
@@ -230,9 +228,7 @@ def _read_arrays(path: Path) -> tuple[str, Arrays]:
 
 
 def _check_model(model: Model) -> None:
-    """Check that all parts of a model fit together.
-    Every prediction is then possible and terminates.
-    """
+    """Check that all parts of a model fit together."""
     from doppelgait.features.extended import list_features
 
     n_classes, n_features = len(model.facts.classes), len(model.facts.names)

@@ -29,27 +29,7 @@ AT_A_TIME = 256
 
 class Training(FrozenModel):
     """Training and augmentation settings of a network.
-
-    Parameters
-    ----------
-    most_epochs, most_pictures, patience : int
-        Training stops when the held-out loss has not improved for ``patience`` epochs, or after so many epochs or
-        images, and returns the best state.
-    batch_size : int
-    learning_rate, weight_decay : float
-        Of AdamW.
-    dropout : float
-    gain_db : float
-        Levels are shifted by up to so much.
-    noise_db : float
-        Noise is added that raises the floor by up to so much.
-    stretch : float
-        The velocity axis is stretched or compressed by a factor of up to so much: other speeds, and what a wrong
-        carrier would do.
-    widening : float
-        Share of the epochs over which gain, noise and stretch widen from nothing to their limits; 0: at once.
-    flip : bool
-        Half of the images are mirrored in velocity: an approaching body becomes a receding one.
+    Training ends when the held-out loss has not improved for ``patience`` epochs, and returns the best state.
     """
 
     most_epochs: int = Field(default=60, ge=1)
@@ -59,9 +39,11 @@ class Training(FrozenModel):
     learning_rate: float = Field(default=1e-3, gt=0)
     weight_decay: float = Field(default=1e-3, ge=0)
     dropout: float = Field(default=0.3, ge=0, lt=1)
+    # Levels are shifted, the floor is raised and the velocity axis is stretched by up to so much.
     gain_db: float = Field(default=3.0, ge=0)
     noise_db: float = Field(default=10.0, ge=0)
     stretch: float = Field(default=1.4, ge=1, le=4)
+    # Share of the epochs over which gain, noise and stretch widen from nothing to their limits; 0: at once.
     widening: float = Field(default=0.5, ge=0, le=1)
     flip: bool = True
 
@@ -143,9 +125,7 @@ def train_network(
 
 
 def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
-    """Build the untrained network.
-    Convolutions that halve the image, their mean, one linear layer.
-    """
+    """Build the untrained network."""
     nn, layers, n_in = torch.nn, [], 1
     for n_out in CHANNELS:
         layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
@@ -162,9 +142,7 @@ def _drop_missing(part: LabelledRows) -> LabelledRows:
 
 @contextmanager
 def _make_deterministic(torch: Any, seed: int) -> Iterator[None]:
-    """Seed torch and make it deterministic, then restore its settings.
-    One thread is used.
-    """
+    """Seed torch and make it deterministic, then restore its settings."""
     threads = torch.get_num_threads()
     with torch.random.fork_rng(), torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
         torch.manual_seed(seed)
@@ -222,9 +200,7 @@ def augment(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Tra
 
 
 def stretch_pictures(pictures: Levels, factors: FloatArray) -> Levels:
-    """Stretch images in velocity about zero, one factor each.
-    Rows are interpolated linearly. Outside the first and last row the value is 0, the noise floor.
-    """
+    """Stretch images in velocity about zero, one factor each."""
     n_rows = pictures.shape[1]
     middle = (n_rows - 1) / 2.0
     place = (np.arange(n_rows) - middle) / factors[:, None] + middle  # row that is moved here, (n, n_velocity)
@@ -238,9 +214,7 @@ def stretch_pictures(pictures: Levels, factors: FloatArray) -> Levels:
 def _compute_validation_loss(
     torch: Any, model: Any, device: Any, held: LabelledRows, n_classes: int, spec: Patch
 ) -> float:
-    """Return the class-balanced log loss of the held-out signatures.
-    The loss is computed for the middle of each signature.
-    """
+    """Return the class-balanced log loss of the held-out signatures."""
     model.eval()
     weights, total = row_weights(held.labels, n_classes), 0.0
     for first in range(0, held.labels.size, AT_A_TIME):

@@ -168,9 +168,7 @@ def plot_roc(document: Document, label: str) -> Figure:
 
 
 def plot_reliability(document: Document) -> Figure:
-    """Plot accuracy against confidence of all models but the baselines.
-    The size of a dot is its share of the rows.
-    """
+    """Plot accuracy against confidence of all models but the baselines."""
     looks = _choose_line_styles(document)
     figure, axes = make_axes(width_in=7.0, height_in=6.0)
     lowest = 1.0 / len(document["classes"])
@@ -502,9 +500,7 @@ def _format_over_seeds(values: Sequence[float | None] | None) -> str:
 
 
 def format_alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Format the alarm rates of every class, by model.
-    The alarm detects 95 % of its class; empty where there is no such class.
-    """
+    """Format the alarm rates of every class, by model."""
     rows = []
     for name, model in document["models"].items():
         alarm = model["alarm"]

@@ -53,9 +53,7 @@ class Fold:
 
 
 def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
-    """Return the dataset's own splits.
-    They are tested on the other dataset, if there is one.
-    """
+    """Return the dataset's own splits."""
     first = rows.datasets[0].directory
     train, held, notes = select_split(rows, "train"), select_split(rows, "validation"), []
     _check_all_classes(rows, train, f"{first}: the split train")
@@ -89,9 +87,7 @@ def use_own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
 
 
 def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
-    """Split all rows into stratified folds of whole groups.
-    Each row is tested once.
-    """
+    """Split all rows into stratified folds of whole groups."""
     from sklearn.model_selection import StratifiedGroupKFold
 
     fewest = min(np.unique(rows.groups[rows.labels == number]).size for number in range(len(rows.classes)))
@@ -107,9 +103,7 @@ def split_into_folds(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
 
 
 def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[str]]:
-    """Make folds that each leave out a column's value.
-    For example a source, an animal or a kind of motion. Groups with a row on both sides are only tested.
-    """
+    """Make folds that each leave out a column's value."""
     if column not in rows.index:
         raise ConfigError(
             f"--leave-out {column}: the index has no such column; for example source, subject, motion_kind"
@@ -133,9 +127,7 @@ def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[s
 
 
 def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArray]:
-    """Hold back a fifth of the groups for calibration.
-    None where a class has fewer than 5 groups.
-    """
+    """Hold back a fifth of the groups for calibration."""
     from sklearn.model_selection import StratifiedGroupKFold
 
     labels, groups = rows.labels[learn], rows.groups[learn]
@@ -154,9 +146,7 @@ def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
 
 
 def refuse_shared(rows: Rows, folds: Sequence[Fold]) -> None:
-    """Refuse folds with a group on two sides.
-    Raises :class:`DatasetError`: the dataset was not split by target.
-    """
+    """Refuse folds with a group on two sides."""
     for fold in folds:
         trained = np.concatenate([fold.train, fold.held])
         both = np.intersect1d(rows.groups[trained], rows.groups[fold.test])
@@ -258,9 +248,7 @@ def run_model(
 def learn(
     rows: Rows, table: Table, name: str, fold: Fold, *, seed: int, members: Sequence[Sequence[Model]] = ()
 ) -> Model:
-    """Train a model on a fold and calibrate it.
-    The held-out rows give the calibration and the threshold of the alarm.
-    """
+    """Train a model on a fold and calibrate it."""
     kind, n_classes = find_kind(name), len(rows.classes)
     train, held = (LabelledRows(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
     if members:
@@ -310,9 +298,7 @@ def learn(
 
 
 def _compute_importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
-    """Compute the log-loss rise when features are shuffled.
-    Mean of 5 shuffles among the test rows; largest first.
-    """
+    """Compute the log-loss rise when features are shuffled."""
     values, labels = table.values[fold.test], rows.labels[fold.test]
     weights = row_weights(labels, len(rows.classes))
 

@@ -56,9 +56,7 @@ def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
 
 
 def clopper_pearson_interval(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
-    """Return a share's exact interval (Clopper and Pearson 1934).
-    ``hits`` among n trials; (0, 1) without trials.
-    """
+    """Return a share's exact interval (Clopper and Pearson 1934)."""
     from scipy.stats import beta
 
     tail = (1.0 - level) / 2.0
@@ -97,9 +95,7 @@ def balanced_interval(
 
 
 def weight_groups(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
-    """Sample bootstrap weights of rows by group.
-    Groups are sampled among those with the same classes. Shapes: returns (count, n).
-    """
+    """Sample bootstrap weights of rows by group."""
     names, member = np.unique(groups, return_inverse=True)
     n_classes = int(labels.max()) + 1
     has = np.zeros((names.size, n_classes), dtype=bool)
@@ -130,9 +126,7 @@ def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) 
 def auc_interval(
     scores: FloatArray, positive: Bools, groups: Groups, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """Return the AUC's bootstrap interval over targets, or None.
-    None where a kind has fewer than 20 targets or nothing overlaps.
-    """
+    """Return the AUC's bootstrap interval over targets, or None."""
     few = min(np.unique(groups[positive]).size, np.unique(groups[~positive]).size) < FEW_GROUPS
     if few or auc(scores, positive) in (0.0, 1.0):
         return None
@@ -142,9 +136,7 @@ def auc_interval(
 
 
 def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
-    """Return false and true positive rates.
-    They run from (0, 0) to (1, 1), one per threshold.
-    """
+    """Return false and true positive rates."""
     order = np.argsort(-scores, kind="stable")
     last = np.append(np.flatnonzero(np.diff(scores[order])), scores.size - 1)
     hits, alarms = np.cumsum(positive[order])[last], np.cumsum(~positive[order])[last]
@@ -153,18 +145,14 @@ def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
 
 
 def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> float:
-    """Return the Brier score, from 0 to 1.
-    The mean of half the squared errors summed over classes.
-    """
+    """Return the Brier score, from 0 to 1."""
     wrong = probability.copy()
     wrong[np.arange(labels.size), labels] -= 1.0
     return float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights))
 
 
 def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
-    """Return confidence and accuracy in bins of confidence.
-    15 even bins from the lowest possible confidence to 1; no empty ones.
-    """
+    """Return confidence and accuracy in bins of confidence."""
     edges = np.linspace(lowest, 1.0, CALIBRATION_BINS + 1)
     place = np.clip(np.searchsorted(edges, confidence, side="right") - 1, 0, CALIBRATION_BINS - 1)
     found = []
@@ -182,9 +170,7 @@ def bin_reliability(confidence: FloatArray, right: Bools, weights: FloatArray, l
 
 
 def expected_calibration_error(bins: list[dict[str, float]]) -> float:
-    """Return the expected calibration error over bins of :func:`bin_reliability`.
-    Mean distance of confidence and accuracy, weighted by the share of rows.
-    """
+    """Return the expected calibration error over bins of :func:`bin_reliability`."""
     return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
 
 
@@ -198,9 +184,7 @@ NOT_ALL = "not all classes are tested"
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Predictions of a model for test rows.
-    Shapes: labels (n,); groups (n,); probability (n, n_classes); threshold (n,); decided (n,).
-    """
+    """Predictions of a model for test rows."""
 
     index: pd.DataFrame
     labels: IntArray
@@ -223,9 +207,7 @@ class Answers:
 
 
 def compute_scores(answers: Answers, *, seed: int) -> dict[str, Any]:
-    """Compute every overall score of a model, for JSON.
-    Intervals are of 95 %.
-    """
+    """Compute every overall score of a model, for JSON."""
     n_classes = len(answers.classes)
     weights = row_weights(answers.labels, n_classes)
     bins = bin_reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
@@ -273,9 +255,7 @@ def _score_balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any
 
 
 def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
-    """Return the accuracy of some rows with its exact interval.
-    Every target is one trial.
-    """
+    """Return the accuracy of some rows with its exact interval."""
     low, high = wilson_interval(answers.right[chosen], answers.groups[chosen])
     count = int(chosen.sum())
     return {
@@ -342,9 +322,7 @@ CONDITIONS = (
 
 
 def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
-    """Return a condition's best known column and values.
-    The column must be known for half of the rows or more. Angles are from 0 to 90 degrees.
-    """
+    """Return a condition's best known column and values."""
     for column in condition.columns:
         if column not in index:
             continue
@@ -359,9 +337,7 @@ def find_condition_values(index: pd.DataFrame, condition: Condition) -> tuple[st
 
 
 def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
-    """Return even bin edges, 12 bins at most.
-    Edges are at multiples of the step, which is doubled until the bins contain all known values.
-    """
+    """Return even bin edges, 12 bins at most."""
     known = values[np.isfinite(values)]
     if not known.size:
         return np.zeros(0)
@@ -373,9 +349,7 @@ def make_bin_edges(values: FloatArray, step: float) -> FloatArray:
 
 
 def score_bins(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
-    """Return balanced accuracy and recalls in bins of a condition.
-    Balanced accuracy only in bins with rows of all classes.
-    """
+    """Return balanced accuracy and recalls in bins of a condition."""
     found = []
     for low, high in pairwise(edges.tolist()):
         inside = (values >= low) & (values < high)

@@ -130,9 +130,7 @@ class TrackDecision:
 
 
 class Span(NamedTuple):
-    """Time with an unchanged decision about a track.
-    ``probability`` is the last one; ``reason`` the commonest of its windows.
-    """
+    """Time with an unchanged decision about a track."""
 
     track: int
     start_s: float
@@ -203,17 +201,13 @@ class Path(NamedTuple):
         return cls(own_s + window.start_s, gate.centre_at(own_s))
 
     def approach_mps(self, *, at_end: bool) -> float:
-        """Return the radial speed at one end.
-        It is taken over half a second.
-        """
+        """Return the radial speed at one end."""
         part = slice(-6, None) if at_end else slice(None, 6)
         times_s, range_m = self.time_s[part], self.range_m[part]
         return -float((range_m[-1] - range_m[0]) / max(times_s[-1] - times_s[0], STEP_S))
 
     def measure_distance_m(self, later: Path) -> float:
-        """Return the distance to a later path, m.
-        It is inf beyond the limit.
-        """
+        """Return the distance to a later path, m."""
         common = later.time_s[(later.time_s >= self.time_s[0]) & (later.time_s <= self.time_s[-1])]
         if common.size * STEP_S >= LEAST_COMMON_S:
             apart = np.interp(common, self.time_s, self.range_m) - np.interp(common, later.time_s, later.range_m)
@@ -288,9 +282,7 @@ class _ClassEvidence:
 
 
 class Tracks:
-    """Decisions on the tracks of a recording or stream.
-    Memory does not grow: lost tracks are forgotten.
-    """
+    """Decisions on the tracks of a recording or stream."""
 
     def __init__(self, model: Model) -> None:
         self.model = model

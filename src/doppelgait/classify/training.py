@@ -72,9 +72,7 @@ class Kind(NamedTuple):
 
 
 def list_models() -> list[str]:
-    """Return the names of all classifiers but the baselines.
-    The built-in ones come first.
-    """
+    """Return the names of all classifiers but the baselines."""
     return [*BUILT_IN, *(item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)]
 
 
@@ -128,9 +126,7 @@ def fit(kind: Kind, train: LabelledRows, held: LabelledRows, *, n_classes: int, 
 
 @plugin("classifier", "ensemble", features="extended")
 def train_ensemble(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Ensemble:
-    """Train the members and join them.
-    The network is one of them where rows have levels (:func:`doppelgait.classify.learned.join_inputs`).
-    """
+    """Train the members and join them."""
     names = [name for name in MEMBERS if name != "signature-network" or train.values.dtype == object]
     learned = []
     for name in names:
@@ -183,9 +179,7 @@ def train_logistic(train: LabelledRows, held: LabelledRows, *, n_classes: int, s
 @plugin("classifier", "six-svm", features="six", learner="svm")
 @plugin("classifier", "extended-svm", features="extended", learner="svm")
 def train_svm(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: int) -> Kernel:
-    """Fit support vector machines on standardised features.
-    The kernel is Gaussian. The features are those of the logistic regression.
-    """
+    """Fit support vector machines on standardised features."""
     from sklearn.svm import SVC
 
     if train.labels.size > SVM_MOST_ROWS:
@@ -215,9 +209,7 @@ def train_svm(train: LabelledRows, held: LabelledRows, *, n_classes: int, seed: 
 
 
 def standardise_columns(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Standardise the columns of features.
-    Returns median, told, mean, scale and floor, then the columns.
-    """
+    """Standardise the columns of features."""
     from sklearn.impute import SimpleImputer
     from sklearn.preprocessing import StandardScaler
 

@@ -26,9 +26,7 @@ SAME = 1.01
 
 @dataclass(frozen=True)
 class Device:
-    """Numbers of a radar, a window and a transform.
-    Shapes: taper (M,).
-    """
+    """Numbers of a radar, a window and a transform."""
 
     prf_hz: float
     wavelength_m: float
@@ -136,9 +134,7 @@ def _read_condition(model: Model, name: str, stated: float | None, option: str) 
 
 
 def list_parts(model: Model) -> list[tuple[Any, float, float, npt.NDArray[np.float64]]]:
-    """Return members, weights, slopes and shifts.
-    A single model counts as one member without calibration.
-    """
+    """Return members, weights, slopes and shifts."""
     found = model.learned
     if isinstance(found, Ensemble):
         return list(zip(found.members, found.weights.tolist(), found.slopes.tolist(), found.shifts, strict=True))
@@ -203,9 +199,7 @@ class IntegerLayer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class IntegerNetwork(Network):
-    """Network with layers in integers.
-    The results are bit-identical to those of the exported C code.
-    """
+    """Network with layers in integers."""
 
     layers: tuple[IntegerLayer, ...] = ()
     last_weight: IntArray = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))

@@ -188,9 +188,7 @@ class _Graph:
         return self.add_log_softmax(scores, learned.root.shape[1])
 
     def add_network(self, learned: Network, name: str) -> str:
-        """Add a network, averaged over pictures and mirror images.
-        If a picture is unknown, all classes have the same probability.
-        """
+        """Add a network, averaged over pictures and mirror images."""
         spec, n_classes = learned.patch, learned.bias.size
         pictures, self.inputs[PICTURES] = PICTURES, ["n", "m", spec.n_velocity, spec.n_time]
         shape = self.add_constant([-1, 1, spec.n_velocity, spec.n_time], "shape", np.int64)

@@ -41,9 +41,7 @@ class Scorer:
         self.patch = next((form["patch"] for form, _ in self._members if form["learned"] == "network"), None)
 
     def probability(self, features: npt.ArrayLike | None = None, whole: Sequence[Array | None] | None = None) -> Array:
-        """Return calibrated probabilities for equally frequent classes.
-        Shapes: features (n, d); returns (n, n_classes).
-        """
+        """Return calibrated probabilities for equally frequent classes."""
         table = None if features is None else np.asarray(features, dtype=np.float64)
         answers = [self._member(form, own, table, whole) for form, own in self._members]
         if self._joined:
@@ -84,9 +82,7 @@ def log_softmax(scores: Array) -> Array:
 
 
 def standardise(own: Arrays, values: Array) -> Array:
-    """Standardise features (n, d) to columns.
-    Some columns are logarithms. Unknown values are replaced by medians, and further columns mark them.
-    """
+    """Standardise features (n, d) to columns."""
     floor = own["floor"] if own["floor"].size else np.zeros(values.shape[1])
     raised = np.where(floor > 0, np.log(np.maximum(values, np.where(floor > 0, floor, 1.0))), values)
     unknown = np.isnan(values)
@@ -118,9 +114,7 @@ def trees(own: Arrays, values: Array) -> Array:
 
 
 def network(own: Arrays, patch: Mapping[str, Any], whole: Sequence[Array | None]) -> Array:
-    """Return mean log-probabilities of covering pictures.
-    Their mirror images in velocity have the same weight. Without a signature all classes have the same probability.
-    """
+    """Return mean log-probabilities of covering pictures."""
     answers = np.zeros((len(whole), own["bias"].size))
     for row, signature_levels in enumerate(whole):
         if signature_levels is not None:
@@ -144,9 +138,7 @@ def of_pictures(own: Arrays, pictures: Array) -> Array:
 
 
 def covering(whole: Array, patch: Mapping[str, Any]) -> Array:
-    """Cut pictures (n, n_velocity, n_time) that cover all levels.
-    Pictures overlap by half or more. Levels shorter than a picture are centred.
-    """
+    """Cut pictures (n, n_velocity, n_time) that cover all levels."""
     n_time, spare = patch["n_time"], whole.shape[1] - patch["n_time"]
     if spare < 0:
         before = -(spare // 2)
@@ -200,9 +192,7 @@ def levels(power: Array, patch: Mapping[str, Any], *, column_s: float, velocity_
 
 
 def _average(values: Array, edges: Array) -> Array:
-    """Average cells along the last axis between edges.
-    Edges are in cells from the first one's edge; NaN where there are no cells.
-    """
+    """Average cells along the last axis between edges."""
     edges = np.clip(edges, 0.0, values.shape[-1])
     summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
     below = np.minimum(edges.astype(int), values.shape[-1] - 1)

@@ -270,9 +270,7 @@ def remove_running_mean(samples: npt.NDArray[np.complex128], device: Device) -> 
 
 
 def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> list[Levels]:
-    """Collect levels of held-out rows, truncated to the window.
-    If no rows were held out, all rows are used.
-    """
+    """Collect levels of held-out rows, truncated to the window."""
     from doppelgait.dataset.learning import read_signature
     from doppelgait.dataset.open import open_dataset
 
@@ -292,9 +290,7 @@ def collect_levels(folder: Path, patch: Patch, n_columns: int, most: int) -> lis
 
 
 def feature_rows(rng: np.random.Generator, model: Model, n: int) -> FloatArray:
-    """Sample features within the training range.
-    Features are unknown as often as in the training data. The values are exact in float32.
-    """
+    """Sample features within the training range."""
     low, high = np.nan_to_num(model.lowest), np.nan_to_num(model.highest)
     values = rng.uniform(low, high, (n, low.size))
     values[rng.random(values.shape) < model.unknown] = np.nan
